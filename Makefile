@@ -1,0 +1,72 @@
+# Everything a developer or a continuous-integration job runs. `make` alone prints the list.
+PYTHON ?= python3
+JOBS   ?= 2
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+# Figures are drawn without a display, whoever runs them.
+export MPLBACKEND := Agg
+export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+
+PIP     := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadgroup --durations=10
+SOURCES := src tests $(wildcard benchmarks examples)
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test test-all bench lint clean check-python
+
+help: ## print this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@echo "  PYTHON=python3.12 picks the interpreter (3.11, 3.12 or 3.13), JOBS=4 the number of test processes."
+
+install: $(STAMP) ## make .venv with the package and all extras, at the pinned versions
+
+demo: $(STAMP) ## run the demonstration
+	$(BIN)/rovtwin demo
+
+test: $(STAMP) ## run the tests, without those marked slow
+	$(PYTEST) -m "not slow" $(ARGS)
+
+test-all: $(STAMP) ## run all tests
+	$(PYTEST) $(ARGS)
+
+bench: $(STAMP) ## run the benchmarks
+	$(BIN)/python benchmarks/run.py $(ARGS)
+
+lint: $(STAMP) ## check style, format and types
+	$(BIN)/ruff check $(SOURCES)
+	$(BIN)/ruff format --check $(SOURCES)
+	$(BIN)/pyright
+
+clean: ## remove .venv, caches, builds and runs
+	rm -rf $(VENV) build dist runs .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Asks only when it matters: there is no .venv yet, or somebody names another Python than the one in it.
+check-python:
+	@if $(BIN)/python -c 'import pip' 2>/dev/null; then \
+	  test "$(origin PYTHON)" = file && exit 0; \
+	  have=$$($(BIN)/python -c 'import sys; print(*sys.version_info[:2], sep=".")'); \
+	  want=$$("$(PYTHON)" -c 'import sys; print(*sys.version_info[:2], sep=".")'); \
+	  test "$$have" = "$$want" && exit 0; \
+	  echo "rovtwin: $(VENV) was made with Python $$have, you ask for '$(PYTHON)' ($$want): run 'make clean' first." >&2; exit 1; \
+	fi; \
+	command -v "$(PYTHON)" >/dev/null || { \
+	  echo "rovtwin: '$(PYTHON)' was not found. Install Python 3.11, 3.12 or 3.13 (Debian, Ubuntu: apt install python3 python3-venv)" >&2; \
+	  echo "         or say where it is: make PYTHON=/path/to/python3.12" >&2; exit 1; }; \
+	"$(PYTHON)" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || { \
+	  echo "rovtwin: '$(PYTHON)' is $$("$(PYTHON)" --version 2>&1); rovtwin needs Python 3.11, 3.12 or 3.13." >&2; \
+	  echo "         Install one (Debian, Ubuntu: apt install python3.12 python3.12-venv), then: make install PYTHON=python3.12" >&2; exit 1; }; \
+	"$(PYTHON)" -c 'import venv, ensurepip' 2>/dev/null || { \
+	  echo "rovtwin: '$(PYTHON)' comes without venv. Debian, Ubuntu: apt install python3-venv" >&2; exit 1; }
+
+# The build backend goes in first, at its pinned version: every pip then builds the package with it.
+$(STAMP): pyproject.toml constraints.txt | check-python
+	@if ! $(BIN)/python -c 'import pip' 2>/dev/null; then \
+	  echo "rovtwin: making $(VENV) with $$("$(PYTHON)" --version)"; rm -rf $(VENV); "$(PYTHON)" -m venv $(VENV); fi
+	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) (about 1 GB on disk)"
+	@$(PIP) hatchling editables
+	@$(PIP) --no-build-isolation -e '.[all]'
+	@touch $@
+	@echo "rovtwin: done; try $(BIN)/rovtwin --help"
