@@ -1,0 +1,29 @@
+"""rovtwin: identify, simulate and control small underwater vehicles from one description.
+
+The names below load on first use, so that `rovtwin --help` answers before JAX is imported.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_WHERE = {
+    "load_vehicle": "rovtwin.vehicle",
+    "Vehicle": "rovtwin.vehicle",
+    "Model": "rovtwin.vehicle",
+    "load_scenario": "rovtwin.scenario",
+    "fly": "rovtwin.scenario",
+    "Log": "rovtwin.core.log",
+}
+__all__ = sorted([*_WHERE, "__version__"])
+
+
+def __getattr__(name: str) -> Any:
+    if name in _WHERE:
+        return getattr(import_module(_WHERE[name]), name)
+    raise AttributeError(f"module 'rovtwin' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

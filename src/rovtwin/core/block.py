@@ -1,0 +1,46 @@
+"""Block: anything with memory that ticks (observer, controller, reference model, guidance, sensor, current, waves).
+
+A Block's fields are parameters and never change. What changes is its memory, a pytree whose structure, shapes and
+types stay the same from tick to tick, so that the same block runs in a compiled roll-out, in the real-time loop,
+batched over a thousand vehicles and under a gradient. One contract test, `tests/test_block_contract.py`, holds them all.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+
+from rovtwin.core.numerics import Array, as_array, jnp
+
+
+class Start(eqx.Module):
+    """Where a run begins: what a block may know before its first tick.
+
+    Attributes:
+        position: CO in n [m], shape (3,).
+        attitude: Quaternion R_nb, shape (4,).
+        velocity: nu, body frame at CO [m/s, rad/s], shape (6,).
+    """
+
+    position: Array
+    attitude: Array
+    velocity: Array
+
+    @classmethod
+    def at(cls, position: object = (0.0, 0.0, 0.0), heading: float = 0.0) -> "Start":
+        """At rest, level, at a position [m] and heading [rad]."""
+        half = 0.5 * as_array(heading)
+        zero = jnp.zeros(())
+        return cls(as_array(position), jnp.array([jnp.cos(half), zero, zero, jnp.sin(half)]), jnp.zeros(6))
+
+
+class Block(eqx.Module):
+    """Immutable parameters with `init(key, start) -> memory` and `step(memory, input, dt) -> (memory, output)`."""
+
+    @abc.abstractmethod
+    def init(self, key: Array, start: Start) -> Any:
+        """Memory before the first tick; `key` seeds all randomness of the block."""
+
+    @abc.abstractmethod
+    def step(self, memory: Any, input: Any, dt: float) -> tuple[Any, Any]:
+        """One tick of `dt` seconds; pure: the same arguments give the same result, nothing else changes."""

@@ -1,0 +1,201 @@
+"""What flows through the loop: Measurement -> Estimate; Mission -> Setpoint -> Reference -> Wrench -> Command.
+
+All are immutable pytrees of arrays, SI and radians. `eta = [x, y, z, phi, theta, psi]` (n, zyx Euler angles),
+`nu = [u, v, w, p, q, r]` and `tau = [X, Y, Z, K, M, N]` (b at CO).
+"""
+
+from dataclasses import dataclass
+
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.numerics import Array, jnp
+
+PHASES = ("idle", "dive", "turn", "go", "hold", "paused", "finished", "aborted")
+IDLE, DIVE, TURN, GO, HOLD, PAUSED, FINISHED, ABORTED = range(len(PHASES))
+
+REASONS = ("", "depth limit", "attitude limit", "estimate lost", "operator", "not a number")
+NO_REASON, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, OPERATOR, NOT_A_NUMBER = range(len(REASONS))
+
+NO_REQUEST, PAUSE, RESUME, ABORT = range(4)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One reading as a Link delivers it (host side): sensor name, value [SI], shape (n,), and when it was valid [s]."""
+
+    sensor: str
+    value: np.ndarray
+    t_valid: float
+
+
+class Slot(eqx.Module):
+    """Room for the readings of one sensor in one control tick, of declared capacity.
+
+    Absent is `valid = False` with a finite filler: never NaN, never a repeat.
+
+    Attributes:
+        value: Readings in order of arrival [SI], shape (capacity, n).
+        valid: Whether the row holds a reading, shape (capacity,), bool.
+        t_valid: When the reading was valid, by the sensor's own clock [s], shape (capacity,).
+    """
+
+    value: Array
+    valid: Array
+    t_valid: Array
+
+    @classmethod
+    def empty(cls, capacity: int, size: int) -> "Slot":
+        return cls(jnp.zeros((capacity, size)), jnp.zeros(capacity, dtype=bool), jnp.zeros(capacity))
+
+
+Measurements = dict[str, Slot]
+
+
+def pack(readings: list[Measurement], empty: Measurements) -> Measurements:
+    """A link's list of readings in slots like `empty`; of more readings than a slot holds the newest are kept.
+
+    Args:
+        readings: In order of arrival; readings of sensors that `empty` lacks are left out.
+        empty: Slot of each sensor the autopilot knows (only shapes are used).
+
+    Returns:
+        Slots on the host (NumPy arrays), with the structure of `empty`.
+    """
+    packed = {}
+    for name, slot in empty.items():
+        capacity, size = slot.value.shape
+        value, valid, t_valid = np.zeros((capacity, size)), np.zeros(capacity, dtype=bool), np.zeros(capacity)
+        newest = [r for r in readings if r.sensor == name][-capacity:]
+        for row, reading in enumerate(newest):
+            value[row], valid[row], t_valid[row] = reading.value, True, reading.t_valid
+        packed[name] = Slot(value, valid, t_valid)  # type: ignore[arg-type]
+    return packed
+
+
+class Estimate(eqx.Module):
+    """What the observer believes.
+
+    Attributes:
+        eta: Pose, shape (6,) [m, rad].
+        nu: Body velocity over ground, shape (6,) [m/s, rad/s].
+        bias: Slowly varying disturbance wrench b, shape (6,) [N, N m]; force in n, moment in b (J^-1 b of thesis 2.36).
+        covariance: Of [eta, nu], shape (12, 12).
+        nis: Normalised innovation squared summed per sensor in this tick, shape (n_sensors,), in sorted order of the
+            sensors' names; 0 where none came.
+        nis_dof: Number of scalar innovations in each sum, shape (n_sensors,).
+    """
+
+    eta: Array
+    nu: Array
+    bias: Array
+    covariance: Array
+    nis: Array
+    nis_dof: Array
+
+
+class Mission(eqx.Module):
+    """Way-points of a mission, in order.
+
+    Attributes:
+        position: x, y and depth in n [m], shape (n, 3).
+        speed: Wanted speed along the leg [m/s], shape (n,).
+        acceptance: Radius within which a way-point is reached [m], shape (n,).
+        hold_time: Time to stay after reaching it [s], shape (n,).
+        heading: Heading to keep [rad], shape (n,); used where `fixed_heading`.
+        fixed_heading: Whether the heading is given rather than along the leg, shape (n,), bool.
+        count: How many rows are way-points, int; rows beyond it are padding, so that missions share one shape.
+    """
+
+    position: Array
+    speed: Array
+    acceptance: Array
+    hold_time: Array
+    heading: Array
+    fixed_heading: Array
+    count: Array
+
+
+class Setpoint(eqx.Module):
+    """What guidance asks for.
+
+    Attributes:
+        eta: Wanted pose, shape (6,).
+        nu: Wanted body velocity, shape (6,).
+        leg_start: Start of the current leg [m], shape (3,).
+        leg_end: Its end, the way-point aimed at [m], shape (3,).
+        on_leg: Whether the vehicle follows a leg (phase go), bool.
+        waypoint: Index of the way-point aimed at, int.
+        phase: One of PHASES, int.
+        reason: One of REASONS, int.
+    """
+
+    eta: Array
+    nu: Array
+    leg_start: Array
+    leg_end: Array
+    on_leg: Array
+    waypoint: Array
+    phase: Array
+    reason: Array
+
+
+class Reference(eqx.Module):
+    """The smooth path to the set-point: eta (6,), its rate eta_dot (6,) and eta_ddot (6,)."""
+
+    eta: Array
+    eta_dot: Array
+    eta_ddot: Array
+
+
+class Wrench(eqx.Module):
+    """tau wanted by a controller, shape (6,) [N, N m], b at CO; `saturated`, shape (6,), where a limit cut it."""
+
+    tau: Array
+    saturated: Array
+
+
+class Command(eqx.Module):
+    """Normalised thruster commands u in [-1, 1], shape (n_thrusters,)."""
+
+    u: Array
+
+
+class Environment(eqx.Module):
+    """The water at CO and what else acts there, during one physics step.
+
+    Attributes:
+        velocity: Water velocity at the start of the step, n [m/s], shape (3,).
+        acceleration: Acceleration of the water particles D v_c / Dt, n [m/s2], shape (3,); held over the step.
+        shear: d v_c / d depth, n [1/s], shape (3,).
+        wrench: External wrench (waves, tether), b at CO [N, N m], shape (6,).
+    """
+
+    velocity: Array
+    acceleration: Array
+    shear: Array
+    wrench: Array
+
+    @classmethod
+    def calm(cls) -> "Environment":
+        return cls(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(6))
+
+
+class AutopilotInput(eqx.Module):
+    """What one autopilot tick takes: readings since the last tick and the operator's request (NO_REQUEST, ...), int."""
+
+    measurements: Measurements
+    request: Array
+
+
+class AutopilotOutput(eqx.Module):
+    """All that one autopilot tick produces, for the link (command) and for the log (the rest)."""
+
+    command: Command
+    estimate: Estimate
+    setpoint: Setpoint
+    reference: Reference
+    wrench: Wrench
+
+

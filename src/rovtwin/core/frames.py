@@ -1,0 +1,176 @@
+"""Rotations and frame conversions: the only module that knows how one frame becomes another.
+
+Frames: `n` north-east-down (NED), `b` forward-right-down (FRD) at CO. `R_nb` maps b to n.
+Quaternions are Hamilton, scalar first, `q = [w, x, y, z]`, and rotate b to n. Euler angles are zyx (yaw, pitch,
+roll), stored as `[phi, theta, psi]`. All functions take and return JAX arrays of one item; use `jax.vmap` for many.
+
+Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
+"""
+
+from rovtwin.core.numerics import Array, jnp
+
+
+def skew(a: Array) -> Array:
+    """Skew-symmetric S(a), shape (3, 3), with S(a) b = a x b. Fossen (2021), eq. 2.10."""
+    x, y, z = a[0], a[1], a[2]
+    zero = jnp.zeros_like(x)
+    return jnp.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product a x b of two (3,) vectors; faster to compile and run than jnp.cross."""
+    return jnp.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def wrap(angle: Array) -> Array:
+    """The same angle in [-pi, pi) [rad], any shape."""
+    return jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi
+
+
+def rotation_from_quaternion(q: Array) -> Array:
+    """R_nb, shape (3, 3), of a unit quaternion, shape (4,). Fossen (2021), eq. 2.73."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    return jnp.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rotation_from_euler(euler: Array) -> Array:
+    """R_nb, shape (3, 3), of zyx Euler angles [phi, theta, psi] [rad]. Fossen (2021), eq. 2.31 (thesis 2.4, mended)."""
+    (cf, ct, cp), (sf, st, sp) = jnp.cos(euler), jnp.sin(euler)
+    return jnp.array(
+        [
+            [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
+            [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
+            [-st, ct * sf, ct * cf],
+        ]
+    )
+
+
+def euler_rate_matrix(euler: Array) -> Array:
+    """T(Theta), shape (3, 3), with Theta_dot = T omega; singular at theta = +-pi/2. Fossen (2021), eq. 2.41."""
+    cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
+    ct, tt = jnp.cos(euler[1]), jnp.tan(euler[1])
+    one, zero = jnp.ones_like(cf), jnp.zeros_like(cf)
+    return jnp.array([[one, sf * tt, cf * tt], [zero, cf, -sf], [zero, sf / ct, cf / ct]])
+
+
+def quaternion_multiply(a: Array, b: Array) -> Array:
+    """Hamilton product a b, shape (4,): the rotation b first, then a."""
+    aw, ax, ay, az = a[0], a[1], a[2], a[3]
+    bw, bx, by, bz = b[0], b[1], b[2], b[3]
+    return jnp.array(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ]
+    )
+
+
+def quaternion_conjugate(q: Array) -> Array:
+    """The inverse rotation of a unit quaternion, shape (4,)."""
+    return q * jnp.array([1.0, -1.0, -1.0, -1.0])
+
+
+def quaternion_rate(q: Array, omega: Array) -> Array:
+    """q_dot, shape (4,), for body angular velocity omega, shape (3,) [rad/s]. Fossen (2021), eq. 2.78."""
+    return 0.5 * quaternion_multiply(q, jnp.concatenate([jnp.zeros(1), omega]))
+
+
+def quaternion_normalise(q: Array) -> Array:
+    """The unit quaternion along q."""
+    return q / jnp.sqrt(jnp.sum(q * q))
+
+
+def quaternion_from_euler(euler: Array) -> Array:
+    """Unit quaternion, shape (4,), of zyx Euler angles [phi, theta, psi] [rad]."""
+    (cf, ct, cp), (sf, st, sp) = jnp.cos(euler / 2), jnp.sin(euler / 2)
+    return jnp.array(
+        [
+            cf * ct * cp + sf * st * sp,
+            sf * ct * cp - cf * st * sp,
+            cf * st * cp + sf * ct * sp,
+            cf * ct * sp - sf * st * cp,
+        ]
+    )
+
+
+def euler_from_quaternion(q: Array) -> Array:
+    """zyx Euler angles [phi, theta, psi] [rad], shape (3,), of a unit quaternion; finite gradient off theta = +-pi/2."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    sine = jnp.clip(2 * (w * y - x * z), -1.0, 1.0)
+    return jnp.array(
+        [
+            jnp.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+            jnp.arcsin(sine),
+            jnp.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)),
+        ]
+    )
+
+
+def quaternion_from_rotation(R_nb: Array) -> Array:
+    """Unit quaternion, scalar part >= 0, shape (4,), of a rotation matrix, shape (3, 3). Shepperd (1978)."""
+    (a, b, c), (d, e, f), (g, h, i) = R_nb
+    candidates = jnp.array(
+        [
+            [1 + a + e + i, h - f, c - g, d - b],
+            [h - f, 1 + a - e - i, b + d, c + g],
+            [c - g, b + d, 1 - a + e - i, f + h],
+            [d - b, c + g, f + h, 1 - a - e + i],
+        ]
+    )
+    # The row with the largest diagonal is the best conditioned of four equal answers.
+    q = candidates[jnp.argmax(jnp.diagonal(candidates))]
+    q = q / jnp.linalg.norm(q)
+    return jnp.where(q[0] < 0, -q, q)
+
+
+def rotate_to_body(q: Array, vector_n: Array) -> Array:
+    """A vector seen in n, shape (3,), as seen in b: R_nb^T v."""
+    return rotation_from_quaternion(q).T @ vector_n
+
+
+_NED_ENU = jnp.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_FRD_FLU = jnp.array([1.0, -1.0, -1.0])
+
+
+def ned_to_enu(vector: Array) -> Array:
+    """North-east-down (3,) to east-north-up (3,)."""
+    return _NED_ENU @ vector
+
+
+def enu_to_ned(vector: Array) -> Array:
+    """East-north-up (3,) to north-east-down (3,)."""
+    return _NED_ENU @ vector
+
+
+def frd_to_flu(vector: Array) -> Array:
+    """Forward-right-down (3,) to forward-left-up (3,)."""
+    return _FRD_FLU * vector
+
+
+def flu_to_frd(vector: Array) -> Array:
+    """Forward-left-up (3,) to forward-right-down (3,)."""
+    return _FRD_FLU * vector
+
+
+def attitude_ned_frd_to_enu_flu(q: Array) -> Array:
+    """Quaternion mapping FRD to NED -> quaternion mapping FLU to ENU (ROS REP 103), shape (4,)."""
+    half = jnp.sqrt(0.5)
+    enu_from_ned = jnp.array([0.0, half, half, 0.0])
+    frd_from_flu = jnp.array([0.0, 1.0, 0.0, 0.0])
+    return quaternion_multiply(quaternion_multiply(enu_from_ned, q), frd_from_flu)
+
+
+def attitude_enu_flu_to_ned_frd(q: Array) -> Array:
+    """Quaternion mapping FLU to ENU -> quaternion mapping FRD to NED, shape (4,)."""
+    half = jnp.sqrt(0.5)
+    ned_from_enu = jnp.array([0.0, half, half, 0.0])
+    flu_from_frd = jnp.array([0.0, 1.0, 0.0, 0.0])
+    return quaternion_multiply(quaternion_multiply(ned_from_enu, q), flu_from_frd)

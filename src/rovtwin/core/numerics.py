@@ -1,0 +1,53 @@
+"""JAX, configured once: float64, synchronous dispatch, a compilation cache that persists between processes.
+
+Import `jnp` and `Array` from here, never configure JAX elsewhere: XLA reads its flags when it starts.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+
+def _xla_flags() -> None:
+    # jax 0.10 is the newest for Python 3.11. Its CPU thunk runtime dispatches every operation of a scan's body
+    # one by one unless small loops are compiled as one function; 0.12 does that by itself.
+    if sys.version_info < (3, 12):
+        flag = "xla_cpu_small_while_loop_byte_threshold=10000000000"
+        flags = os.environ.get("XLA_FLAGS", "")
+        if flag not in flags:
+            os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={flag}".strip()
+    # One roll-out is sequential: a second thread only adds hand-overs.
+    os.environ.setdefault("PJRT_NPROC", "1")
+
+
+_xla_flags()
+
+import jax  # noqa: E402  (the flags above must be set before JAX starts)
+import jax.numpy as jnp  # noqa: E402
+
+Array = jax.Array
+
+
+def cache_folder() -> Path:
+    """Where compiled programs are kept: `$ROVTWIN_CACHE`, else the user's cache folder."""
+    given = os.environ.get("ROVTWIN_CACHE")
+    if given:
+        return Path(given)
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "rovtwin"
+
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_cpu_enable_async_dispatch", False)
+jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "jax"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def as_array(value: object) -> Array:
+    """Float64 array of a number or nested sequence; a Python float in a module would silently get no gradient."""
+    return jnp.asarray(value, dtype=jnp.float64)
+
+
+
+
+__all__ = ["Array", "as_array", "cache_folder", "jax", "jnp"]

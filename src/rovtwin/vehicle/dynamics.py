@@ -1,0 +1,180 @@
+"""The plant: 6-DOF equations of motion in matrix form, one step and a roll-out.
+
+    eta_dot = J(eta) nu
+    M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau + tau_env - M_RB a_c + m_f a_f
+    nu_dot = nu_r_dot + d(nu_c)/dt
+
+M = M_RB + M_A. Writing the rigid body's part in nu_r is exact, not an approximation: the frame that moves with the
+local water is inertial but for its acceleration, which the last two terms hold (a_c along the vehicle's path on the
+rigid body, a_f of the water particles as the pressure gradient on the displaced mass m_f). In a steady uniform current
+both vanish and what is left is Fossen's form with d(nu_c)/dt = -S(omega) nu_c.
+
+Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6 and 8; the pressure-gradient
+term Maxey and Riley (1983), eq. 46 (first term).
+"""
+
+import equinox as eqx
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Environment
+from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, rotation_from_quaternion
+from rovtwin.core.integrate import rk4_step
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
+
+
+class State(eqx.Module):
+    """State of the plant.
+
+    Attributes:
+        position: CO in n [m], shape (3,).
+        attitude: Unit quaternion R_nb, shape (4,).
+        nu: Velocity over ground, b at CO [m/s, rad/s], shape (6,).
+        thrust: Force of each thruster now [N], shape (n,).
+    """
+
+    position: Array
+    attitude: Array
+    nu: Array
+    thrust: Array
+
+    @classmethod
+    def at(cls, model: Model, start: Start) -> "State":
+        """At a start, thrusters at rest."""
+        return cls(start.position, start.attitude, start.velocity, jnp.zeros(model.thrusters.count))
+
+
+def coriolis_wrench(mass: Array, nu: Array) -> Array:
+    """C(nu) nu, shape (6,), of a full inertia matrix, shape (6, 6): from the momentum, by cross products.
+
+    Does no work: nu . C(nu) nu = 0. Fossen (2021), eq. 3.63 (Kirchhoff's parametrisation).
+    """
+    momentum = mass @ nu
+    linear, angular = momentum[:3], momentum[3:]
+    v, omega = nu[:3], nu[3:]
+    return jnp.concatenate([cross(omega, linear), cross(v, linear) + cross(omega, angular)])
+
+
+def damping_wrench(model: Model, nu_r: Array) -> Array:
+    """Hydrodynamic damping D(nu_r) nu_r, shape (6,); it opposes the motion through the water, tau_D = -D(nu_r) nu_r.
+
+    Linear plus quadratic with the sign kept (thesis 2.31 loses it), each with its own coefficients ahead and astern.
+    Fossen (2021), sec. 6.4.
+    """
+    ahead, astern = jnp.maximum(nu_r, 0.0), jnp.maximum(-nu_r, 0.0)
+    return model.damping @ jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
+
+
+def restoring_wrench(model: Model, down_b: Array) -> Array:
+    """g(eta), shape (6,), from the direction of gravity seen in b, shape (3,). Fossen (2021), eq. 4.6."""
+    weight, buoyancy = model.weight * down_b, model.buoyancy * down_b
+    moment = cross(model.center_of_gravity, weight) - cross(model.center_of_buoyancy, buoyancy)
+    return -jnp.concatenate([weight - buoyancy, moment])
+
+
+def water_at(environment: Environment, elapsed: Array | float) -> Array:
+    """Water velocity v_c in n [m/s], shape (3,), `elapsed` seconds into the step."""
+    return environment.velocity + elapsed * environment.acceleration
+
+
+def acceleration(
+    model: Model, attitude: Array, nu: Array, tau: Array, environment: Environment, elapsed: Array | float = 0.0
+) -> Array:
+    """nu_dot, shape (6,): the equations of motion solved for the acceleration.
+
+    Args:
+        model: The vehicle.
+        attitude: Quaternion R_nb, shape (4,).
+        nu: Velocity over ground, b at CO, shape (6,).
+        tau: Wrench of the thrusters, b at CO, shape (6,).
+        environment: Water and external wrench.
+        elapsed: Time into the step for which the environment is given [s].
+    """
+    R_nb = rotation_from_quaternion(attitude)
+    R_bn = R_nb.T
+    v_c = water_at(environment, elapsed)
+    omega = nu[3:]
+    v_c_b = R_bn @ v_c
+    nu_r = jnp.concatenate([nu[:3] - v_c_b, omega])
+
+    a_fluid = R_bn @ environment.acceleration
+    through_layers = (R_nb @ nu[:3])[2] - v_c[2]
+    a_path = a_fluid + R_bn @ environment.shear * through_layers
+
+    pressure = model.displaced_mass * jnp.concatenate([a_fluid, cross(model.center_of_buoyancy, a_fluid)])
+    force = (
+        tau
+        + environment.wrench
+        + pressure
+        - model.rigid_body_mass[:, :3] @ a_path
+        - coriolis_wrench(model.mass, nu_r)
+        - damping_wrench(model, nu_r)
+        - restoring_wrench(model, R_nb[2])
+    )
+    nu_r_dot = model.mass_inverse @ force
+    return nu_r_dot.at[:3].add(a_path - cross(omega, v_c_b))
+
+
+def plant_step(model: Model, state: State, command: Command, environment: Environment, dt: float) -> State:
+    """The plant `dt` seconds later: exact thruster lag, RK4 for the rigid body.
+
+    Args:
+        model: The vehicle.
+        state: Where it is.
+        command: Thruster commands, held over the step.
+        environment: Water and external wrench over the step.
+        dt: Step [s].
+    """
+    target = static_force(model.thrusters, command.u)
+    before = force_just_after(model.thrusters, state.thrust, target)
+    halfway = lag(model.thrusters, before, target, 0.5 * dt)
+    after = lag(model.thrusters, halfway, target, 0.5 * dt)
+    T = model.thrusters.configuration
+    # RK4 asks for the wrench at three instants only; they are known exactly.
+    wrenches = {0.0: T @ before, 0.5 * dt: T @ halfway, dt: T @ after}
+
+    def derivative(elapsed: float, x: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        _, q, nu = x
+        nu_dot = acceleration(model, q, nu, wrenches[elapsed], environment, elapsed)
+        return rotation_from_quaternion(q) @ nu[:3], quaternion_rate(q, nu[3:]), nu_dot
+
+    position, q, nu = rk4_step(derivative, (state.position, state.attitude, state.nu), dt)
+    return State(position, quaternion_normalise(q), nu, after)
+
+
+def rollout(model: Model, state: State, commands: Command, environment: Environment, dt: float) -> State:
+    """States after each step, leading axis n_steps.
+
+    Args:
+        model: The vehicle.
+        state: Start.
+        commands: u of shape (n_steps, n_thrusters).
+        environment: One for all steps, or with a leading axis n_steps.
+        dt: Step [s].
+    """
+    steps = commands.u.shape[0]
+    everywhere = jax.tree.map(
+        lambda leaf, one: leaf if leaf.ndim > one.ndim else jnp.broadcast_to(leaf, (steps, *leaf.shape)),
+        environment,
+        Environment.calm(),
+    )
+
+    def one(carry: State, inputs: tuple[Command, Environment]) -> tuple[State, State]:
+        after = plant_step(model, carry, *inputs, dt)
+        return after, after
+
+    return jax.lax.scan(jax.checkpoint(one), state, (commands, everywhere))[1]
+
+
+def kinetic_energy(model: Model, nu_r: Array) -> Array:
+    """Energy of body and surrounding water, 1/2 nu_r' M nu_r [J]."""
+    return 0.5 * nu_r @ model.mass @ nu_r
+
+
+def potential_energy(model: Model, position: Array, attitude: Array) -> Array:
+    """Of weight and buoyancy [J], zero with CO at the surface and level CG and CB offsets counted along down."""
+    down_b = rotation_from_quaternion(attitude)[2]
+    net = model.weight - model.buoyancy
+    lever = model.weight * model.center_of_gravity - model.buoyancy * model.center_of_buoyancy
+    return -net * position[2] - lever @ down_b

@@ -1,0 +1,156 @@
+"""Thrusters: command -> force curve -> lag -> wrench, for any number of thrusters anywhere, in any direction."""
+
+import equinox as eqx
+
+from rovtwin.core.numerics import Array, jnp
+
+
+class Thrusters(eqx.Module):
+    """Parameters of n thrusters. Commands are normalised, u in [-1, 1].
+
+    The static force is `sign(u) F_max shape(x)`, with `x = (|u| - dead_band) / (1 - dead_band)`, F_max ahead or astern,
+    and shape either `x ** exponent` (1: linear, about 2: propeller) or, for a table, interpolated.
+
+    Attributes:
+        configuration: T, shape (6, n): the wrench of unit forces, b at CO. Fossen (2021), eq. 9.7.
+        force_ahead: Force at u = 1 [N], shape (n,).
+        force_astern: Size of the force at u = -1 [N], shape (n,).
+        exponent: Shape (n,).
+        dead_band: |u| up to which there is no force, shape (n,), in [0, 1).
+        time_constant: Of the first-order lag of the force [s], shape (n,); 0 is no lag.
+        rate_limit: Largest |force rate| [N/s], shape (n,); inf is none.
+        quantisation: Step to which commands are rounded, shape (n,); 0 is none.
+        health: Share of the force left, shape (n,): 1 sound, 0 dead.
+        table_command: Commands of the tables, increasing, shape (k,); k = 2 with zeros where no thruster has one.
+        table_force: Forces at them [N], shape (n, k).
+        tabulated: Whether the table holds for this thruster, shape (n,), bool.
+    """
+
+    configuration: Array
+    force_ahead: Array
+    force_astern: Array
+    exponent: Array
+    dead_band: Array
+    time_constant: Array
+    rate_limit: Array
+    quantisation: Array
+    health: Array
+    table_command: Array
+    table_force: Array
+    tabulated: Array
+
+    @property
+    def count(self) -> int:
+        return self.configuration.shape[1]
+
+
+def thrusters_from(
+    configuration: Array,
+    force_ahead: Array,
+    force_astern: Array | None = None,
+    **others: Array,
+) -> Thrusters:
+    """Thrusters with neutral values for what is not given: linear, no dead band, no lag, no limits, sound, no table."""
+    n = configuration.shape[1]
+    neutral = {
+        "exponent": jnp.ones(n),
+        "dead_band": jnp.zeros(n),
+        "time_constant": jnp.zeros(n),
+        "rate_limit": jnp.full(n, jnp.inf),
+        "quantisation": jnp.zeros(n),
+        "health": jnp.ones(n),
+        "table_command": jnp.array([-1.0, 1.0]),
+        "table_force": jnp.zeros((n, 2)),
+        "tabulated": jnp.zeros(n, dtype=bool),
+    }
+    astern = force_ahead if force_astern is None else force_astern
+    return Thrusters(configuration, force_ahead, astern, **(neutral | others))
+
+
+def _has_tables(thrusters: Thrusters) -> bool:
+    # A two-point table stands for "none": shapes are static, so no table code is compiled for such vehicles.
+    return thrusters.table_command.shape[-1] > 2
+
+
+def static_force(thrusters: Thrusters, u: Array) -> Array:
+    """Force that each thruster settles at [N], shape (n,), for commands u, shape (n,); beyond +-1 they are clipped."""
+    step = jnp.where(thrusters.quantisation > 0, thrusters.quantisation, 1.0)
+    u = jnp.clip(u, -1.0, 1.0)
+    u = jnp.where(thrusters.quantisation > 0, jnp.round(u / step) * step, u)
+    x = (jnp.abs(u) - thrusters.dead_band) / (1.0 - thrusters.dead_band)
+    moving = x > 0.0
+    # The inner `where` keeps the gradient of a power finite at zero.
+    shape = jnp.where(moving, jnp.where(moving, x, 1.0) ** thrusters.exponent, 0.0)
+    force = jnp.where(u >= 0, thrusters.force_ahead, -thrusters.force_astern) * shape
+    if _has_tables(thrusters):
+        force = jnp.where(thrusters.tabulated, _interpolate(thrusters.table_command, thrusters.table_force, u), force)
+    return thrusters.health * force
+
+
+def _interpolate(grid: Array, table: Array, u: Array) -> Array:
+    """Row i of the table (n, k) at u_i, linearly on the increasing grid (k,)."""
+    upper = jnp.clip(jnp.sum(grid[None, :] <= u[:, None], axis=1), 1, grid.shape[0] - 1)
+    cell = jnp.arange(grid.shape[0])[None, :]
+    left, right = cell == upper[:, None] - 1, cell == upper[:, None]
+
+    def pick(values: Array, which: Array) -> Array:
+        return jnp.sum(jnp.where(which, values, 0.0), axis=1)
+
+    x0, x1 = pick(grid[None, :], left), pick(grid[None, :], right)
+    f0, f1 = pick(table, left), pick(table, right)
+    return f0 + (f1 - f0) * (u - x0) / (x1 - x0)
+
+
+def command_for_force(thrusters: Thrusters, force: Array) -> Array:
+    """Command that settles at the wanted force, shape (n,): the inverse of `static_force` for sound thrusters.
+
+    Forces beyond the limits give +-1; zero force gives zero command, any other one that clears the dead band.
+    Health is not undone here: an autopilot does not know of a fault unless its model says so.
+    """
+    limit = jnp.where(force >= 0, thrusters.force_ahead, thrusters.force_astern)
+    share = jnp.clip(jnp.abs(force) / jnp.where(limit > 0, limit, 1.0), 0.0, 1.0)
+    some = share > 1e-9
+    x = jnp.where(some, share, 1.0) ** (1.0 / thrusters.exponent)
+    u = jnp.where(some, jnp.sign(force) * (thrusters.dead_band + (1.0 - thrusters.dead_band) * x), 0.0)
+    if _has_tables(thrusters):
+        u = jnp.where(thrusters.tabulated, _invert_tables(thrusters, force), u)
+    return u
+
+
+def _invert_tables(thrusters: Thrusters, force: Array) -> Array:
+    """Command at a force, per thruster; a table is non-decreasing, and within its dead band the answer is zero."""
+    grid, table = thrusters.table_command, thrusters.table_force
+    f0, f1 = table[:, :-1], table[:, 1:]
+    u0, u1 = grid[None, :-1], grid[None, 1:]
+    rising = f1 > f0
+    f = jnp.clip(force, table[:, 0], table[:, -1])[:, None]
+    inside = rising & (f0 <= f) & (f <= f1)
+    # Of the cells that hold the force, the one nearest zero command.
+    cost = jnp.where(inside, jnp.minimum(jnp.abs(u0), jnp.abs(u1)), jnp.inf)
+    chosen = jnp.arange(f0.shape[1])[None, :] == jnp.argmin(cost, axis=1)[:, None]
+    u = u0 + (u1 - u0) * (f - f0) / jnp.where(rising, f1 - f0, 1.0)
+    return jnp.where(jnp.abs(force) > 1e-9, jnp.sum(jnp.where(chosen, u, 0.0), axis=1), 0.0)
+
+
+def lag(thrusters: Thrusters, force: Array, target: Array, dt: float) -> Array:
+    """Force after dt [N], shape (n,): exact first-order response to a constant target, then the rate limit.
+
+    The thesis's (5.1) is the implicit Euler step of the same lag; this is exact at any step.
+    """
+    slow = thrusters.time_constant > 0
+    decay = jnp.where(slow, jnp.exp(-dt / jnp.where(slow, thrusters.time_constant, 1.0)), 0.0)
+    change = (1.0 - decay) * (target - force)
+    room = thrusters.rate_limit * dt
+    return force + jnp.clip(change, -room, room)
+
+
+def force_just_after(thrusters: Thrusters, force: Array, target: Array) -> Array:
+    """Force right after a new target [N], shape (n,): a thruster without lag and rate limit jumps, others stay."""
+    jumps = (thrusters.time_constant <= 0) & jnp.isinf(thrusters.rate_limit)
+    return jnp.where(jumps, target, force)
+
+
+def force_limits(thrusters: Thrusters) -> tuple[Array, Array]:
+    """Lowest and highest force that commands reach [N], shapes (n,) and (n,)."""
+    one = jnp.ones_like(thrusters.force_ahead)
+    return static_force(thrusters, -one), static_force(thrusters, one)
