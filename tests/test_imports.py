@@ -1,0 +1,219 @@
+"""Imports point one way: core <- vehicle <- siblings <- scenario <- campaign, console <- cli.
+
+The sources are parsed, not imported: the test is quick, and it also sees imports inside functions and under
+`TYPE_CHECKING`.
+"""
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "src" / "rovtwin"
+
+SIBLINGS = {"simulation", "identification", "positioning", "gnc", "survey"}
+LEAVES = {"links", "report"}
+BELOW_SCENARIO = {"core", "vehicle"} | SIBLINGS | LEAVES
+# What each package of rovtwin may import, besides itself. A new package gets its line here.
+RULES: dict[str, set[str]] = {
+    "core": set(),
+    "vehicle": {"core"},
+    **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
+    "scenario": BELOW_SCENARIO,
+    "campaign": BELOW_SCENARIO | {"scenario"},
+    "console": BELOW_SCENARIO | {"scenario"},
+    "cli": BELOW_SCENARIO | {"scenario", "campaign", "console"},
+    "__main__": {"cli"},
+    "__init__": BELOW_SCENARIO | {"scenario", "campaign", "console"},  # lazily, see PROMPT
+}
+WHERE_RULES_ARE = "RULES in tests/test_imports.py"
+
+# What may be imported while `rovtwin --help` starts; anything that computes goes inside the command's function.
+PROMPT = {"cli", "__main__", "__init__"}
+LIGHT_LIBRARIES = set(sys.stdlib_module_names) | {"typer", "rich", "click"}
+LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.__version__"}
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported name, e.g. `rovtwin.core.frames.R_nb`, and where it is written."""
+
+    name: str
+    line: int
+    text: str
+    at_start: bool  # executed when the module is imported
+
+
+def imports_of(path: Path, package: Path) -> Iterator[Import]:
+    """Every import of a file, relative ones resolved, also `import_module("...")` with a literal name."""
+    module = ["rovtwin", *path.relative_to(package).with_suffix("").parts]
+    parents = module[:-1]  # of a module, and of a package's __init__: the package `from .` means
+
+    def visit(node: ast.AST, at_start: bool) -> Iterator[Import]:
+        names: list[str] = []
+        match node:
+            case ast.Import():
+                names = [alias.name for alias in node.names]
+            case ast.ImportFrom():
+                base = parents[: len(parents) - node.level + 1] if node.level else []
+                base = base + (node.module or "").split(".") if node.module else base
+                names = [".".join([*base, alias.name]) for alias in node.names]
+            case ast.Call(func=ast.Name(id=call) | ast.Attribute(attr=call), args=[ast.Constant(value=str(name)), *_]):
+                if call in ("import_module", "__import__"):
+                    names = [name if not name.startswith(".") else ".".join([*parents, name.lstrip(".")])]
+        for name in names:
+            yield Import(name, getattr(node, "lineno", 0), ast.unparse(node), at_start)
+
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            body = node.body if isinstance(node.body, list) else [node.body]
+            for child in ast.iter_child_nodes(node):
+                yield from visit(child, at_start and child not in body)  # defaults and decorators run at once
+        elif isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+            for child in node.body:
+                yield from visit(child, False)
+            for child in node.orelse:
+                yield from visit(child, at_start)
+        else:
+            for child in ast.iter_child_nodes(node):
+                yield from visit(child, at_start)
+
+    yield from visit(ast.parse(path.read_text(encoding="utf-8"), filename=str(path)), True)
+
+
+def violations(path: Path, package: Path) -> list[str]:
+    """What is wrong with the imports of a file; each line says where, what, and what would be right."""
+    where = path.relative_to(package)
+    owner = where.with_suffix("").parts[0]
+    if owner not in RULES:
+        return [f"{where}: package '{owner}' has no rule. Say what it may import in {WHERE_RULES_ARE}."]
+    known = {p.stem for p in package.iterdir() if p.is_dir() or p.suffix == ".py"} | set(RULES)
+    found = []
+    for item in imports_of(path, package):
+        said = f"{where}:{item.line}: '{item.text}'"
+        library, *rest = item.name.split(".")
+        if library == "rovtwin" and rest != ["__version__"]:
+            target = rest[0] if rest else "__init__"
+            if target not in known or target in ("__init__", "*"):
+                found.append(f"{said} goes through the front door; import from the package that defines the name.")
+            elif target not in RULES:
+                found.append(f"{said}: package '{target}' has no rule. Say who may import it in {WHERE_RULES_ARE}.")
+            elif target != owner and target not in RULES[owner]:
+                allowed = ", ".join(sorted(RULES[owner])) or "nothing of ours"
+                found.append(f"{said}: {owner} may not import {target} (it may import: {allowed}).")
+        if owner in PROMPT and item.at_start and not _is_light(item.name, owner):
+            found.append(f"{said} at the top of {owner} slows down `rovtwin --help`; import it inside the function.")
+    return found
+
+
+def _is_light(name: str, owner: str) -> bool:
+    if name.split(".")[0] != "rovtwin":
+        return name.split(".")[0] in LIGHT_LIBRARIES
+    return any(
+        name == light or name.startswith(f"{light}.") for light in LIGHT_MODULES | {f"rovtwin.{owner}", "rovtwin.cli"}
+    )
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(PACKAGE)) for p in FILES])
+def test_imports_point_downwards(path: Path):
+    assert not (wrong := violations(path, PACKAGE)), "\n" + "\n".join(wrong)
+
+
+# The checker itself, on a small tree: each line must be found, or must pass.
+
+BAD = [
+    ("core/a.py", "import rovtwin.vehicle"),
+    ("core/a.py", "import numpy, rovtwin.gnc.observer as o"),
+    ("core/a.py", "from rovtwin.vehicle.model import Model"),
+    ("core/a.py", "from rovtwin import vehicle"),
+    ("core/a.py", "from ..vehicle import Model"),
+    ("core/a.py", "from .. import vehicle"),
+    ("core/deep/a.py", "from ...vehicle import Model"),
+    ("core/__init__.py", "from ..vehicle.model import Model"),
+    ("core/a.py", "def f():\n    from rovtwin.vehicle import Model"),
+    ("core/a.py", "if TYPE_CHECKING:\n    from rovtwin.vehicle import Model"),
+    ("core/a.py", "import_module('rovtwin.vehicle')"),
+    ("core/a.py", "importlib.import_module('rovtwin.vehicle')"),
+    ("core/a.py", "import rovtwin"),
+    ("core/a.py", "from rovtwin import Model"),
+    ("core/a.py", "from rovtwin import *"),
+    ("simulation/a.py", "from rovtwin.gnc import Observer"),
+    ("gnc/a.py", "from rovtwin.survey import plan"),
+    ("links/a.py", "from rovtwin.simulation import Twin"),
+    ("report/a.py", "from rovtwin.identification import fit"),
+    ("survey/a.py", "from rovtwin.scenario import fly"),
+    ("scenario/a.py", "from rovtwin.campaign import study"),
+    ("campaign/a.py", "from rovtwin.console import app"),
+    ("console/a.py", "from rovtwin.cli import main"),
+    ("cli.py", "import jax"),
+    ("__init__.py", "import jax.numpy as jnp"),
+    ("cli/main.py", "from numpy import array"),
+    ("cli.py", "try:\n    import matplotlib\nexcept ImportError:\n    pass"),
+    ("cli.py", "class A:\n    import equinox"),
+    ("cli.py", "from rovtwin.scenario import fly, study"),
+    ("cli.py", "from .scenario import fly  # top"),
+    ("cli.py", "from .core.log import Log"),
+    ("__init__.py", "from rovtwin.vehicle import Vehicle"),
+    ("cli.py", "from rovtwin.nonsense import x"),
+]
+
+GOOD = [
+    (
+        "core/a.py",
+        "import jax\nfrom rovtwin.core.b import c\nfrom . import b\nfrom .b import c\nfrom rovtwin import __version__",
+    ),
+    ("core/deep/a.py", "from .. import errors\nfrom ..errors import RovtwinError"),
+    ("vehicle/a.py", "from rovtwin.core import frames\nfrom ..core.frames import R_nb\nfrom rovtwinish import x"),
+    ("gnc/a.py", "from rovtwin.vehicle import Model\nfrom ..core import Block"),
+    ("scenario/a.py", "from rovtwin.gnc import x\nfrom rovtwin.simulation import y\nfrom ..links import z"),
+    ("campaign/a.py", "from rovtwin.scenario import fly"),
+    ("cli.py", "import sys\nimport typer\nfrom rich.table import Table\nfrom rovtwin import __version__"),
+    (
+        "cli.py",
+        "from rovtwin.core.errors import LogError\ndef f():\n    import jax\n    from rovtwin.campaign import study",
+    ),
+    ("cli.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from rovtwin.scenario import Scenario"),
+    ("cli/runs.py", "from . import app\nfrom .app import console\nfrom ..core.errors import RovtwinError"),
+    ("__main__.py", "from rovtwin.cli import main"),
+    ("__init__.py", "from importlib import import_module\ndef __getattr__(name): return import_module('x.' + name)"),
+]
+
+
+def _checked(tmp_path: Path, file: str, source: str) -> list[str]:
+    package = tmp_path / "rovtwin"
+    for name in RULES.keys() - {"cli", "__main__", "__init__"}:
+        (package / name).mkdir(parents=True)
+    path = package / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(source)
+    return violations(path, package)
+
+
+@pytest.mark.parametrize(("file", "source"), BAD)
+def test_checker_finds(tmp_path: Path, file: str, source: str):
+    (wrong,) = {line.split(":")[0] for line in _checked(tmp_path, file, source)}
+    assert wrong == file
+
+
+@pytest.mark.parametrize(("file", "source"), GOOD)
+def test_checker_passes(tmp_path: Path, file: str, source: str):
+    assert _checked(tmp_path, file, source) == []
+
+
+def test_checker_names_file_line_import_and_what_is_allowed(tmp_path: Path):
+    (wrong,) = _checked(tmp_path, "vehicle/a.py", '"""Text."""\n\nfrom ..gnc import Observer\n')
+    assert wrong == "vehicle/a.py:3: 'from ..gnc import Observer': vehicle may not import gnc (it may import: core)."
+
+
+def test_checker_asks_for_a_rule_for_a_new_package(tmp_path: Path):
+    (wrong,) = _checked(tmp_path, "planning/a.py", "import math")
+    assert "package 'planning' has no rule" in wrong and WHERE_RULES_ARE in wrong
+    user = tmp_path / "rovtwin" / "scenario" / "a.py"
+    user.write_text("from rovtwin.planning import a\n")
+    (wrong,) = violations(user, tmp_path / "rovtwin")
+    assert "package 'planning' has no rule" in wrong and WHERE_RULES_ARE in wrong
