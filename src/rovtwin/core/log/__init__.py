@@ -1,0 +1,10 @@
+"""Logs: named channels, each with its own clock, unit and frame, plus provenance; on disk an MCAP file.
+
+Depends on numpy, mcap, lz4 and zstandard; netCDF4 when exporting. No JAX, so that looking at a log is quick.
+"""
+
+from rovtwin.core.log.channel import Channel
+from rovtwin.core.log.reader import Log, Series
+from rovtwin.core.log.writer import LogWriter
+
+__all__ = ["Channel", "Log", "LogWriter", "Series"]

@@ -1,0 +1,255 @@
+"""Writing a log while it happens."""
+
+import errno
+import json
+import os
+import struct
+import threading
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rovtwin.core.errors import LogError
+from rovtwin.core.log import message
+from rovtwin.core.log.channel import Channel, channel_table, suggestion
+from rovtwin.core.log.mcapfile import McapFile
+
+METADATA_NAME = "rovtwin"
+FORMAT = "1"
+_CHUNK_SIZE = 1 << 20
+_FLUSH_PERIOD = 0.5  # s of wall time
+_SINGLE = struct.Struct("<BQHIQQ4siI")
+
+
+class LogWriter:
+    """Writes channels to an MCAP file; a context manager.
+
+    What was written is in the hands of the operating system at most a second later, and at once after `flush`, so that a killed
+    process loses no more than that: `repair` rebuilds the file. Methods may be called from several threads.
+
+    Args:
+        path: The file to write, by custom with the ending `.mcap`.
+        channels: All channels the log will have.
+        metadata: Provenance; values that aren't text are stored as JSON. The time of creation is added as `created`.
+        overwrite: Whether a file that exists may be replaced.
+
+    Raises:
+        LogError: The file can't be written, or it exists.
+    """
+
+    def __init__(self, path: str | Path, channels: Iterable[Channel], metadata: Mapping[str, Any] | None = None,
+                 overwrite: bool = False) -> None:
+        self.path = Path(path)
+        self.channels = channel_table(channels)
+        provenance = text_metadata(metadata or {})
+        self._failure: LogError | None = None
+        self._pending: list[bytes] = []
+        self._pending_size = 0
+        self._pending_lock, self._file_lock = threading.Lock(), threading.Lock()
+        self._closing = threading.Event()
+        try:
+            self._stream = open(self.path, "wb" if overwrite else "xb")
+        except OSError as error:
+            raise self._os_error(error) from error
+        try:
+            self._file = McapFile(self._stream)
+            self._file.metadata(METADATA_NAME, provenance)
+            self._tracks = self._declare()
+            self._file.flush()
+        except OSError as error:
+            self._close_stream()
+            raise self._broken(error) from error
+        self._thread = threading.Thread(target=self._flush_now_and_then, name=f"log {self.path.name}", daemon=True)
+        self._thread.start()
+
+    def write(self, channel: str, t: float, values: ArrayLike) -> None:
+        """Write one sample.
+
+        Args:
+            channel: Name of the channel.
+            t: Time on the data clock [s]; not before the channel's last.
+            values: The sample, shape (n,).
+
+        Raises:
+            LogError: The channel is unknown, the time or the shape is wrong, or the file can't be written.
+        """
+        track, t = self._track(channel), float(t)
+        sample = np.asarray(values, "<f8")
+        if sample.size != track.size or sample.ndim > 1 or not 0 <= t < message.LATEST:
+            message.check_block(track.channel, [t], [sample], str(self.path))
+        with self._pending_lock:
+            stamp = round(t * message.NANOSECONDS)
+            track.advance(stamp, stamp, self.path)
+            seconds, rest = divmod(stamp, message.NANOSECONDS)
+            header = _SINGLE.pack(message.MESSAGE_OPCODE, track.length, track.number, track.count % 2**32, stamp, stamp,
+                                  message.CDR_LITTLE_ENDIAN, seconds, rest)
+            track.count += 1
+            self._add(header + sample.tobytes())
+        self._write_when_full()
+
+    def write_many(self, channel: str, t: ArrayLike, values: ArrayLike) -> None:
+        """Write a block of samples.
+
+        Args:
+            channel: Name of the channel.
+            t: Times on the data clock [s], shape (N,); none before the one it follows.
+            values: The samples, shape (N, n); shape (N,) will do when n = 1.
+
+        Raises:
+            LogError: As for `write`.
+        """
+        track = self._track(channel)
+        times, samples = message.check_block(track.channel, t, values, str(self.path))
+        if not len(times):
+            return
+        stamps = message.to_nanoseconds(times)
+        rows = max(1, _CHUNK_SIZE // (track.length + 9))
+        with self._pending_lock:
+            track.advance(int(stamps[0]), int(stamps[-1]), self.path)
+            sequence, track.count = track.count, track.count + len(stamps)
+        for k in range(0, len(stamps), rows):
+            block = message.encode(track.number, sequence + k, stamps[k : k + rows], samples[k : k + rows])
+            with self._pending_lock:
+                self._add(block)
+            self._write_when_full()
+
+    def flush(self) -> None:
+        """Hand all that was written to the operating system: a killed process no longer loses it.
+
+        Raises:
+            LogError: The file can't be written.
+        """
+        with self._file_lock:
+            if self._failure:
+                raise self._failure
+            with self._pending_lock:
+                blocks, self._pending, self._pending_size = self._pending, [], 0
+            if not blocks:
+                return
+            try:
+                self._file.chunk(b"".join(blocks))
+            except OSError as error:
+                raise self._broken(error) from error
+
+    def close(self) -> None:
+        """Write the index and close the file; closing twice does nothing.
+
+        Raises:
+            LogError: The file can't be written.
+        """
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._thread.join()
+        try:
+            self.flush()
+            self._file.finish()
+            self._sync()
+        except OSError as error:
+            raise self._broken(error) from error
+        finally:
+            self._close_stream()
+
+    def __enter__(self) -> "LogWriter":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            self.close()
+        except LogError:
+            if error is None:
+                raise
+
+    def _declare(self) -> dict[str, "_Track"]:
+        tracks, types = {}, set()
+        for channel in self.channels.values():
+            schema = self._file.schema(message.message_type(channel, types), "ros2msg", message.message_definition(channel).encode())
+            number = self._file.channel("/" + channel.name, schema, "cdr", message.channel_metadata(channel))
+            tracks[channel.name] = _Track(channel, number)
+        return tracks
+
+    def _track(self, name: str) -> "_Track":
+        if self._failure:
+            raise self._failure
+        if self._closing.is_set():
+            raise LogError(f"{self.path}: the log is closed, nothing can be written to it. Write inside the `with` block")
+        track = self._tracks.get(name)
+        if track is None:
+            raise LogError(f"{self.path}: no such channel: {name!r}. {suggestion(name, self._tracks)}")
+        return track
+
+    def _add(self, block: bytes) -> None:
+        self._pending.append(block)
+        self._pending_size += len(block)
+
+    def _write_when_full(self) -> None:
+        if self._pending_size >= _CHUNK_SIZE:
+            self.flush()
+
+    def _flush_now_and_then(self) -> None:
+        while not self._closing.wait(_FLUSH_PERIOD):
+            try:
+                self.flush()
+                self._sync()
+            except (LogError, OSError):
+                return  # the next write raises it
+
+    def _sync(self) -> None:
+        try:
+            os.fsync(self._stream.fileno())
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a pipe or a device has nothing to sync
+                raise
+
+    def _close_stream(self) -> None:
+        try:
+            self._stream.close()
+        except OSError:
+            pass  # reported by the write that failed
+
+    def _broken(self, error: OSError) -> LogError:
+        self._failure = self._os_error(error)
+        return self._failure
+
+    def _os_error(self, error: OSError) -> LogError:
+        if isinstance(error, FileExistsError):
+            return LogError(f"{self.path}: exists already. Choose another name, or pass overwrite=True to replace it")
+        fix = {errno.ENOENT: "Create the folder first", errno.EISDIR: "Name a file in it, such as run.mcap",
+               errno.EACCES: "Choose a folder you may write to",
+               errno.ENOSPC: f"Free some space; `rovtwin log repair {self.path}` saves what was written so far"}
+        return LogError(f"{self.path}: cannot be written: {error.strerror or error}. "
+                        f"{fix.get(error.errno or 0, 'Check the path and the disk')}")
+
+
+@dataclass(slots=True)
+class _Track:
+    """A channel being written: its number, messages so far and last stamp [ns]."""
+
+    channel: Channel
+    number: int
+    size: int = 0
+    length: int = 0
+    count: int = 0
+    last: int = 0
+
+    def __post_init__(self) -> None:
+        self.size = len(self.channel.fields)
+        self.length = message.record_dtype(self.size).itemsize - message.HEADER_SIZE
+
+    def advance(self, first: int, last: int, path: Path) -> None:
+        if first < self.last:
+            raise message.backwards(self.channel, first / message.NANOSECONDS, self.last / message.NANOSECONDS, str(path))
+        self.last = last
+
+
+def text_metadata(metadata: Mapping[str, Any]) -> dict[str, str]:
+    """Metadata as text: what isn't text becomes JSON. Adds the time of creation and the version of the format."""
+    created = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+    text = {str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in metadata.items()}
+    return {"created": created, **text, "log_format": FORMAT}
