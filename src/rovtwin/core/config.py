@@ -1,0 +1,326 @@
+"""Files that people write: reading YAML strictly, and parsing it into pydantic models with messages that help.
+
+A file is parsed in two steps, `parse(Scenario, read_yaml(path), path.name)`. Whatever is wrong with it comes out as one
+ConfigError with a line per mistake: file, place, what was found, what was expected, the fix.
+"""
+
+import difflib
+import math
+import re
+import types
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from rovtwin.core.errors import ConfigError
+
+
+class Strict(BaseModel):
+    """Base of everything read from files: immutable, and a key that nobody knows is a mistake."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _radians(value: float) -> float:
+    if abs(value) > 2.0 * math.pi:
+        raise ValueError(f"found {value:g} rad, which looks like degrees: write {math.radians(value):.4g}")
+    return value
+
+
+# Strict numbers: neither "30" nor true is one. YAML integers are.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Share = Annotated[Number, Field(ge=0, le=1)]
+Radians = Annotated[Number, AfterValidator(_radians)]
+Degrees = Annotated[Number, Field(ge=-360, le=360)]
+Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Degrees3 = Annotated[list[Degrees], Field(min_length=3, max_length=3)]
+
+Parsed = TypeVar("Parsed", bound=BaseModel)
+
+
+def near(name: object, names: Iterable[str]) -> str:
+    """ " Did you mean 'x'?" for the closest of the known names, or the list of them when none is close."""
+    known = sorted({str(n) for n in names})
+    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.6)
+    if close:
+        return f" Did you mean '{close[0]}'?"
+    return f" Known: {', '.join(known)}." if known else ""
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# YAML
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as people expect it: 1e-3 is a number, `no` and `2021-06-01` are strings, a key may be given once."""
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, rule) for tag, rule in rules if not tag.endswith((":bool", ":float", ":timestamp"))]
+    for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), "tTfF")
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"""^(?:[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9_]+)(?:[eE][-+]?[0-9]+)?
+        |[-+]?[0-9][0-9_]*[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
+        re.X,
+    ),
+    "-+0123456789.",
+)
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
+    seen: dict[object, int] = {}
+    for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
+        key, line = loader.construct_object(key_node, deep=True), key_node.start_mark.line + 1
+        if isinstance(key, (list, dict)):
+            raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
+        if key in seen:
+            said = f"key '{key}' is given twice, first in line {seen[key]}; keep one"
+            raise yaml.constructor.ConstructorError(None, None, said, key_node.start_mark)
+        seen[key] = line
+    loader.flatten_mapping(node)
+    return {loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value}
+
+
+_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        ConfigError: No such file (with near names), unreadable, not YAML (with the line), a key given twice, or
+            something else than a mapping.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(_missing_file(path)) from None
+    except IsADirectoryError:
+        raise ConfigError(f"{path}: is a folder, expected a YAML file") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not text, expected a YAML file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    return parse_yaml(text, path.name)
+
+
+def parse_yaml(text: str, where: str) -> dict[str, Any]:
+    """The mapping in YAML text; `where` names it in messages. Raises ConfigError as `read_yaml` does."""
+    try:
+        data = yaml.load(text, _Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise ConfigError(f"{where}: {line}{_yaml_problem(error)}") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{where}: not YAML ({str(error).splitlines()[0]})") from None
+    except RecursionError:
+        raise ConfigError(f"{where}: nested too deeply to be meant") from None
+    if data is None:
+        raise ConfigError(f"{where}: is empty, expected keys and values")
+    if not isinstance(data, dict):
+        raise ConfigError(f"{where}: found {_kind(data)}, expected keys and values such as 'name: my_vehicle'")
+    return data
+
+
+def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
+    problem = error.problem or "not YAML"
+    if "given twice" in problem or "must be a word" in problem:
+        return problem
+    hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
+    context = f" {error.context}" if error.context else ""
+    return f"not YAML: {problem}{context}{hint}"
+
+
+def _missing_file(path: Path) -> str:
+    folder = path.parent
+    if not folder.is_dir():
+        return f"{path}: no such file; there is no folder {folder} either"
+    names = [p.name for p in folder.iterdir() if p.suffix in (".yaml", ".yml")]
+    return f"{path}: no such file." + (near(path.name, names) if names else f" There is no YAML file in {folder}.")
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# pydantic
+
+
+def parse(model_class: type[Parsed], data: Any, where: str) -> Parsed:
+    """An instance of a pydantic model, or a ConfigError with a line for every mistake.
+
+    Args:
+        model_class: What the data should be.
+        data: As `read_yaml` returned it.
+        where: Name of the file (or of whatever else it came from) for the messages.
+    """
+    if not isinstance(data, dict):
+        raise ConfigError(f"{where}: found {_kind(data)}, expected a mapping of keys to values")
+    try:
+        return model_class.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError("\n".join(f"{where}: {line}" for line in messages(model_class, data, error))) from None
+
+
+def messages(model_class: type[BaseModel], data: Any, error: ValidationError) -> list[str]:
+    """One line per mistake: `place: what was found, what was expected. The fix`."""
+    by_place: dict[str, list[str]] = {}
+    for item in error.errors(include_url=False):
+        path = _path(data, item["loc"], item["type"])
+        said = _say(item, _fields_at(model_class, item["loc"][:-1]), _field_at(model_class, item["loc"]))
+        lines = by_place.setdefault(path, [])
+        if said not in lines:
+            lines.append(said)
+    return [f"{path}: {', or: '.join(said)}" if path else ", or: ".join(said) for path, said in by_place.items()]
+
+
+def _path(data: Any, loc: tuple[int | str, ...], kind: str) -> str:
+    """`parts[1].mass` of a pydantic location; names of union branches, which the data does not have, fall out."""
+    path, here = "", data
+    for position, step in enumerate(loc):
+        last = position == len(loc) - 1
+        if isinstance(here, dict) and (step in here or (last and kind == "missing")):
+            path += f".{step}" if path else str(step)
+            here = here.get(step)
+        elif isinstance(here, (list, tuple)) and isinstance(step, int) and step < len(here):
+            path += f"[{step}]"
+            here = here[step]
+    return path
+
+
+def _say(item: Any, known: dict[str, Any], field: Any) -> str:
+    kind, found, context = item["type"], item["input"], item.get("ctx", {})
+    if kind == "extra_forbidden":
+        return "no such key." + near(item["loc"][-1], known)
+    if kind == "missing":
+        meaning = f" ({field.description})" if field is not None and field.description else ""
+        return f"missing{meaning}"
+    if kind in ("value_error", "assertion_error"):
+        return str(context.get("error", item["msg"])).removeprefix("Value error, ")
+    if kind in ("literal_error", "enum", "union_tag_invalid"):
+        wanted = str(context.get("expected") or context.get("expected_tags"))
+        return f"found {_show(context.get('tag', found))}, expected {wanted}.{_close(found, wanted)}"
+    if kind in ("too_short", "too_long"):
+        wanted = context.get("min_length", context.get("max_length"))
+        return f"found {_count(context['actual_length'])}, expected {wanted}"
+    return f"found {_show(found)}, expected {_wanted(kind, context, item['msg'])}{_unit_hint(kind, found)}"
+
+
+_EXPECTED = {
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a mapping of keys to values",
+    "model_type": "a mapping of keys to values",
+    "model_attributes_type": "a mapping of keys to values",
+    "string_type": "text",
+    "none_required": "nothing",
+}
+_BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("of at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("of at most", "le"),
+}
+
+
+def _wanted(kind: str, context: dict[str, Any], message: str) -> str:
+    if kind in _BOUNDS:
+        words, key = _BOUNDS[kind]
+        return f"a number {words} {context[key]:g}"
+    if kind.startswith("float"):
+        return "a number"
+    if kind.startswith("int"):
+        return "a whole number"
+    return _EXPECTED.get(kind) or message[:1].lower() + message[1:].removeprefix("nput should be ")
+
+
+def _unit_hint(kind: str, found: Any) -> str:
+    if kind.startswith(("float", "int")) and isinstance(found, str) and re.match(r"^\s*[-+]?[0-9.]", found):
+        return "; units are fixed (SI) and are not written"
+    return ""
+
+
+def _close(found: Any, wanted: str) -> str:
+    close = difflib.get_close_matches(str(found), re.findall(r"'([^']+)'", wanted), n=1)
+    return f" Did you mean '{close[0]}'?" if close else ""
+
+
+def _count(number: int) -> str:
+    return "1 value" if number == 1 else f"{number} values"
+
+
+def _show(value: Any) -> str:
+    if isinstance(value, (dict, list)):
+        return _kind(value)
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _kind(value: Any) -> str:
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return f"a list of {_count(len(value))}"
+    return "nothing" if value is None else repr(value)
+
+
+def _candidates(annotation: Any) -> list[Any]:
+    """The concrete types behind an annotation: aliases, Annotated and unions are opened."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return _candidates(get_args(annotation)[0])
+    if origin in (Union, types.UnionType):
+        return [c for branch in get_args(annotation) for c in _candidates(branch)]
+    return [annotation]
+
+
+def _inside(annotation: Any, step: int | str) -> tuple[list[Any], Any]:
+    """Types found one step further, and the pydantic field stepped through, if it was one."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        field = annotation.model_fields.get(str(step))
+        if field is None:  # the name of a union's branch: stays where it is
+            return [annotation], None
+        return _candidates(field.annotation), field
+    arguments = get_args(annotation)
+    if get_origin(annotation) in (list, tuple, dict) and arguments:
+        return _candidates(arguments[-1] if get_origin(annotation) is dict else arguments[0]), None
+    return [annotation], None
+
+
+def _walk(model_class: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[list[Any], Any]:
+    here, field = [model_class], None
+    for step in loc:
+        # A step that names one of several classes picks that branch of the union.
+        branch = [t for t in here if isinstance(t, type) and t.__name__ == step]
+        if branch:
+            here, field = branch, None
+            continue
+        stepped = [_inside(t, step) for t in here]
+        here = [t for found, _ in stepped for t in found]
+        field = next((f for _, f in stepped if f is not None), None)
+    return here, field
+
+
+def _fields_at(model_class: type[BaseModel], loc: tuple[int | str, ...]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for annotation in _walk(model_class, loc)[0]:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            found |= annotation.model_fields
+    return found
+
+
+def _field_at(model_class: type[BaseModel], loc: tuple[int | str, ...]) -> Any:
+    return _walk(model_class, loc)[1]
