@@ -35,9 +35,11 @@ bench: $(STAMP) ## run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)
 
 lint: $(STAMP) ## check style, format and types
-	$(BIN)/ruff check $(SOURCES)
-	$(BIN)/ruff format --check $(SOURCES)
-	$(BIN)/pyright
+	@failed=; \
+	for check in "ruff check" "ruff format --check --output-format=concise"; do \
+	  echo "$$check"; $(BIN)/$$check --quiet $(SOURCES) || failed="$$failed [$$check]"; done; \
+	echo pyright; $(BIN)/pyright || failed="$$failed [pyright]"; \
+	test -z "$$failed" || { echo "lint: failed:$$failed" >&2; exit 1; }
 
 clean: ## remove .venv, caches, builds and runs
 	rm -rf $(VENV) build dist runs .pytest_cache .ruff_cache .hypothesis
@@ -65,7 +67,7 @@ check-python:
 $(STAMP): pyproject.toml constraints.txt | check-python
 	@if ! $(BIN)/python -c 'import pip' 2>/dev/null; then \
 	  echo "rovtwin: making $(VENV) with $$("$(PYTHON)" --version)"; rm -rf $(VENV); "$(PYTHON)" -m venv $(VENV); fi
-	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) (about 1 GB on disk)"
+	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) (about 1.2 GB on disk)"
 	@$(PIP) hatchling editables
 	@$(PIP) --no-build-isolation -e '.[all]'
 	@touch $@
