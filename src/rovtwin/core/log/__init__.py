@@ -1,10 +1,14 @@
 """Logs: named channels, each with its own clock, unit and frame, plus provenance; on disk an MCAP file.
 
-Depends on numpy, mcap, lz4 and zstandard; netCDF4 when exporting. No JAX, so that looking at a log is quick.
+Depends on numpy, mcap, lz4 and zstandard, and on netCDF4 when exporting. No JAX, so that looking at a log is quick.
 """
 
 from rovtwin.core.log.channel import Channel
+from rovtwin.core.log.export import export_csv, export_netcdf
+from rovtwin.core.log.info import ChannelInfo, LogInfo, info, summary
 from rovtwin.core.log.reader import Log, Series
+from rovtwin.core.log.repair import Repair, repair
 from rovtwin.core.log.writer import LogWriter
 
-__all__ = ["Channel", "Log", "LogWriter", "Series"]
+__all__ = ["Channel", "ChannelInfo", "Log", "LogInfo", "LogWriter", "Repair", "Series", "export_csv", "export_netcdf",
+           "info", "repair", "summary"]

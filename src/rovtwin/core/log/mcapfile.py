@@ -23,6 +23,7 @@ from mcap.records import (Channel, Chunk, ChunkIndex, DataEnd, Footer, Header, M
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 9 + 20 + len(MAGIC)
 _HEADER = struct.Struct("<BQ")
+_SHORTEST_MESSAGE = 22
 _MESSAGE_HEADER = struct.Struct("<BQH")
 
 
@@ -36,7 +37,8 @@ class McapFile:
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self._counts: dict[int, int] = {}
+        self.counts: dict[int, int] = {}
+        self.end_time = 0
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._append(MAGIC)
         self._append(_pack(Header(profile="ros2", library="rovtwin")))
@@ -70,13 +72,14 @@ class McapFile:
         body = self._compressor.compress(data)
         record = _pack(Chunk(message_start_time=start, message_end_time=end, uncompressed_size=len(data),
                              uncompressed_crc=zlib.crc32(data), compression="zstd", data=body))
+        self.end_time = max(self.end_time, end)
         at = self._offset
         self._append(record)
         index_at, index_offsets = self._offset, {}
         for channel, offsets in found.items():
             index_offsets[channel] = self._offset
             self._append(_pack_message_index(channel, times[channel], offsets))
-            self._counts[channel] = self._counts.get(channel, 0) + len(offsets)
+            self.counts[channel] = self.counts.get(channel, 0) + len(offsets)
         self._chunks.append(ChunkIndex(
             message_start_time=start, message_end_time=end, chunk_start_offset=at, chunk_length=len(record),
             message_index_offsets=index_offsets, message_index_length=self._offset - index_at, compression="zstd",
@@ -92,10 +95,10 @@ class McapFile:
         self._append(_pack(DataEnd(data_section_crc=self._crc)))
         start, summary, offsets = self._offset, b"", []
         statistics = Statistics(
-            message_count=sum(self._counts.values()), schema_count=len(self._schemas), channel_count=len(self._channels),
+            message_count=sum(self.counts.values()), schema_count=len(self._schemas), channel_count=len(self._channels),
             attachment_count=0, metadata_count=len(self._metadata), chunk_count=len(self._chunks),
             message_start_time=min((c.message_start_time for c in self._chunks), default=0),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0), channel_message_counts=self._counts)
+            message_end_time=self.end_time, channel_message_counts=self.counts)
         for group in (self._schemas, self._channels, [statistics], self._chunks, self._metadata):
             block = b"".join(map(_pack, group))
             if block:
@@ -134,7 +137,11 @@ class Contents(NamedTuple):
 
 
 def message_offsets(data: bytes) -> Contents:
-    """Find the records of a chunk; stops at the first incomplete one, whose offset is `end`."""
+    """Find the records of a chunk; stops at the first incomplete one, whose offset is `end`.
+
+    Raises:
+        ValueError: A message is too short to be one.
+    """
     found: dict[int, list[int]] = {}
     others: list[tuple[int, bytes]] = []
     position, end, unpack = 0, len(data), _MESSAGE_HEADER.unpack_from
@@ -143,6 +150,8 @@ def message_offsets(data: bytes) -> Contents:
         following = position + 9 + length
         if following > end:
             break
+        if opcode == Opcode.MESSAGE and length < _SHORTEST_MESSAGE:
+            raise ValueError(f"a message of {length} bytes, expected at least {_SHORTEST_MESSAGE}")
         if opcode != Opcode.MESSAGE:
             others.append((opcode, data[position + 9 : following]))
         elif channel in found:
@@ -160,29 +169,29 @@ def gather(data: bytes, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
 
 
 class Record(NamedTuple):
-    """A record of a file: where it starts, what it is, its content, and whether the file holds all of it."""
+    """A record of a file: where it starts, what it is, its bytes, whether they are all there, and the checksum of all before."""
 
     offset: int
     opcode: int
     header: bytes
     content: bytes
     complete: bool
+    crc: int
 
 
 def iter_records(stream: BinaryIO) -> Iterator[Record]:
     """Walk over the records behind the magic, up to the footer or the end of the file, whichever comes first."""
     size = os.fstat(stream.fileno()).st_size
-    offset = stream.seek(len(MAGIC))
-    while True:
-        header = stream.read(_HEADER.size)
-        if len(header) < _HEADER.size:
-            return
+    offset, crc = stream.seek(len(MAGIC)), zlib.crc32(MAGIC)
+    while len(header := stream.read(_HEADER.size)) == _HEADER.size:
         opcode, length = _HEADER.unpack(header)
         content = stream.read(min(length, size))
-        yield Record(offset, opcode, header, content, len(content) == length)
-        offset += _HEADER.size + length
-        if opcode == Opcode.FOOTER or len(content) < length:
+        complete = opcode != 0 and len(content) == length
+        yield Record(offset, opcode, header, content, complete, crc)
+        if opcode == Opcode.FOOTER or not complete:
             return
+        offset += _HEADER.size + length
+        crc = zlib.crc32(content, zlib.crc32(header, crc))
 
 
 def parse(kind: type[McapRecord], content: bytes) -> McapRecord:
@@ -209,8 +218,8 @@ def decompress(chunk: Chunk, partial: bool = False) -> bytes:
         if partial:
             return b""
         raise ValueError(f"cannot decompress: {error}") from error
-    if not partial and (len(data) != chunk.uncompressed_size
-                        or chunk.uncompressed_crc not in (0, zlib.crc32(data))):
+    whole = len(data) == chunk.uncompressed_size
+    if not (whole or partial) or (whole and chunk.uncompressed_crc not in (0, zlib.crc32(data))):
         raise ValueError("the checksum does not match")
     return data
 

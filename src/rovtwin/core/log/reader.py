@@ -1,6 +1,5 @@
 """A log in memory: its channels as arrays, from a file or from arrays."""
 
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,7 +63,7 @@ class Log:
         path = Path(path)
         with open_mcap(path) as stream:
             check_finished(stream, path)
-            return _Collector(path).collect(stream)
+            return Collector(path).collect(stream)
 
     @staticmethod
     def from_arrays(channels: Iterable[Channel], data: Mapping[str, tuple[ArrayLike, ArrayLike]],
@@ -200,8 +199,8 @@ def check_finished(stream: BinaryIO, path: Path) -> None:
                        f"file was cut. Rebuild it with `rovtwin log repair {path}`")
 
 
-class _Collector:
-    """Gathers the messages of a file by channel."""
+class Collector:
+    """Gathers what a file holds by channel."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -213,27 +212,30 @@ class _Collector:
         self.notes: list[str] = []
 
     def collect(self, stream: BinaryIO) -> Log:
-        crc, loose = zlib.crc32(MAGIC), []
+        """Read all records."""
+        loose = []
         for record in iter_records(stream):
             if not record.complete:
-                raise self._damaged(record.offset, "a record reaches beyond the end of the file")
+                raise self._damaged(record.offset, "not a whole record")
             try:
                 if record.opcode == Opcode.DATA_END:
                     expected = parse(records.DataEnd, record.content).data_section_crc
-                    if expected not in (0, crc):
+                    if expected not in (0, record.crc):
                         raise self._damaged(record.offset, "the checksum of the data does not match")
                     break
-                crc = zlib.crc32(record.content, zlib.crc32(record.header, crc))
                 if record.opcode == Opcode.MESSAGE:
                     loose.append(record.header + record.content)
+                elif record.opcode == Opcode.CHUNK:
+                    self._messages(decompress(parse(records.Chunk, record.content)))
                 else:
-                    self._record(record.opcode, record.content)
+                    self.declare(record.opcode, record.content)
             except ValueError as error:
                 raise self._damaged(record.offset, str(error)) from error
         self._messages(b"".join(loose))
         return self._log()
 
-    def _record(self, opcode: int, content: bytes) -> None:
+    def declare(self, opcode: int, content: bytes) -> None:
+        """Take in a schema, a channel or our metadata."""
         if opcode == Opcode.SCHEMA:
             schema = parse(records.Schema, content)
             self.schemas[schema.id] = schema
@@ -243,8 +245,6 @@ class _Collector:
             metadata = parse(records.Metadata, content)
             if metadata.name == METADATA_NAME:
                 self.metadata.update(metadata.metadata)
-        elif opcode == Opcode.CHUNK:
-            self._messages(decompress(parse(records.Chunk, content)))
 
     def _channel(self, declared: records.Channel) -> None:
         if declared.id in self.channels or declared.id in self.foreign:
@@ -265,7 +265,7 @@ class _Collector:
         if contents.end != len(data):
             raise ValueError("a message reaches beyond the end of its chunk")
         for opcode, content in contents.others:
-            self._record(opcode, content)
+            self.declare(opcode, content)
         for number, offsets in contents.messages.items():
             channel = self.channels.get(number)
             if channel is not None:

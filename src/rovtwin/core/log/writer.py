@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from rovtwin.core.errors import LogError
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
+from rovtwin.core.log.files import exists_error, write_error
 from rovtwin.core.log.mcapfile import McapFile
 
 METADATA_NAME = "rovtwin"
@@ -56,7 +57,7 @@ class LogWriter:
         try:
             self._stream = open(self.path, "wb" if overwrite else "xb")
         except OSError as error:
-            raise self._os_error(error) from error
+            raise exists_error(self.path) if error.errno == errno.EEXIST else write_error(self.path, error) from error
         try:
             self._file = McapFile(self._stream)
             self._file.metadata(METADATA_NAME, provenance)
@@ -214,17 +215,9 @@ class LogWriter:
             pass  # reported by the write that failed
 
     def _broken(self, error: OSError) -> LogError:
-        self._failure = self._os_error(error)
+        failure = write_error(self.path, error)
+        self._failure = LogError(f"{failure}. `rovtwin log repair {self.path}` saves what was written so far")
         return self._failure
-
-    def _os_error(self, error: OSError) -> LogError:
-        if isinstance(error, FileExistsError):
-            return LogError(f"{self.path}: exists already. Choose another name, or pass overwrite=True to replace it")
-        fix = {errno.ENOENT: "Create the folder first", errno.EISDIR: "Name a file in it, such as run.mcap",
-               errno.EACCES: "Choose a folder you may write to",
-               errno.ENOSPC: f"Free some space; `rovtwin log repair {self.path}` saves what was written so far"}
-        return LogError(f"{self.path}: cannot be written: {error.strerror or error}. "
-                        f"{fix.get(error.errno or 0, 'Check the path and the disk')}")
 
 
 @dataclass(slots=True)
