@@ -10,5 +10,17 @@ from rovtwin.core.log.reader import Log, Series
 from rovtwin.core.log.repair import Repair, repair
 from rovtwin.core.log.writer import LogWriter
 
-__all__ = ["Channel", "ChannelInfo", "Log", "LogInfo", "LogWriter", "Repair", "Series", "export_csv", "export_netcdf",
-           "info", "repair", "summary"]
+__all__ = [
+    "Channel",
+    "ChannelInfo",
+    "Log",
+    "LogInfo",
+    "LogWriter",
+    "Repair",
+    "Series",
+    "export_csv",
+    "export_netcdf",
+    "info",
+    "repair",
+    "summary",
+]

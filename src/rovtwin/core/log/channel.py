@@ -1,4 +1,4 @@
-"""What a named channel of a log is: its fields, unit and frame; and how a name is looked up with a hint on a typing error."""
+"""What a named channel of a log is: its fields, unit and frame."""
 
 import difflib
 import re
@@ -13,13 +13,15 @@ _FIELD = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 @dataclass(frozen=True)
 class Channel:
-    """A time series of float64 vectors of fixed length. Flags and counters are stored as float64 too (exact up to 2**53).
+    """A time series of float64 vectors of fixed length.
+
+    Flags and counters are stored as float64 too, which is exact up to 2**53.
 
     Args:
         name: Slash-separated path, such as `truth/position`.
         fields: Name of every component, such as `("x", "y", "z")`.
-        unit: One unit for all components, or one for each, in udunits notation: `m`, `m/s`, `rad`, `N m`, and `1` for
-            what has none.
+        unit: One unit for all components, or one for each, in udunits notation: `m`, `m/s`, `rad`, `N m`, and `1`
+            for what has none.
         frame: Frame the components are resolved in: `n`, `b`, `c`, or empty when there is none.
         description: One line for people.
         rate: Nominal sample rate [Hz], or None when samples come as they come.
@@ -42,15 +44,21 @@ class Channel:
 
     def _check(self, fields: tuple[str, ...], units: tuple[str, ...]) -> None:
         if not _NAME.fullmatch(self.name):
-            raise LogError(f"channel {self.name!r}: not a channel name. Use letters, digits and _ between slashes, "
-                           "each part starting with a letter, such as 'truth/position'")
+            raise LogError(
+                f"channel {self.name!r}: not a channel name. Use letters, digits and _ between slashes, "
+                "each part starting with a letter, such as 'truth/position'"
+            )
         bad = [field for field in fields if not _FIELD.fullmatch(field)]
         if bad or not fields or len(set(fields)) < len(fields):
-            raise LogError(f"channel {self.name!r}: fields {fields!r}: expected one or more different names of letters, "
-                           "digits and _, each starting with a letter")
+            raise LogError(
+                f"channel {self.name!r}: fields {fields!r}: expected one or more different names of letters, "
+                "digits and _, each starting with a letter"
+            )
         if len(units) != len(fields) or not all(unit and unit.strip() == unit for unit in units):
-            raise LogError(f"channel {self.name!r}: unit {self.unit!r} for the fields {fields!r}: expected one unit, or one "
-                           "for each field; write '1' for what has none")
+            raise LogError(
+                f"channel {self.name!r}: unit {self.unit!r} for the fields {fields!r}: expected one unit, or one "
+                "for each field; write '1' for what has none"
+            )
         if self.rate is not None and not 0 < self.rate < float("inf"):
             raise LogError(f"channel {self.name!r}: rate {self.rate!r} Hz: expected a positive number, or None")
 

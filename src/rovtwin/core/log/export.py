@@ -1,9 +1,12 @@
 """Logs for other programs: netCDF for xarray, MATLAB and archives, CSV for the rest."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,15 +14,20 @@ from rovtwin.core.log.channel import unique
 from rovtwin.core.log.files import atomic, exists_error, write_error
 from rovtwin.core.log.reader import Log, Series
 
-_TIME_COMMENT = "seconds since the start of the run on its own clock (k * dt); the wall-clock time is in the global attributes"
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
+
+_TIME_COMMENT = (
+    "seconds since the start of the run on its own clock (k * dt); the wall-clock time is in the global attributes"
+)
 
 
 def export_netcdf(log: Log, path: str | Path, title: str = "", overwrite: bool = False) -> Path:
     """Write a log as netCDF4 under the CF conventions, version 1.11; returns the path.
 
-    Every field of a channel becomes a variable such as `truth_position_x` on the channel's own time `truth_position_time`.
-    Variables are flat because xarray opens only the root group, and one-dimensional because fields of a channel may differ
-    in unit, of which CF allows one a variable.
+    Every field of a channel becomes a variable such as `truth_position_x` on the channel's own `truth_position_time`.
+    Variables are flat because xarray opens only the root group, and one-dimensional because the fields of a channel may
+    differ in unit, of which CF allows one a variable.
 
     Args:
         log: The log.
@@ -42,7 +50,7 @@ def export_netcdf(log: Log, path: str | Path, title: str = "", overwrite: bool =
 
 
 def export_csv(log: Log, path: str | Path, channel: str | None = None, overwrite: bool = False) -> list[Path]:
-    """Write a folder with one CSV file for every channel, `channels.csv` with their units and frames, and `metadata.json`.
+    """Write a folder with a CSV file for every channel, their units and frames in `channels.csv`, and `metadata.json`.
 
     Every number is written in the fewest digits that give the same double when read.
 
@@ -63,7 +71,10 @@ def export_csv(log: Log, path: str | Path, channel: str | None = None, overwrite
         return [_write_text(path, _csv(log[channel]), overwrite)]
     taken = {"channels", "metadata"}
     files = {name: path / f"{unique(_flat(name), taken)}.csv" for name in log.channels}
-    texts = {path / "channels.csv": _channel_table(log, files), path / "metadata.json": json.dumps(log.metadata, indent=2) + "\n"}
+    texts = {
+        path / "channels.csv": _channel_table(log, files),
+        path / "metadata.json": json.dumps(log.metadata, indent=2) + "\n",
+    }
     existing = [file for file in (*files.values(), *texts) if file.exists()]
     if existing and not overwrite:
         raise exists_error(existing[0])
@@ -75,21 +86,30 @@ def export_csv(log: Log, path: str | Path, channel: str | None = None, overwrite
     return written + [_write_text(file, text, overwrite) for file, text in texts.items()]
 
 
-def _add_channel(dataset: "netCDF4.Dataset", series: Series, taken: set[str]) -> None:  # noqa: F821
+def _add_channel(dataset: Dataset, series: Series, taken: set[str]) -> None:
     channel, base = series.channel, _flat(series.channel.name)
     time = unique(f"{base}_time", taken)
-    # A coordinate variable of CF has no time twice; a channel that does gets a dimension of samples and an auxiliary coordinate.
+    # A coordinate variable of CF has no value twice; a channel that has a time twice gets a dimension of samples.
     twice = bool((np.diff(series.t) <= 0).any())
     dimension = unique(f"{base}_sample", taken) if twice else time
     dataset.createDimension(dimension, len(series))
     variable = dataset.createVariable(time, "f8", (dimension,), compression="zlib", complevel=1)
-    # No standard_name "time" and no axis "T": those ask for "seconds since" a date, which a relative clock doesn't have.
+    # No standard_name "time" and no axis "T": those ask for "seconds since" a date, which this clock doesn't have.
     variable.setncatts({"units": "s", "long_name": f"time of {channel.name}", "comment": _TIME_COMMENT})
     variable[:] = series.t
-    for k, (field, unit) in enumerate(zip(channel.fields, channel.units)):
-        variable = dataset.createVariable(unique(f"{base}_{field}", taken), "f8", (dimension,), compression="zlib", complevel=1)
-        attributes = {"units": unit, "long_name": f"{channel.name} {field}", "channel": channel.name, "field": field,
-                      "frame": channel.frame, "comment": channel.description, "coordinates": time if twice else ""}
+    for k, (field, unit) in enumerate(zip(channel.fields, channel.units, strict=True)):
+        variable = dataset.createVariable(
+            unique(f"{base}_{field}", taken), "f8", (dimension,), compression="zlib", complevel=1
+        )
+        attributes = {
+            "units": unit,
+            "long_name": f"{channel.name} {field}",
+            "channel": channel.name,
+            "field": field,
+            "frame": channel.frame,
+            "comment": channel.description,
+            "coordinates": time if twice else "",
+        }
         variable.setncatts({key: value for key, value in attributes.items() if value})
         if channel.rate is not None:
             variable.setncattr("nominal_rate_hz", channel.rate)
@@ -97,17 +117,22 @@ def _add_channel(dataset: "netCDF4.Dataset", series: Series, taken: set[str]) ->
 
 
 def _global_attributes(log: Log, title: str) -> Mapping[str, str]:
-    now = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    now = datetime.now(UTC).isoformat(timespec="seconds")
     provenance = {f"rovtwin_{key}": value for key, value in log.metadata.items()}
     version = log.metadata.get("version", "")
-    return {"Conventions": "CF-1.11", "title": title or f"rovtwin log {Path(log.source).name}",
-            "history": f"{now} exported from {Path(log.source).name}", "source": f"rovtwin {version}".strip(), **provenance}
+    return {
+        "Conventions": "CF-1.11",
+        "title": title or f"rovtwin log {Path(log.source).name}",
+        "history": f"{now} exported from {Path(log.source).name}",
+        "source": f"rovtwin {version}".strip(),
+        **provenance,
+    }
 
 
 def _csv(series: Series) -> str:
     channel = series.channel
-    header = ["t [s]", *(f"{field} [{unit}]" for field, unit in zip(channel.fields, channel.units))]
-    rows = (",".join(map(repr, (t, *row))) for t, row in zip(series.t.tolist(), series.values.tolist()))
+    header = ["t [s]", *(f"{field} [{unit}]" for field, unit in zip(channel.fields, channel.units, strict=True))]
+    rows = (",".join(map(repr, (t, *row))) for t, row in zip(series.t.tolist(), series.values.tolist(), strict=True))
     return "\n".join([",".join(header), *rows]) + "\n"
 
 
@@ -115,8 +140,18 @@ def _channel_table(log: Log, files: Mapping[str, Path]) -> str:
     lines = [["channel", "file", "samples", "fields", "unit", "frame", "rate [Hz]", "description"]]
     for name, file in files.items():
         channel = log.channels[name]
-        lines.append([name, file.name, str(len(log[name])), " ".join(channel.fields), "; ".join(channel.units), channel.frame,
-                      "" if channel.rate is None else repr(channel.rate), channel.description])
+        lines.append(
+            [
+                name,
+                file.name,
+                str(len(log[name])),
+                " ".join(channel.fields),
+                "; ".join(channel.units),
+                channel.frame,
+                "" if channel.rate is None else repr(channel.rate),
+                channel.description,
+            ]
+        )
     return "".join(",".join(map(_quoted, line)) + "\n" for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""Writing files so that nothing is lost: no silent overwriting, no half-written result, and errors that say what to do."""
+"""Writing files without losing any: nothing is overwritten unasked, and no result is left half-written."""
 
 import errno
 import os
@@ -8,10 +8,15 @@ from pathlib import Path
 
 from rovtwin.core.errors import LogError
 
-_FIXES = {errno.ENOENT: "Create the folder first", errno.EISDIR: "Name a file in it, such as run.mcap",
-          errno.ENOTDIR: "Part of the path is a file, not a folder", errno.EACCES: "Choose a folder you may write to",
-          errno.EROFS: "Choose a folder you may write to", errno.ENOSPC: "Free some space, then try again",
-          errno.EDQUOT: "Free some space, then try again"}
+_FIXES = {
+    errno.ENOENT: "Create the folder first",
+    errno.EISDIR: "Name a file in it, such as run.mcap",
+    errno.ENOTDIR: "Part of the path is a file, not a folder",
+    errno.EACCES: "Choose a folder you may write to",
+    errno.EROFS: "Choose a folder you may write to",
+    errno.ENOSPC: "Free some space, then try again",
+    errno.EDQUOT: "Free some space, then try again",
+}
 
 
 def exists_error(path: Path) -> LogError:
@@ -23,13 +28,15 @@ def exists_error(path: Path) -> LogError:
 
 def write_error(path: Path, error: OSError) -> LogError:
     """The error for a file that can't be written."""
-    return LogError(f"{path}: cannot be written: {error.strerror or error}. "
-                    f"{_FIXES.get(error.errno or 0, 'Check the path and the disk')}")
+    return LogError(
+        f"{path}: cannot be written: {error.strerror or error}. "
+        f"{_FIXES.get(error.errno or 0, 'Check the path and the disk')}"
+    )
 
 
 @contextmanager
 def atomic(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Gives a temporary path in the same folder; what is written there becomes `path` when the block ends without error.
+    """Gives a temporary path in the same folder; what is written there becomes `path` when the block ends well.
 
     Raises:
         LogError: The file exists and may not be replaced, or can't be written.

@@ -1,5 +1,6 @@
 """What is in a log, from the index at its end: the messages aren't read."""
 
+import os
 import struct
 import zlib
 from dataclasses import asdict, dataclass
@@ -18,7 +19,10 @@ from rovtwin.core.log.reader import Collector, Log, check_finished, open_mcap
 
 @dataclass(frozen=True)
 class ChannelInfo:
-    """A channel in short; `rate` [Hz] is measured, `nominal_rate` declared; `first` and `last` [s] are None when it is empty."""
+    """A channel in short.
+
+    Rates are in Hz: `rate` is measured, `nominal_rate` declared. `first` and `last` [s] are None in an empty channel.
+    """
 
     name: str
     messages: int
@@ -58,11 +62,20 @@ def info(path: str | Path) -> LogInfo:
     except ValueError:
         log = Log.read(path)
         metadata, notes = log.metadata, log.notes
-        rows = [_row(series.channel, len(series), series.t[:1], series.t[-1:]) for series in map(log.__getitem__, log.channels)]
-    filled = [row for row in rows if row.first is not None]
-    duration = max(row.last for row in filled) - min(row.first for row in filled) if filled else 0.0
-    return LogInfo(str(path), path.stat().st_size, duration, sum(row.messages for row in rows), tuple(rows), metadata,
-                   tuple(sorted(notes)))
+        rows = [
+            _row(series.channel, len(series), series.t[:1], series.t[-1:])
+            for series in map(log.__getitem__, log.channels)
+        ]
+    ends = [time for row in rows for time in (row.first, row.last) if time is not None]
+    return LogInfo(
+        str(path),
+        path.stat().st_size,
+        max(ends) - min(ends) if ends else 0.0,
+        sum(row.messages for row in rows),
+        tuple(rows),
+        metadata,
+        tuple(sorted(notes)),
+    )
 
 
 def summary(path: str | Path) -> dict[str, Any]:
@@ -81,14 +94,18 @@ def _from_index(path: Path) -> tuple[list[ChannelInfo], Collector]:
             elif opcode == Opcode.STATISTICS:
                 statistics = parse(records.Statistics, content)
             elif opcode == Opcode.METADATA_INDEX:
-                collector.declare(Opcode.METADATA, _content(stream, parse(records.MetadataIndex, content).offset, Opcode.METADATA))
+                collector.declare(
+                    Opcode.METADATA, _content(stream, parse(records.MetadataIndex, content).offset, Opcode.METADATA)
+                )
             else:
                 collector.declare(opcode, content)
         names = [channel.name for channel in collector.channels.values()]
         if statistics is None or not names or len(set(names)) < len(names):
             raise ValueError("the index doesn't have it all")
-        rows = [_row(channel, statistics.channel_message_counts.get(number, 0), *_span(stream, chunks, number))
-                for number, channel in collector.channels.items()]
+        rows = [
+            _row(channel, statistics.channel_message_counts.get(number, 0), *_span(stream, chunks, number))
+            for number, channel in collector.channels.items()
+        ]
     return rows, collector
 
 
@@ -109,8 +126,10 @@ def _index_records(stream: BinaryIO) -> list[tuple[int, bytes]]:
 def _span(stream: BinaryIO, chunks: list[records.ChunkIndex], number: int) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] of a channel in the first and in the last chunk that has any; empty arrays when none has."""
     offsets = [chunk.message_index_offsets[number] for chunk in chunks if number in chunk.message_index_offsets]
-    stamps = [np.frombuffer(_content(stream, offset, Opcode.MESSAGE_INDEX)[6:], "<u8")[::2]
-              for offset in (offsets[:1] + offsets[-1:])]
+    stamps = [
+        np.frombuffer(_content(stream, offset, Opcode.MESSAGE_INDEX)[6:], "<u8")[::2]
+        for offset in (offsets[:1] + offsets[-1:])
+    ]
     first, last = stamps or [np.empty(0)] * 2
     return message.to_seconds(first), message.to_seconds(last)
 
@@ -120,13 +139,22 @@ def _content(stream: BinaryIO, offset: int, opcode: int) -> bytes:
     header = stream.read(message.HEADER_SIZE)
     if len(header) < message.HEADER_SIZE or header[0] != opcode:
         raise ValueError("the index points at another record")
-    return stream.read(int.from_bytes(header[1:], "little"))
+    return stream.read(min(int.from_bytes(header[1:], "little"), os.fstat(stream.fileno()).st_size))
 
 
 def _row(channel: Channel, messages: int, first: np.ndarray, last: np.ndarray) -> ChannelInfo:
     if bool(messages) != bool(len(first)):
         raise ValueError("the index doesn't have all messages")
-    start, end = (float(first.min()), float(last.max())) if messages else (None, None)
-    rate = (messages - 1) / (end - start) if messages > 1 and end > start else None
-    return ChannelInfo(channel.name, messages, rate, channel.unit, channel.frame, channel.fields, start, end, channel.rate,
-                       channel.description)
+    start, end = (float(first.min()), float(last.max())) if messages else (0.0, 0.0)
+    return ChannelInfo(
+        channel.name,
+        messages,
+        (messages - 1) / (end - start) if end > start else None,
+        channel.unit,
+        channel.frame,
+        channel.fields,
+        start if messages else None,
+        end if messages else None,
+        channel.rate,
+        channel.description,
+    )

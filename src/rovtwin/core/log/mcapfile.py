@@ -1,7 +1,7 @@
-"""The MCAP container: a chunked file written from whole blocks of message records, and a walk over the records of any file.
+"""The MCAP container: writing a chunked file from blocks of message records, and walking over the records of any file.
 
-The record types are those of the `mcap` library. Its writer takes one message a call (3 us each); a simulated run is logged in
-blocks, and packing those with numpy is ten times faster, hence the small writer here.
+The record types are those of the `mcap` library. Its writer takes one message a call, 3 us each; a simulated run is
+logged in blocks, which numpy packs five times faster, hence the small writer here.
 """
 
 import os
@@ -9,7 +9,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, TypeVar
 
 import lz4.frame
 import numpy as np
@@ -17,14 +17,27 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (Channel, Chunk, ChunkIndex, DataEnd, Footer, Header, McapRecord, Metadata, MetadataIndex, Schema,
-                          Statistics, SummaryOffset)
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 9 + 20 + len(MAGIC)
 _HEADER = struct.Struct("<BQ")
 _SHORTEST_MESSAGE = 22
 _MESSAGE_HEADER = struct.Struct("<BQH")
+_R = TypeVar("_R", bound=McapRecord)
 
 
 class McapFile:
@@ -52,7 +65,9 @@ class McapFile:
     def channel(self, topic: str, schema_id: int, encoding: str, metadata: dict[str, str]) -> int:
         """Add a channel; returns its number."""
         number = len(self._channels) + 1
-        self._channels.append(Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema_id, metadata=metadata))
+        self._channels.append(
+            Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema_id, metadata=metadata)
+        )
         self._append(_pack(self._channels[-1]))
         return number
 
@@ -70,8 +85,16 @@ class McapFile:
         times = {channel: gather(data, offsets + 15, np.dtype("<u8")) for channel, offsets in found.items()}
         start, end = (int(f([f(t) for t in times.values()])) for f in (min, max))
         body = self._compressor.compress(data)
-        record = _pack(Chunk(message_start_time=start, message_end_time=end, uncompressed_size=len(data),
-                             uncompressed_crc=zlib.crc32(data), compression="zstd", data=body))
+        record = _pack(
+            Chunk(
+                message_start_time=start,
+                message_end_time=end,
+                uncompressed_size=len(data),
+                uncompressed_crc=zlib.crc32(data),
+                compression="zstd",
+                data=body,
+            )
+        )
         self.end_time = max(self.end_time, end)
         at = self._offset
         self._append(record)
@@ -80,10 +103,19 @@ class McapFile:
             index_offsets[channel] = self._offset
             self._append(_pack_message_index(channel, times[channel], offsets))
             self.counts[channel] = self.counts.get(channel, 0) + len(offsets)
-        self._chunks.append(ChunkIndex(
-            message_start_time=start, message_end_time=end, chunk_start_offset=at, chunk_length=len(record),
-            message_index_offsets=index_offsets, message_index_length=self._offset - index_at, compression="zstd",
-            compressed_size=len(body), uncompressed_size=len(data)))
+        self._chunks.append(
+            ChunkIndex(
+                message_start_time=start,
+                message_end_time=end,
+                chunk_start_offset=at,
+                chunk_length=len(record),
+                message_index_offsets=index_offsets,
+                message_index_length=self._offset - index_at,
+                compression="zstd",
+                compressed_size=len(body),
+                uncompressed_size=len(data),
+            )
+        )
         self._stream.flush()
 
     def flush(self) -> None:
@@ -95,14 +127,22 @@ class McapFile:
         self._append(_pack(DataEnd(data_section_crc=self._crc)))
         start, summary, offsets = self._offset, b"", []
         statistics = Statistics(
-            message_count=sum(self.counts.values()), schema_count=len(self._schemas), channel_count=len(self._channels),
-            attachment_count=0, metadata_count=len(self._metadata), chunk_count=len(self._chunks),
+            message_count=sum(self.counts.values()),
+            schema_count=len(self._schemas),
+            channel_count=len(self._channels),
+            attachment_count=0,
+            metadata_count=len(self._metadata),
+            chunk_count=len(self._chunks),
             message_start_time=min((c.message_start_time for c in self._chunks), default=0),
-            message_end_time=self.end_time, channel_message_counts=self.counts)
+            message_end_time=self.end_time,
+            channel_message_counts=self.counts,
+        )
         for group in (self._schemas, self._channels, [statistics], self._chunks, self._metadata):
             block = b"".join(map(_pack, group))
             if block:
-                offsets.append(SummaryOffset(group_opcode=block[0], group_start=start + len(summary), group_length=len(block)))
+                offsets.append(
+                    SummaryOffset(group_opcode=block[0], group_start=start + len(summary), group_length=len(block))
+                )
             summary += block
         offset_start = start + len(summary)
         summary += b"".join(map(_pack, offsets))
@@ -169,7 +209,7 @@ def gather(data: bytes, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
 
 
 class Record(NamedTuple):
-    """A record of a file: where it starts, what it is, its bytes, whether they are all there, and the checksum of all before."""
+    """A record of a file: where it starts, its bytes, whether they are all there, and the checksum of all before."""
 
     offset: int
     opcode: int
@@ -194,14 +234,14 @@ def iter_records(stream: BinaryIO) -> Iterator[Record]:
         crc = zlib.crc32(content, zlib.crc32(header, crc))
 
 
-def parse(kind: type[McapRecord], content: bytes) -> McapRecord:
+def parse(kind: type[_R], content: bytes) -> _R:
     """Read a record with the library.
 
     Raises:
         ValueError: The content is not such a record.
     """
     try:
-        return kind.read(ReadDataStream(BytesIO(content)))
+        return kind.read(ReadDataStream(BytesIO(content)))  # pyright: ignore[reportAttributeAccessIssue]
     except (McapError, struct.error, UnicodeDecodeError) as error:
         raise ValueError(f"not a {kind.__name__} record: {error}") from error
 

@@ -1,8 +1,8 @@
 """How samples become bytes: one fixed-size CDR message a sample, described by a ROS 2 message definition.
 
-A message is the stamp (`builtin_interfaces/Time`) followed by one float64 for every field. The stamp fills 8 bytes, so every
-double lies on a multiple of 8 after the encapsulation header as CDR asks, nothing is padded, and a block of samples is one
-numpy structured array.
+A message is the stamp (`builtin_interfaces/Time`) followed by one float64 for every field. The stamp fills 8 bytes, so
+every double lies on a multiple of 8 after the encapsulation header as CDR asks, nothing is padded, and a block of
+samples is one numpy structured array.
 """
 
 import json
@@ -40,29 +40,46 @@ def check_block(channel: Channel, t: ArrayLike, values: ArrayLike, where: str) -
     if times.ndim == samples.ndim == 1 and size == 1:
         samples = samples[:, None]
     if times.ndim != 1 or samples.shape != (len(times), size):
-        raise LogError(f"{where}: {channel.name}: times of shape {times.shape} and values of shape {samples.shape}, expected "
-                       f"(N,) and (N, {size}) for the fields {', '.join(channel.fields)}")
+        raise LogError(
+            f"{where}: {channel.name}: times of shape {times.shape} and values of shape {samples.shape}, expected "
+            f"(N,) and (N, {size}) for the fields {', '.join(channel.fields)}"
+        )
     bad = np.flatnonzero(~((times >= 0) & (times < LATEST)))
     if len(bad):
-        raise LogError(f"{where}: {channel.name}: t = {times[bad[0]]} s at sample {bad[0]}, expected seconds since the start of "
-                       f"the data clock, from 0 to {LATEST}. Wall-clock time belongs in the metadata")
+        raise LogError(
+            f"{where}: {channel.name}: t = {times[bad[0]]} s at sample {bad[0]}, expected seconds since the start of "
+            f"the data clock, from 0 to {LATEST}. Wall-clock time belongs in the metadata"
+        )
     back = np.flatnonzero(np.diff(times) < 0)
     if len(back):
-        raise backwards(channel, times[back[0] + 1], times[back[0]], where)
+        raise backwards(channel, float(times[back[0] + 1]), float(times[back[0]]), where)
     return times, samples
 
 
 def backwards(channel: Channel, t: float, previous: float, where: str) -> LogError:
     """The error for a time that goes backwards."""
-    return LogError(f"{where}: {channel.name}: t = {t} s after t = {previous} s: time goes backwards. Write the samples of a "
-                    "channel in the order of their times")
+    return LogError(
+        f"{where}: {channel.name}: t = {t} s after t = {previous} s: time goes backwards. Write the samples of a "
+        "channel in the order of their times"
+    )
 
 
 def record_dtype(size: int) -> np.dtype:
     """Layout of one MCAP message record that holds `size` doubles, without padding."""
-    return np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"),
-                     ("publish_time", "<u8"), ("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4"),
-                     ("values", "<f8", (size,))])
+    return np.dtype(
+        [
+            ("opcode", "u1"),
+            ("length", "<u8"),
+            ("channel", "<u2"),
+            ("sequence", "<u4"),
+            ("log_time", "<u8"),
+            ("publish_time", "<u8"),
+            ("encapsulation", "V4"),
+            ("sec", "<i4"),
+            ("nanosec", "<u4"),
+            ("values", "<f8", (size,)),
+        ]
+    )
 
 
 def encode(channel_id: int, sequence: int, stamps: np.ndarray, values: np.ndarray) -> bytes:
@@ -110,22 +127,35 @@ def message_definition(channel: Channel) -> str:
     """The `ros2msg` schema of a channel. ROS 2 wants lower-case field names; the channel's own are in its metadata."""
     taken = {"stamp"}
     names = [unique("_".join(filter(None, field.lower().split("_"))), taken) for field in channel.fields]
-    lines = [f"float64 {name}  # {field} [{unit}]" for name, field, unit in zip(names, channel.fields, channel.units)]
+    lines = [
+        f"float64 {name}  # {field} [{unit}]"
+        for name, field, unit in zip(names, channel.fields, channel.units, strict=True)
+    ]
     return "\n".join(["builtin_interfaces/Time stamp", *lines, _TIME_DEFINITION])
 
 
 def channel_metadata(channel: Channel) -> dict[str, str]:
     """What the file says about a channel beside its schema."""
-    return {"fields": json.dumps(channel.fields), "unit": json.dumps(channel.unit), "frame": channel.frame,
-            "description": channel.description, "rate": "" if channel.rate is None else repr(channel.rate)}
+    return {
+        "fields": json.dumps(channel.fields),
+        "unit": json.dumps(channel.unit),
+        "frame": channel.frame,
+        "description": channel.description,
+        "rate": "" if channel.rate is None else repr(channel.rate),
+    }
 
 
 def channel_from_metadata(topic: str, metadata: dict[str, str]) -> Channel | None:
     """The channel that `channel_metadata` described, or None when the metadata are not ours."""
     try:
         unit = json.loads(metadata["unit"])
-        return Channel(topic.removeprefix("/"), tuple(json.loads(metadata["fields"])),
-                       unit if isinstance(unit, str) else tuple(unit), metadata["frame"], metadata.get("description", ""),
-                       float(metadata["rate"]) if metadata.get("rate") else None)
+        return Channel(
+            topic.removeprefix("/"),
+            tuple(json.loads(metadata["fields"])),
+            unit if isinstance(unit, str) else tuple(unit),
+            metadata["frame"],
+            metadata.get("description", ""),
+            float(metadata["rate"]) if metadata.get("rate") else None,
+        )
     except (KeyError, ValueError, TypeError, AttributeError, LogError):
         return None

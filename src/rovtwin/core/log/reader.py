@@ -16,8 +16,15 @@ from rovtwin.core.log.channel import Channel, channel_table, suggestion
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
 from rovtwin.core.log.writer import METADATA_NAME, LogWriter, text_metadata
 
-_OTHERS = {b"PK\x03\x04": "a renamed zip", b"#ROSBAG": "a ROS 1 bag", b"SQLite format 3": "a ROS 2 bag of the sqlite3 kind",
-           b"\x89HDF": "a netCDF or HDF5 file", b"CDF": "a netCDF file", b"\x1f\x8b": "gzip", b"\x28\xb5\x2f\xfd": "zstd"}
+_OTHERS = {
+    b"PK\x03\x04": "a renamed zip",
+    b"#ROSBAG": "a ROS 1 bag",
+    b"SQLite format 3": "a ROS 2 bag of the sqlite3 kind",
+    b"\x89HDF": "a netCDF or HDF5 file",
+    b"CDF": "a netCDF file",
+    b"\x1f\x8b": "gzip",
+    b"\x28\xb5\x2f\xfd": "zstd",
+}
 
 
 @dataclass(frozen=True)
@@ -66,8 +73,11 @@ class Log:
             return Collector(path).collect(stream)
 
     @staticmethod
-    def from_arrays(channels: Iterable[Channel], data: Mapping[str, tuple[ArrayLike, ArrayLike]],
-                    metadata: Mapping[str, Any] | None = None) -> "Log":
+    def from_arrays(
+        channels: Iterable[Channel],
+        data: Mapping[str, tuple[ArrayLike, ArrayLike]],
+        metadata: Mapping[str, Any] | None = None,
+    ) -> "Log":
         """A log without a file.
 
         Args:
@@ -147,13 +157,15 @@ class Log:
             raise LogError(f"{self.source}: {name}: has no samples to interpolate")
         outside = times[~((times >= series.t[0]) & (times <= series.t[-1]))]
         if outside.size:
-            raise LogError(f"{self.source}: {name}: t = {outside.flat[0]} s is outside of the channel, which has samples from "
-                           f"{series.t[0]} to {series.t[-1]} s")
+            raise LogError(
+                f"{self.source}: {name}: t = {outside.flat[0]} s is outside of the channel, which has samples from "
+                f"{series.t[0]} to {series.t[-1]} s"
+            )
         columns = [np.interp(times, series.t, series.values[:, k]) for k in range(len(series.channel.fields))]
         return np.stack(columns, axis=-1)
 
     def equal_data(self, other: "Log") -> bool:
-        """Whether channels, times and values are the same bit for bit. Provenance and the order of channels don't count."""
+        """Whether channels, times and values are the same bit for bit, whatever the provenance and the order."""
         return not self.differences(other)
 
     def differences(self, other: "Log") -> list[str]:
@@ -175,16 +187,22 @@ def open_mcap(path: Path) -> BinaryIO:
         raise LogError(f"{path}: no such file. Check the name; `rovtwin run` writes a log") from error
     except IsADirectoryError as error:
         inside = sorted(Path(path).glob("*.mcap"))
-        raise LogError(f"{path}: is a folder, expected an MCAP file. "
-                       f"{f'Did you mean {str(inside[0])!r}?' if inside else 'There is none in it'}") from error
+        raise LogError(
+            f"{path}: is a folder, expected an MCAP file. "
+            f"{f'Did you mean {str(inside[0])!r}?' if inside else 'There is none in it'}"
+        ) from error
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}. Check the permissions and the disk") from error
+        raise LogError(
+            f"{path}: cannot be read: {error.strerror or error}. Check the permissions and the disk"
+        ) from error
     start = stream.read(16)
     if start.startswith(MAGIC):
         return stream
     stream.close()
     if not start or (len(start) < len(MAGIC) and MAGIC.startswith(start)):
-        raise LogError(f"{path}: empty: {len(start)} bytes, expected an MCAP file. The run that wrote it ended at once; run it again")
+        raise LogError(
+            f"{path}: empty: {len(start)} bytes, expected an MCAP file. Its run ended before it began; run it again"
+        )
     hint = next((f". Is it {what}?" for magic, what in _OTHERS.items() if start.startswith(magic)), "")
     raise LogError(f"{path}: not an MCAP file: starts with {start[:8]!r}, expected the MCAP magic {MAGIC!r}{hint}")
 
@@ -195,8 +213,10 @@ def check_finished(stream: BinaryIO, path: Path) -> None:
     stream.seek(max(0, size - FOOTER_SIZE))
     end = stream.read()
     if size < len(MAGIC) + FOOTER_SIZE or not end.endswith(MAGIC) or end[:9] != b"\x02" + (20).to_bytes(8, "little"):
-        raise LogError(f"{path}: unfinished: {size} bytes without the index at the end; its run was killed, still goes on, or the "
-                       f"file was cut. Rebuild it with `rovtwin log repair {path}`")
+        raise LogError(
+            f"{path}: unfinished: {size} bytes without the index at the end; its run was killed, still goes on, or the "
+            f"file was cut. Rebuild it with `rovtwin log repair {path}`"
+        )
 
 
 class Collector:
@@ -253,7 +273,9 @@ class Collector:
         schema = self.schemas.get(declared.schema_id)
         kind = f"{schema.name} in {schema.encoding}" if schema else "no schema"
         if channel is None or declared.message_encoding != "cdr":
-            self.foreign[declared.id] = f"{declared.topic}: left out: {kind}, messages in {declared.message_encoding or 'nothing'}"
+            self.foreign[declared.id] = (
+                f"{declared.topic}: left out: {kind}, messages in {declared.message_encoding or 'nothing'}"
+            )
         elif any(known.name == channel.name and known != channel for known in self.channels.values()):
             self.foreign[declared.id] = f"{declared.topic}: left out: declared again in another way"
         else:
@@ -277,8 +299,10 @@ class Collector:
         dtype = message.record_dtype(len(channel.fields))
         lengths = gather(data, offsets + 1, np.dtype("<u8")) + message.HEADER_SIZE
         if (lengths != dtype.itemsize).any():
-            raise ValueError(f"{channel.name}: a message of {lengths[lengths != dtype.itemsize][0]} bytes, expected {dtype.itemsize} "
-                             f"for {len(channel.fields)} fields")
+            raise ValueError(
+                f"{channel.name}: message of {lengths[lengths != dtype.itemsize][0]} bytes, expected {dtype.itemsize} "
+                f"for {len(channel.fields)} fields"
+            )
         block = gather(data, offsets, dtype)
         if (block["encapsulation"].view("<u4") != int.from_bytes(message.CDR_LITTLE_ENDIAN, "little")).any():
             raise ValueError(f"{channel.name}: a message isn't little-endian CDR")
@@ -288,7 +312,9 @@ class Collector:
         foreign = sorted(self.foreign.values())
         if not self.channels:
             found = "; ".join(foreign[:5]) or "no channels at all"
-            raise LogError(f"{self.path}: no channels that rovtwin wrote, found {found}. Import a recording of another program first")
+            raise LogError(
+                f"{self.path}: no channels that rovtwin wrote, found {found}. Import another program's recording first"
+            )
         table, series = {}, {}
         for channel in self.channels.values():
             stamps, values = _join(self.parts.pop(channel.name, []), len(channel.fields))
@@ -302,8 +328,10 @@ class Collector:
         return Log(table, self.metadata, (*self.notes, *foreign), str(self.path), series)
 
     def _damaged(self, offset: int, what: str) -> LogError:
-        return LogError(f"{self.path}: damaged at byte {offset}: {what}. Copy the file again if you can; "
-                        f"`rovtwin log repair {self.path}` keeps what is whole")
+        return LogError(
+            f"{self.path}: damaged at byte {offset}: {what}. Copy the file again if you can; "
+            f"`rovtwin log repair {self.path}` keeps what is whole"
+        )
 
 
 def _join(parts: list[tuple[np.ndarray, np.ndarray]], size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -334,5 +362,7 @@ def _difference(a: Series, b: Series) -> str:
     if not len(rows):
         return ""
     row, column = rows[0], columns[0]
-    return (f"{name}: sample {row} (t = {a.t[row]} s): {('t', *a.channel.fields)[column]} is {both[0][row, column]!r} "
-            f"and {both[1][row, column]!r}")
+    return (
+        f"{name}: sample {row} (t = {a.t[row]} s): {('t', *a.channel.fields)[column]} is {both[0][row, column]!r} "
+        f"and {both[1][row, column]!r}"
+    )

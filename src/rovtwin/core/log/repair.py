@@ -106,7 +106,10 @@ class _Salvage:
             self._messages(record.header + record.content)
         elif record.opcode == Opcode.FOOTER:
             self.finished = not self.notes
-        elif record.opcode == Opcode.DATA_END and parse(records.DataEnd, record.content).data_section_crc not in (0, record.crc):
+        elif record.opcode == Opcode.DATA_END and parse(records.DataEnd, record.content).data_section_crc not in (
+            0,
+            record.crc,
+        ):
             self.notes.append("the checksum of the data does not match")
         else:
             self._declaration(record.opcode, record.content)
@@ -119,8 +122,9 @@ class _Salvage:
         elif opcode == Opcode.CHANNEL:
             channel = parse(records.Channel, content)
             if channel.id not in self.channels:
-                number = self.file.channel(channel.topic, self.schemas.get(channel.schema_id, 0), channel.message_encoding,
-                                           channel.metadata)
+                number = self.file.channel(
+                    channel.topic, self.schemas.get(channel.schema_id, 0), channel.message_encoding, channel.metadata
+                )
                 self.channels[channel.id], self.topics[number] = number, channel.topic
         elif opcode == Opcode.METADATA:
             metadata = parse(records.Metadata, content)
@@ -136,7 +140,9 @@ class _Salvage:
         for offset in np.sort(np.concatenate([*known, np.empty(0, int)])).tolist():
             length = int.from_bytes(data[offset + 1 : offset + 9], "little")
             number = self.channels[int.from_bytes(data[offset + 9 : offset + 11], "little")]
-            self.pending += data[offset : offset + 9] + number.to_bytes(2, "little") + data[offset + 11 : offset + 9 + length]
+            self.pending += (
+                data[offset : offset + 9] + number.to_bytes(2, "little") + data[offset + 11 : offset + 9 + length]
+            )
         if len(self.pending) >= _CHUNK_SIZE:
             self._write()
 

@@ -7,7 +7,7 @@ import struct
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -31,8 +31,8 @@ _SINGLE = struct.Struct("<BQHIQQ4siI")
 class LogWriter:
     """Writes channels to an MCAP file; a context manager.
 
-    What was written is in the hands of the operating system at most a second later, and at once after `flush`, so that a killed
-    process loses no more than that: `repair` rebuilds the file. Methods may be called from several threads.
+    What was written is with the operating system at most a second later, and at once after `flush`, so that a
+    killed process loses no more than that: `repair` rebuilds the file. Methods may be called from several threads.
 
     Args:
         path: The file to write, by custom with the ending `.mcap`.
@@ -44,8 +44,13 @@ class LogWriter:
         LogError: The file can't be written, or it exists.
     """
 
-    def __init__(self, path: str | Path, channels: Iterable[Channel], metadata: Mapping[str, Any] | None = None,
-                 overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        channels: Iterable[Channel],
+        metadata: Mapping[str, Any] | None = None,
+        overwrite: bool = False,
+    ) -> None:
         self.path = Path(path)
         self.channels = channel_table(channels)
         provenance = text_metadata(metadata or {})
@@ -88,8 +93,17 @@ class LogWriter:
             stamp = round(t * message.NANOSECONDS)
             track.advance(stamp, stamp, self.path)
             seconds, rest = divmod(stamp, message.NANOSECONDS)
-            header = _SINGLE.pack(message.MESSAGE_OPCODE, track.length, track.number, track.count % 2**32, stamp, stamp,
-                                  message.CDR_LITTLE_ENDIAN, seconds, rest)
+            header = _SINGLE.pack(
+                message.MESSAGE_OPCODE,
+                track.length,
+                track.number,
+                track.count % 2**32,
+                stamp,
+                stamp,
+                message.CDR_LITTLE_ENDIAN,
+                seconds,
+                rest,
+            )
             track.count += 1
             self._add(header + sample.tobytes())
         self._write_when_full()
@@ -160,7 +174,9 @@ class LogWriter:
     def __enter__(self) -> "LogWriter":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         try:
             self.close()
         except LogError:
@@ -170,7 +186,9 @@ class LogWriter:
     def _declare(self) -> dict[str, "_Track"]:
         tracks, types = {}, set()
         for channel in self.channels.values():
-            schema = self._file.schema(message.message_type(channel, types), "ros2msg", message.message_definition(channel).encode())
+            schema = self._file.schema(
+                message.message_type(channel, types), "ros2msg", message.message_definition(channel).encode()
+            )
             number = self._file.channel("/" + channel.name, schema, "cdr", message.channel_metadata(channel))
             tracks[channel.name] = _Track(channel, number)
         return tracks
@@ -179,7 +197,9 @@ class LogWriter:
         if self._failure:
             raise self._failure
         if self._closing.is_set():
-            raise LogError(f"{self.path}: the log is closed, nothing can be written to it. Write inside the `with` block")
+            raise LogError(
+                f"{self.path}: the log is closed, nothing can be written to it. Write inside the `with` block"
+            )
         track = self._tracks.get(name)
         if track is None:
             raise LogError(f"{self.path}: no such channel: {name!r}. {suggestion(name, self._tracks)}")
@@ -237,12 +257,16 @@ class _Track:
 
     def advance(self, first: int, last: int, path: Path) -> None:
         if first < self.last:
-            raise message.backwards(self.channel, first / message.NANOSECONDS, self.last / message.NANOSECONDS, str(path))
+            raise message.backwards(
+                self.channel, first / message.NANOSECONDS, self.last / message.NANOSECONDS, str(path)
+            )
         self.last = last
 
 
 def text_metadata(metadata: Mapping[str, Any]) -> dict[str, str]:
     """Metadata as text: what isn't text becomes JSON. Adds the time of creation and the version of the format."""
-    created = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
-    text = {str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in metadata.items()}
+    created = datetime.now(UTC).isoformat(timespec="milliseconds")
+    text = {
+        str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in metadata.items()
+    }
     return {"created": created, **text, "log_format": FORMAT}
