@@ -1,0 +1,52 @@
+"""A plant that differs from the model its autopilot was given, as real vehicles do."""
+
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.noise import key_for
+from rovtwin.vehicle.model import GRAVITY, Model
+from rovtwin.vehicle.thrusters import Thrusters
+
+DAMPING = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahead", "quadratic_damping_astern")
+
+
+def perturbed(
+    model: Model, key: Array, damping: Array | float = 0.25, mass: Array | float = 1.10, thrust: Array | float = 0.90
+) -> Model:
+    """A plant like `model`, but drawn anew.
+
+    Args:
+        model: What the autopilot believes.
+        key: Seeds the draws.
+        damping: Every damping coefficient (linear and quadratic, ahead and astern, each entry) is multiplied by its
+            own draw, uniform in [1 - damping, 1 + damping].
+        mass: Factor on rigid-body and added mass; weight, buoyancy and displaced mass go with it.
+        thrust: Factor on the force of every thruster.
+    """
+
+    def scaled(name: str) -> Array:
+        matrix = getattr(model, name)
+        return matrix * jax.random.uniform(key_for(key, name), matrix.shape, matrix.dtype, 1.0 - damping, 1.0 + damping)
+
+    heavier = ("rigid_body_mass", "added_mass", "weight", "buoyancy", "displaced_mass")
+    return model.replace(
+        **{name: scaled(name) for name in DAMPING},
+        **{name: mass * getattr(model, name) for name in heavier},
+        thrusters=_weaker(model, thrust),
+    )
+
+
+def _weaker(model: Model, factor: Array | float) -> Thrusters:
+    thrusters = model.thrusters
+    return jax.tree.unflatten(
+        jax.tree.structure(thrusters),
+        [
+            leaf * factor if path[-1].name in ("force_ahead", "force_astern", "table_force") else leaf
+            for path, leaf in jax.tree_util.tree_leaves_with_path(thrusters)
+        ],
+    )
+
+
+def lifted(model: Model, force: Array | float) -> Model:
+    """The same vehicle with `force` more net buoyancy [N], at its centre of buoyancy, of displaced volume."""
+    return model.replace(
+        buoyancy=model.buoyancy + force, displaced_mass=model.displaced_mass + jnp.asarray(force) / GRAVITY
+    )

@@ -1,0 +1,259 @@
+"""Sensors: an ideal reading, made as imperfect and as irregular as a real one.
+
+One Block serves every kind. It ticks at its own rate on the physics clock k, an integer that is never batched, so that
+the work of a reading is done only when there is one, also for a thousand vehicles at once.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Slot
+from rovtwin.core.frames import wrap
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.simulation.noise import raw_key
+from rovtwin.vehicle import measurement
+from rovtwin.vehicle.dynamics import State
+
+PHYSICS_RATE = 500.0  # of all shipped scenarios [Hz]
+
+
+class SensorInput(eqx.Module):
+    """What a sensor sees at the end of physics step k.
+
+    Attributes:
+        state: Of the vehicle after the step.
+        nu_dot: Rate of its nu, shape (6,) [m/s2, rad/s2]; needed by accelerometers only, and only when they tick.
+        k: Number of the physics step, int, from 0, never batched: the state is that at time (k + 1) dt.
+    """
+
+    state: State
+    nu_dot: Array
+    k: Array
+
+
+class SensorMemory(eqx.Module):
+    """Key; bias that wanders, shape (n,); readings under way, capacity as many as the latency holds, or None."""
+
+    key: Array
+    wander: Array
+    under_way: Slot | None
+
+
+Ideal = Callable[["Sensor", SensorInput], Array]
+
+# kind -> (number of values, noise-free reading)
+KINDS: dict[str, tuple[int, Ideal]] = {
+    "position": (2, lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2]),
+    "pressure": (1, lambda sensor, seen: measurement.depth(seen.state, sensor.lever)[None]),
+    "accelerometer": (
+        3,
+        lambda sensor, seen: measurement.specific_force(seen.state, seen.nu_dot, sensor.lever, sensor.rotation),
+    ),
+    "gyro": (3, lambda sensor, seen: measurement.angular_rate(seen.state, sensor.rotation)),
+    "attitude": (3, lambda sensor, seen: measurement.attitude_euler(seen.state, sensor.rotation)),
+    "dvl": (3, lambda sensor, seen: measurement.velocity_over_ground_at(seen.state, sensor.lever, sensor.rotation)),
+}
+
+
+class Sensor(Block):
+    """A sensor with a rate, noise, bias, latency, clock, faults and a mounting pose of its own.
+
+    It reads the state after a physics step. Step k is a tick when floor((k + 1) rate / physics_rate) exceeds
+    floor(k rate / physics_rate): 42 Hz on a 500 Hz clock gives exactly 42 readings a second, 11 or 12 steps apart. The
+    first reading comes 1/rate (rounded up to a step) after the start, and delivery follows `latency_steps` later.
+    `step(memory, SensorInput, dt) -> (memory, Slot of capacity 1)`, `valid` False between deliveries.
+
+    reading = ideal + bias + wander + noise (+ outlier); all per axis of the sensor.
+
+    Attributes:
+        kind: "position" (north, east [m]), "pressure" (depth [m]), "accelerometer" (specific force [m/s2]), "gyro"
+            [rad/s], "attitude" (zyx Euler [rad], wrapped) or "dvl" (velocity over ground [m/s]).
+        rate: Millihertz, int.
+        physics_rate: Of the clock k, millihertz, int.
+        latency_steps: Physics steps from a reading to its delivery, int.
+        noise: Standard deviation of white noise, shape (n,).
+        bias: Constant, shape (n,).
+        bias_walk: Intensity of the bias's random walk, per sqrt(s), shape (n,).
+        clock_drift: Relative error of its clock's rate.
+        clock_offset: Its clock at time zero [s]: t_valid = (1 + drift) t + offset.
+        dropout: Probability that a reading is lost.
+        outlier: Probability that a reading that comes is an outlier.
+        outlier_size: Length of what an outlier adds, in a direction drawn uniformly.
+        blackouts: Spans of true time without readings, from (included) to (excluded) [s], shape (m, 2).
+        lever: Its place seen from CO, b [m], shape (3,).
+        rotation: R_bs, maps its axes to b, shape (3, 3).
+    """
+
+    kind: str = eqx.field(static=True)
+    rate: int = eqx.field(static=True)
+    physics_rate: int = eqx.field(static=True)
+    latency_steps: int = eqx.field(static=True)
+    noise: Array
+    bias: Array
+    bias_walk: Array
+    clock_drift: Array
+    clock_offset: Array
+    dropout: Array
+    outlier: Array
+    outlier_size: Array
+    blackouts: Array
+    lever: Array
+    rotation: Array
+
+    def __init__(
+        self,
+        kind: str,
+        rate_hz: float,
+        *,
+        physics_rate_hz: float = PHYSICS_RATE,
+        noise: Any = 0.0,
+        bias: Any = 0.0,
+        bias_walk: Any = 0.0,
+        latency: float = 0.0,
+        clock_drift: Any = 0.0,
+        clock_offset: Any = 0.0,
+        dropout: Any = 0.0,
+        outlier: Any = 0.0,
+        outlier_size: Any = 0.0,
+        blackouts: Sequence[tuple[float, float]] = (),
+        lever: Any = (0.0, 0.0, 0.0),
+        rotation: Any = None,
+    ):
+        """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps."""
+        if kind not in KINDS:
+            raise ValueError(f"no sensor kind {kind!r}; there are {sorted(KINDS)}")
+        self.kind = kind
+        self.rate, self.physics_rate = round(1000 * rate_hz), round(1000 * physics_rate_hz)
+        if not 0 < self.rate <= self.physics_rate:
+            raise ValueError(
+                f"{kind} at {rate_hz} Hz: want a rate above 0 and at most the physics' {physics_rate_hz} Hz"
+            )
+        self.latency_steps = round(latency * physics_rate_hz)
+        if self.latency_steps < 0:
+            raise ValueError(f"{kind}: latency {latency} s is negative")
+        self.noise, self.bias, self.bias_walk = (
+            jnp.broadcast_to(as_array(value), (self.size,)) for value in (noise, bias, bias_walk)
+        )
+        self.clock_drift, self.clock_offset = as_array(clock_drift), as_array(clock_offset)
+        self.dropout, self.outlier, self.outlier_size = as_array(dropout), as_array(outlier), as_array(outlier_size)
+        self.blackouts = as_array(blackouts).reshape(-1, 2)
+        self.lever = as_array(lever)
+        self.rotation = jnp.eye(3) if rotation is None else as_array(rotation)
+
+    @property
+    def size(self) -> int:
+        """Number of values in a reading."""
+        return KINDS[self.kind][0]
+
+    def readings_before(self, k: Any) -> Any:
+        """How many readings are taken in physics steps 0 .. k - 1; int, or an int array like k."""
+        return k * self.rate // self.physics_rate
+
+    def ticks(self, k: Any) -> Any:
+        """Whether a reading is taken at the end of physics step k; k may be an int or an int array."""
+        return self.readings_before(k + 1) > self.readings_before(k)
+
+    def delivered_before(self, k: Any) -> Any:
+        """How many readings (valid or not) are delivered in physics steps 0 .. k - 1."""
+        return self.readings_before(jnp.maximum(k - self.latency_steps, 0))
+
+    def capacity(self, steps: int) -> int:
+        """The largest number of readings that any `steps` successive physics steps deliver."""
+        return -(-steps * self.rate // self.physics_rate)
+
+    def init(self, key: Array, start: Start) -> SensorMemory:
+        """No wander yet, nothing under way."""
+        under_way = Slot.empty(self.capacity(self.latency_steps + 1), self.size) if self.latency_steps else None
+        return SensorMemory(raw_key(key), jnp.zeros(self.size), under_way)
+
+    def step(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[SensorMemory, Slot]:
+        """One physics step of `dt` seconds, which must be that of `physics_rate`."""
+        if round(1e6 / dt) != 1000 * self.physics_rate:
+            raise ValueError(f"{self.kind}: made for physics at {self.physics_rate / 1000} Hz, stepped by {dt} s")
+        ticks = self.ticks(input.k)
+        if memory.under_way is None:
+            wander, slot = jax.lax.cond(
+                ticks,
+                lambda: self._read(memory, input, dt),
+                lambda: (memory.wander, Slot.empty(1, self.size)),
+            )
+            return SensorMemory(memory.key, wander, None), slot
+        return self._step_late(memory, memory.under_way, input, dt)
+
+    def _step_late(
+        self, memory: SensorMemory, under_way: Slot, input: SensorInput, dt: float
+    ) -> tuple[SensorMemory, Slot]:
+        """With latency: a ring of readings, written and read at places that depend on k alone."""
+        rows = jnp.arange(under_way.valid.shape[0])
+        taken, delivered = self.readings_before(input.k), self.delivered_before(input.k)
+
+        def write() -> tuple[Array, Slot]:
+            wander, slot = self._read(memory, input, dt)
+            return wander, put(under_way, slot, rows == taken % rows.shape[0])
+
+        def read() -> Slot:
+            here = rows == delivered % rows.shape[0]
+            value = jnp.where(here[:, None], under_way_now.value, 0.0).sum(0)
+            t_valid = jnp.where(here, under_way_now.t_valid, 0.0).sum()
+            return Slot(value[None], (here & under_way_now.valid).any()[None], t_valid[None])
+
+        wander, under_way_now = jax.lax.cond(self.ticks(input.k), write, lambda: (memory.wander, under_way))
+        due = self.delivered_before(input.k + 1) > delivered
+        slot = jax.lax.cond(due, read, lambda: Slot.empty(1, self.size))
+        return SensorMemory(memory.key, wander, under_way_now), slot
+
+    def _read(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[Array, Slot]:
+        """One reading: the bias's next value, and a Slot of capacity 1."""
+        n = self.size
+        chance, draws = jax.random.split(jax.random.fold_in(memory.key, input.k))
+        lost, odd = jax.random.uniform(chance, (2,))
+        white, walk, direction = jax.random.normal(draws, (3, n))
+        t = (input.k + 1) * dt
+        wander = memory.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
+        value = KINDS[self.kind][1](self, input) + self.bias + wander + self.noise * white
+        outlier = self.outlier_size * direction / jnp.sqrt((direction**2).sum())
+        value = value + jnp.where(odd < self.outlier, outlier, 0.0)
+        if self.kind == "attitude":
+            value = wrap(value)
+        dark = ((self.blackouts[:, 0] <= t) & (t < self.blackouts[:, 1])).any()
+        valid = (lost >= self.dropout) & ~dark
+        # A reading that never was must not leak out through its filler.
+        value = jnp.where(valid, value, 0.0)
+        t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
+        return wander, Slot(value[None], valid[None], t_valid[None])
+
+
+def put(slots: Slot, one: Slot, here: Array) -> Slot:
+    """`slots` with the rows where `here`, shape (capacity,), is True replaced by the row of `one` (capacity 1)."""
+    return Slot(
+        jnp.where(here[:, None], one.value, slots.value),
+        jnp.where(here, one.valid, slots.valid),
+        jnp.where(here, one.t_valid, slots.t_valid),
+    )
+
+
+def table_5_7(as_printed: bool = False, dvl: bool = False, physics_rate_hz: float = PHYSICS_RATE) -> dict[str, Sensor]:
+    """The sensors of thesis table 5.7, at CO, by name.
+
+    Args:
+        as_printed: With the biases of accelerometer (6.8e-6 m/s2) and gyro (0.017 rad/s) as the thesis prints them;
+            they are swapped there, and by default stand corrected (0.017 m/s2 and 6.8e-6 rad/s).
+        dvl: With a DVL of 5 mm/s per axis at 10 Hz, which the thesis's vehicle has not.
+        physics_rate_hz: Rate of the physics clock.
+    """
+    accelerometer_bias, gyro_bias = (6.8e-6, 0.017) if as_printed else (0.017, 6.8e-6)
+
+    def sensor(kind: str, rate_hz: float, **parameters: Any) -> Sensor:
+        return Sensor(kind, rate_hz, physics_rate_hz=physics_rate_hz, **parameters)
+
+    sensors = {
+        "position": sensor("position", 1.0, noise=0.5),
+        "pressure": sensor("pressure", 42.0, noise=1e-3),
+        "accelerometer": sensor("accelerometer", 100.0, noise=0.0308, bias=accelerometer_bias),
+        "gyro": sensor("gyro", 100.0, noise=3.08e-5, bias=gyro_bias),
+        "attitude": sensor("attitude", 100.0, noise=1e-3),
+    }
+    return sensors | ({"dvl": sensor("dvl", 10.0, noise=5e-3)} if dvl else {})

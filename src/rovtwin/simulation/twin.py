@@ -1,0 +1,121 @@
+"""Twin: the plant in its world, with its sensors; what a Link to a simulated vehicle talks to."""
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Command, Environment, Measurements, Slot
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.noise import key_for
+from rovtwin.simulation.sensors import Sensor, SensorInput, SensorMemory, put
+from rovtwin.simulation.world import World, WorldMemory
+from rovtwin.vehicle.dynamics import State, acceleration, plant_step
+from rovtwin.vehicle.model import Model
+
+
+class TwinInput(eqx.Module):
+    """`command` held over the control tick, and its number `k` from 0: an int that is never batched."""
+
+    command: Command
+    k: Array | int
+
+
+class TwinMemory(eqx.Module):
+    """State of the plant, and the memories of world and sensors."""
+
+    state: State
+    world: WorldMemory
+    sensors: dict[str, SensorMemory]
+
+
+class TwinOutput(eqx.Module):
+    """What happened in one control tick.
+
+    Attributes:
+        state: Truth at its end.
+        nu_dot: Rate of nu there, shape (6,) [m/s2, rad/s2].
+        environment: Water and external wrench over its last physics step.
+        measurements: Readings delivered within it, in order of arrival.
+    """
+
+    state: State
+    nu_dot: Array
+    environment: Environment
+    measurements: Measurements
+
+
+class Twin(Block):
+    """A simulated vehicle. One step is one control tick: `substeps` physics steps under one command.
+
+    Sensors see the state after each physics step, so that tick k (from 0, lasting dt) returns readings that were valid
+    in (k dt, (k + 1) dt]; there is none at time zero, where the start is known. An autopilot that reads first and
+    commands then uses the measurements of tick k - 1 for the command of tick k.
+
+    For many vehicles: `jax.vmap(twin.step, in_axes=(0, TwinInput(0, None), None))`, and `eqx.filter_vmap` where the
+    parameters differ too; k stays one number for all.
+
+    Attributes:
+        model: The true plant, which need not be the autopilot's model.
+        world: Current and waves.
+        sensors: By name; each draws random numbers of its own, whatever others there are.
+        substeps: Physics steps in a control tick, int.
+    """
+
+    model: Model
+    world: World
+    sensors: dict[str, Sensor]
+    substeps: int = eqx.field(static=True, default=10)
+
+    def init(self, key: Array, start: Start) -> TwinMemory:
+        """At the start, thrusters at rest."""
+        return TwinMemory(
+            State.at(self.model, start),
+            self.world.init(key_for(key, "world"), start),
+            {name: sensor.init(key_for(key, f"sensor {name}"), start) for name, sensor in self.sensors.items()},
+        )
+
+    def empty(self) -> Measurements:
+        """A slot for each sensor, without readings, of the capacity that one control tick can need."""
+        return {name: Slot.empty(s.capacity(self.substeps), s.size) for name, s in self.sensors.items()}
+
+    def step(self, memory: TwinMemory, input: TwinInput, dt: float) -> tuple[TwinMemory, TwinOutput]:
+        """One control tick of `dt` seconds."""
+        h = dt / self.substeps
+        first = jnp.asarray(input.k, dtype=jnp.int64) * self.substeps
+
+        def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], None]:
+            memory, output = carry
+            k = first + j
+            world, environment = self.world.step(memory.world, memory.state, h)
+            state = plant_step(self.model, memory.state, input.command, environment, h)
+            nu_dot = self._nu_dot(k, j, state, environment, output.nu_dot, h)
+            sensors, measurements = self._sense(memory, output, SensorInput(state, nu_dot, k), first, h)
+            return (TwinMemory(state, world, sensors), TwinOutput(state, nu_dot, environment, measurements)), None
+
+        nothing = TwinOutput(memory.state, jnp.zeros(6), Environment.calm(), self.empty())
+        (memory, output), _ = jax.lax.scan(substep, (memory, nothing), jnp.arange(self.substeps))
+        return memory, output
+
+    def _nu_dot(self, k: Array, j: Array, state: State, environment: Environment, last: Array, h: float) -> Array:
+        """Acceleration at the end of physics step k; computed when an accelerometer reads it, or as output."""
+        wanted = j == self.substeps - 1
+        for sensor in self.sensors.values():
+            if sensor.kind == "accelerometer":
+                wanted = wanted | sensor.ticks(k)
+        tau = self.model.thrusters.configuration @ state.thrust
+        return jax.lax.cond(
+            wanted, lambda: acceleration(self.model, state.attitude, state.nu, tau, environment, h), lambda: last
+        )
+
+    def _sense(
+        self, memory: TwinMemory, output: TwinOutput, seen: SensorInput, first: Array, h: float
+    ) -> tuple[dict[str, SensorMemory], Measurements]:
+        """All sensors over one physics step; what they deliver goes into the tick's slots, row by row."""
+        memories, measurements = {}, {}
+        for name, sensor in self.sensors.items():
+            memories[name], reading = sensor.step(memory.sensors[name], seen, h)
+            slots = output.measurements[name]
+            before = sensor.delivered_before(seen.k)
+            due = sensor.delivered_before(seen.k + 1) > before
+            row = before - sensor.delivered_before(first)
+            measurements[name] = put(slots, reading, due & (jnp.arange(slots.valid.shape[0]) == row))
+        return memories, measurements
