@@ -1,0 +1,163 @@
+"""Allocation: a wanted wrench -> a command for each thruster, by the pseudo-inverse of the configuration matrix.
+
+A rank-deficient vehicle is normal (the Double Blueye has no pitch): of a wrench that thrusters cannot make, the
+least-squares part is made. Computed once when the block is built; nothing but mat-vecs is left for the loop.
+"""
+
+from typing import Any, Literal
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.flow import Command
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
+
+Saturation = Literal["scale", "clip"]
+
+# Singular values below this share of the largest count as zero: geometry in files is given to a millimetre or so,
+# and rounding alone leaves 1e-16.
+_RANK_TOLERANCE = 1e-6
+
+
+class Allocation(eqx.Module):
+    """Pseudo-inverse allocation with a choice of what happens at the thrusters' limits.
+
+    `scale` shrinks the forces of all thrusters that share an axis by one factor, so that their wrench keeps its
+    direction: too small, but pointing where it should. Thrusters without a common axis are left alone: surge at its
+    limit does not cost depth. `clip` cuts each thruster by itself, as the thesis's normalised commands do: more
+    thrust, but the wrench turns (full surge takes the yaw moment away).
+
+    Attributes:
+        thrusters: As the autopilot's model has them.
+        effective: T with each column times the thruster's health, shape (6, n): wrench per force asked for.
+        pseudo_inverse: Of `effective`, weighted, shape (n, 6).
+        lowest: Least force of each thruster [N], shape (n,), before health.
+        highest: Greatest force of each thruster [N], shape (n,), before health.
+        together: Whether two thrusters share an axis, directly or through others, shape (n, n), bool.
+        saturation: "scale" or "clip".
+    """
+
+    thrusters: Thrusters
+    effective: Array
+    pseudo_inverse: Array
+    lowest: Array
+    highest: Array
+    together: Array
+    saturation: Saturation = eqx.field(static=True, default="scale")
+
+    @classmethod
+    def of(cls, model: Model, weights: Any = None, saturation: Saturation = "scale") -> "Allocation":
+        """Allocation for a model.
+
+        Args:
+            model: Its thrusters are used.
+            weights: Cost of each thruster's squared force, shape (n,), positive; None is equal.
+            saturation: See the class.
+        """
+        if saturation not in ("scale", "clip"):
+            raise ValueError(f"saturation is {saturation!r}, expected 'scale' or 'clip'")
+        thrusters = model.thrusters
+        effective = np.asarray(thrusters.configuration) * np.asarray(thrusters.health)
+        sound = eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(thrusters.health))
+        lowest, highest = force_limits(sound)
+        inverse = weighted_pseudo_inverse(effective, weights)
+        together = jnp.asarray(coupled(effective))
+        return cls(thrusters, as_array(effective), as_array(inverse), lowest, highest, together, saturation)
+
+    def __call__(self, tau: Array) -> tuple[Command, Array]:
+        """Command for a wanted wrench, and the wrench that it really asks for.
+
+        Args:
+            tau: Wanted wrench, b at CO [N, N m], shape (6,).
+
+        Returns:
+            The command, and the wrench that sound thrusters settle at with it, shape (6,).
+
+        Reference: Fossen (2021), sec. 11.2.1; thesis 7.1.
+        """
+        force = self.pseudo_inverse @ tau
+        if self.saturation == "scale":
+            force = force * self._share(force)
+        force = jnp.clip(force, self.lowest, self.highest)
+        return Command(command_for_force(self.thrusters, force)), self.effective @ force
+
+    def _share(self, force: Array) -> Array:
+        """Largest factor of each thruster, at most 1, that brings all that share an axis with it within limits."""
+        limit = jnp.where(force >= 0, self.highest, -self.lowest)
+        # A thruster that cannot push this way at all is left to the clip: it must not stop the others.
+        asked = jnp.where(limit > 0, jnp.abs(force), 0.0)
+        excess = asked / jnp.where(limit > 0, limit, 1.0)
+        return 1.0 / jnp.maximum(jnp.max(jnp.where(self.together, excess, 0.0), axis=1), 1.0)
+
+
+def weighted_pseudo_inverse(T: Any, weights: Any = None) -> np.ndarray:
+    """Of T, shape (6, n) -> (n, 6): least-squares wrench, then least weighted sum of squared forces.
+
+    Reference: Fossen (2021), eq. 11.26, extended to rank-deficient T by the singular value decomposition.
+    """
+    T = np.asarray(T, dtype=float)
+    root = np.ones(T.shape[1]) if weights is None else np.sqrt(np.asarray(weights, dtype=float))
+    if root.shape != (T.shape[1],) or not np.all(root > 0):
+        raise ValueError(f"weights are {weights!r}, expected {T.shape[1]} positive numbers, one per thruster")
+    return np.linalg.pinv(T / root, rcond=_RANK_TOLERANCE) / root[:, None]
+
+
+def coupled(T: Any) -> np.ndarray:
+    """Which thrusters of T, shape (6, n), share an axis, directly or through others, shape (n, n), bool."""
+    T = np.asarray(T, dtype=float)
+    acts = np.abs(T) > _RANK_TOLERANCE * np.abs(T).max()
+    linked = (acts.T @ acts) | np.eye(T.shape[1], dtype=bool)
+    for _ in range(T.shape[1]):
+        linked = linked @ linked
+    return linked
+
+
+def rank(T: Any) -> int:
+    """Number of independent directions in which thrusters can push."""
+    return int(np.linalg.matrix_rank(np.asarray(T, dtype=float), tol=_smallest(T)))
+
+
+def uncontrollable_directions(T: Any) -> np.ndarray:
+    """Unit wrenches [X, Y, Z, K, M, N] that no command can make, one per row, shape (6 - rank, 6).
+
+    They span all wrenches orthogonal to the range of T. Where a plain axis is among them, it is given as such:
+    the Double Blueye's answer is the pitch axis, not a mixture.
+    """
+    T = np.asarray(T, dtype=float)
+    U, _, _ = np.linalg.svd(T)
+    null = U[:, rank(T) :]
+    # Gauss-Jordan elimination on the rows brings a basis to its sparsest readable form.
+    rows = null.T.copy()
+    pivots: list[int] = []
+    for i in range(len(rows)):
+        candidates = np.abs(rows[i:]).max(axis=0)
+        candidates[pivots] = 0.0
+        column = int(np.argmax(candidates > 0.5 * candidates.max()))
+        best = i + int(np.argmax(np.abs(rows[i:, column])))
+        rows[[i, best]] = rows[[best, i]]
+        rows[i] /= rows[i, column]
+        for j in range(len(rows)):
+            if j != i:
+                rows[j] -= rows[j, column] * rows[i]
+        pivots.append(column)
+    rows[np.abs(rows) < 1e-9] = 0.0
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True) if len(rows) else rows
+
+
+def reachable_share(T: Any) -> np.ndarray:
+    """How much of a pure force or moment along each axis thrusters can make, 0 to 1, shape (6,): diagonal of T T^+."""
+    T = np.asarray(T, dtype=float)
+    return np.diagonal(T @ weighted_pseudo_inverse(T)).copy()
+
+
+def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
+    """Lowest and highest wrench of each axis alone [N, N m], shapes (6,) and (6,), other axes left free."""
+    low, high = force_limits(thrusters)
+    one_end, other_end = thrusters.configuration * low, thrusters.configuration * high
+    return jnp.sum(jnp.minimum(one_end, other_end), axis=1), jnp.sum(jnp.maximum(one_end, other_end), axis=1)
+
+
+def _smallest(T: Any) -> float:
+    return _RANK_TOLERANCE * float(np.linalg.norm(np.asarray(T, dtype=float), 2))

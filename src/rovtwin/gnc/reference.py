@@ -1,0 +1,74 @@
+"""Reference model: a second-order filter that turns steps of the set-point into a smooth path (thesis 7.8)."""
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Reference, Setpoint
+from rovtwin.core.frames import euler_from_quaternion, euler_rate_matrix, rotation_from_euler, wrap
+from rovtwin.core.numerics import Array, as_array, jnp
+
+_ANGLES = jnp.array([False, False, False, True, True, True])
+
+
+class ReferenceModel(Block):
+    """eta_ref / eta_d = w^2 / (s^2 + 2 delta w s + w^2) for each DOF in n; memory is the last Reference.
+
+    The response to a set-point that holds over a tick is exact at any dt. Angles go the short way round.
+
+    Attributes:
+        damping_ratio: delta, shape (6,).
+        frequency: w [rad/s], shape (6,).
+        speed_limit: Largest |eta_dot| [m/s, rad/s], shape (6,); inf is none.
+    """
+
+    damping_ratio: Array = eqx.field(converter=as_array)
+    frequency: Array = eqx.field(converter=as_array)
+    speed_limit: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def thesis(cls) -> "ReferenceModel":
+        """delta = 1, w = 1.5 rad/s, no speed limit."""
+        return cls(jnp.full(6, 1.0), jnp.full(6, 1.5), jnp.full(6, jnp.inf))
+
+    def init(self, key: Array, start: Start) -> Reference:
+        euler = euler_from_quaternion(start.attitude)
+        rate = [rotation_from_euler(euler) @ start.velocity[:3], euler_rate_matrix(euler) @ start.velocity[3:]]
+        return Reference(jnp.concatenate([start.position, euler]), jnp.concatenate(rate), jnp.zeros(6))
+
+    def step(self, memory: Reference, input: Setpoint, dt: float) -> tuple[Reference, Reference]:
+        w, damping = self.frequency, self.damping_ratio * self.frequency
+        ahead = _difference(input.eta, memory.eta)
+        c, s, decay = _transition(damping, w, dt)
+        # State of the filter relative to the set-point: [-ahead, eta_dot], decaying as exp(A dt).
+        travelled = ahead - decay * ((c + damping * s) * ahead - s * memory.eta_dot)
+        speed = decay * ((c - damping * s) * memory.eta_dot + w**2 * s * ahead)
+
+        held = jnp.clip(speed, -self.speed_limit, self.speed_limit)
+        travelled = jnp.where(held == speed, travelled, 0.5 * dt * (memory.eta_dot + held))
+        eta = memory.eta + travelled
+        eta = jnp.where(_ANGLES, wrap(eta), eta)
+        eta_ddot = w**2 * (ahead - travelled) - 2.0 * damping * held
+        reference = Reference(eta, held, jnp.where(held == speed, eta_ddot, 0.0))
+        return reference, reference
+
+
+def _difference(to: Array, since: Array) -> Array:
+    away = to - since
+    return jnp.where(_ANGLES, wrap(away), away)
+
+
+def _transition(damping: Array, frequency: Array, dt: float) -> tuple[Array, Array, Array]:
+    """c, s and decay with exp(A dt) = decay (c I + s (A + damping I)), for any damping ratio.
+
+    With q = damping^2 - w^2: c = cosh(sqrt(q) dt), s = sinh(sqrt(q) dt) / sqrt(q); for q < 0 cosine and sine.
+    """
+    q = damping**2 - frequency**2
+    near = jnp.abs(q) * dt**2 < 1e-4
+    root = jnp.sqrt(jnp.where(near, 1.0, jnp.abs(q)))
+    x = q * dt**2
+    # Around critical damping both are even series in sqrt(q): no division by zero, and a gradient.
+    c_near = 1.0 + x / 2.0 * (1.0 + x / 12.0 * (1.0 + x / 30.0))
+    s_near = dt * (1.0 + x / 6.0 * (1.0 + x / 20.0 * (1.0 + x / 42.0)))
+    c_far = jnp.where(q > 0, jnp.cosh(root * dt), jnp.cos(root * dt))
+    s_far = jnp.where(q > 0, jnp.sinh(root * dt), jnp.sin(root * dt)) / root
+    return jnp.where(near, c_near, c_far), jnp.where(near, s_near, s_far), jnp.exp(-damping * dt)
