@@ -1,0 +1,149 @@
+"""Tuning of the extended Kalman filter: what it believes of its sensors, of the disturbance and of its start."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import Array, as_array, jnp
+
+SENSORS: dict[str, tuple[int, ...]] = {
+    "accelerometer": (6, 7, 8),
+    "attitude": (3, 4, 5),
+    "dvl": (6, 7, 8),
+    "gyro": (9, 10, 11),
+    "position": (0, 1),
+    "pressure": (2,),
+}
+"""States of the filter that each sensor reads; the accelerometer's entry is the pseudo-measurement (7.7)."""
+
+SENSOR_STD = {"position": 0.5, "pressure": 1e-3, "gyro": 3.08e-5, "attitude": 1e-3, "dvl": 5e-3}
+"""Standard deviation of the sensors of thesis table 5.7 and of a DVL, per axis [m, m, rad/s, rad, m/s]."""
+
+GATE = {"position": 27.6, "dvl": 30.7}
+"""Largest squared normalised innovation believed: chi-square of 2 and 3 degrees of freedom at a tail of 1e-6."""
+
+
+class EkfTuning(eqx.Module):
+    """Covariances of the filter.
+
+    Attributes:
+        measurement_variance: R of each sensor by name, one number for all its axes; sensors that are not named are
+            left out.
+        process_variance: Intensity of the white noise that drives each of [eta, nu, b], shape (18,) [unit^2/s]: the
+            random walk of the disturbance in b, unmodelled acceleration in nu. (2.38) of the thesis has it in the
+            rows of nu alone, so that its b never learns.
+        initial_variance: Diagonal of P0, shape (18,).
+        bias_decay: 1 / T_b of (2.36) [1/s], shape (6,); 0 is a random walk.
+        thrust_noise: White noise of each thruster's force as a share of the force [sqrt(s)].
+        gate: By sensor name, the squared normalised innovation (summed over the axes) beyond which a reading counts
+            as an outlier; sensors that are not named are not gated.
+        patience: After so many rejected readings of a sensor in a row the next is believed: it is the filter that errs.
+        max_age: Readings are compared with the state when they were taken, as far back as this [s]; a stamp further
+            off, or ahead of the filter's clock, is not believed and the reading counts as new.
+        pseudo_velocity: Whether the accelerometer enters as (7.7).
+        thruster_lag: Whether the force follows the command through the thrusters' lag.
+    """
+
+    measurement_variance: dict[str, Array]
+    process_variance: Array = eqx.field(converter=as_array)
+    initial_variance: Array = eqx.field(converter=as_array)
+    bias_decay: Array = eqx.field(converter=as_array)
+    thrust_noise: Array = eqx.field(converter=as_array)
+    gate: dict[str, Array]
+    max_age: Array = eqx.field(converter=as_array)
+    patience: int = eqx.field(static=True)
+    pseudo_velocity: bool = eqx.field(static=True)
+    thruster_lag: bool = eqx.field(static=True)
+
+    @classmethod
+    def as_printed(cls, dt: float = 0.02) -> "EkfTuning":
+        """Thesis table 7.2, used as printed: its R and Q are the diagonals of the matrices in (2.40) and (2.41).
+
+        R mixes standard deviations and variances: 0.5 m of the acoustic positions, 3.08e-5 rad/s of the gyro and
+        1e-3 rad of the attitude are the standard deviations of table 5.7, 0.017 of the depth and 0.308 of the
+        velocity belong to nothing there. Q has 18 entries, so E is the identity, and (2.42) makes the covariance
+        added in each tick T^2 Q. The thesis prints neither P0 nor T_b: P0 is that of `consistent`, 1 / T_b is 0.
+
+        Args:
+            dt: Step of the filter, T in (2.42) [s].
+        """
+        Q = np.r_[1e-8, 1e-8, 1e-10, 1e-6, 1e-6, 1e-6, np.full(6, 1e-10), np.full(6, 1e-10)]
+        R = {"position": 0.5, "pressure": 0.017, "attitude": 1e-3, "accelerometer": 0.308, "gyro": 3.08e-5}
+        R["dvl"] = SENSOR_STD["dvl"] ** 2  # the thesis has none
+        return cls(
+            measurement_variance={name: as_array(value) for name, value in R.items()},
+            process_variance=Q * dt,
+            initial_variance=_initial_variance(2.0),
+            bias_decay=np.zeros(6),
+            thrust_noise=0.0,
+            gate={},
+            max_age=0.0,
+            patience=0,
+            pseudo_velocity=True,
+            thruster_lag=False,
+        )
+
+    @classmethod
+    def consistent(
+        cls,
+        sensor_std: Mapping[str, float] | None = None,
+        *,
+        force_walk: float = 0.03,
+        moment_walk: float = 0.003,
+        velocity_noise: float = 1e-3,
+        rate_noise: float = 1e-3,
+        thrust_noise: float = 0.0,
+        initial_force: float = 2.0,
+        gate: Mapping[str, float] | None = None,
+        max_age: float = 1.0,
+    ) -> "EkfTuning":
+        """What the filter is told is what holds: sensors' real noise, a declared intensity of the disturbance.
+
+        Args:
+            sensor_std: Standard deviations by sensor name, instead of those of `SENSOR_STD`.
+            force_walk: Random walk of the disturbance force, each axis of n [N/sqrt(s)].
+            moment_walk: Of the disturbance moment, each axis of b [N m/sqrt(s)].
+            velocity_noise: Unmodelled linear acceleration as white noise [m/s/sqrt(s)].
+            rate_noise: Unmodelled angular acceleration as white noise [rad/s/sqrt(s)].
+            thrust_noise: White noise of each thruster's force as a share of the force [sqrt(s)].
+            initial_force: Standard deviation of the disturbance force at the start [N].
+            gate: By sensor name, instead of `GATE`; {} rejects nothing.
+            max_age: How far back readings are compared with the past state [s]; 0 takes all as new.
+        """
+        std = SENSOR_STD | dict(sensor_std or {})
+        _check_names("sensor_std", std)
+        gate = GATE if gate is None else gate
+        _check_names("gate", gate)
+        for name, value in std.items():
+            if not (np.isfinite(value) and value > 0):
+                raise ConfigError(f"sensor_std: {name}: found {value}, expected a positive standard deviation")
+        noise = np.r_[np.zeros(6), np.full(3, velocity_noise), np.full(3, rate_noise)]
+        walk = np.r_[np.full(3, force_walk), np.full(3, moment_walk)]
+        return cls(
+            measurement_variance={name: as_array(value) ** 2 for name, value in std.items()},
+            process_variance=np.r_[noise, walk] ** 2,
+            initial_variance=_initial_variance(initial_force),
+            bias_decay=np.zeros(6),
+            thrust_noise=thrust_noise,
+            gate={name: as_array(value) for name, value in gate.items()},
+            max_age=max_age,
+            patience=5,
+            pseudo_velocity=False,
+            thruster_lag=True,
+        )
+
+
+def _initial_variance(initial_force: float) -> Array:
+    """P0: the place is known to decimetres, velocity and disturbance are not."""
+    pose = [0.1, 0.1, 0.02, 0.01, 0.01, 0.01]
+    rates = [0.05] * 3 + [0.02] * 3
+    disturbance = [initial_force] * 3 + [0.2] * 3
+    return jnp.square(as_array(pose + rates + disturbance))
+
+
+def _check_names(where: str, given: Mapping[str, object]) -> None:
+    for name in given:
+        if name not in SENSORS:
+            raise ConfigError(f"{where}: no sensor {name!r}; the filter knows {', '.join(SENSORS)}")
