@@ -1,0 +1,153 @@
+"""Figures of the observer: errors within their bands, and whether it is as sure as it may be (NEES, NIS)."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from scipy.special import chdtri
+
+from rovtwin.report.flight import Flight
+from rovtwin.report.panels import panels
+from rovtwin.report.style import BAND, BLACK, GREY, ORANGE, limits, line, note
+
+_ERRORS = (
+    ("North [m]", "East [m]", "Depth [m]"),
+    ("Roll [deg]", "Pitch [deg]", "Heading [deg]"),
+    ("Surge [m/s]", "Sway [m/s]", "Heave [m/s]"),
+    ("Roll rate [deg/s]", "Pitch rate [deg/s]", "Yaw rate [deg/s]"),
+)
+_NEES = {"position": (2, "NEES, position [-]"), "pose_velocity": (12, "NEES, pose, velocity [-]")}
+_EXPECTED: dict[str, Any] = {"color": ORANGE, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 5}
+
+
+def errors(flight: Flight) -> Figure:
+    """Estimate minus truth with the observer's own 3-sigma band."""
+    sheet = panels(flight, _ERRORS, height=1.3)
+    assert flight.error is not None
+    t, error = flight.error
+    std = flight.get("autopilot/std")
+    sheet.entry("Estimate − truth", color=BLACK, linewidth=1.0)
+    if std is not None:
+        sheet.entry("±3σ of the observer", **(BAND | {"linewidth": 7.0}))
+    for k in range(12):
+        factor = 180 / np.pi if k // 3 in (1, 3) else 1.0
+        axes, e = sheet.axes[k // 3, k % 3], factor * error[:, k]
+        line(axes, t, e, color=BLACK, linewidth=0.7, points=900)
+        text = f"rms {_short(np.sqrt(np.nanmean(e**2)))}" if np.isfinite(e).any() else "no truth at these times"
+        later = t > t[0] + 0.02 * (t[-1] - t[0])
+        shown = [e[later]]
+        if std is not None:
+            band = 3 * factor * np.interp(t, std.t, std.values[:, k])
+            pick = np.unique(np.linspace(0, len(t) - 1, 700).astype(int))
+            axes.fill_between(t[pick], -band[pick], band[pick], **BAND)
+            shown.append(np.r_[band[later], -band[later]])
+            text += f", {100 * _share(np.abs(e) <= band, e):.0f} % within 3σ"
+        note(axes, text)
+        axes.set_ylim(*limits(*shown, share=0.998, least=1e-6, symmetric=True))
+    return sheet.done()
+
+
+def _short(value: float) -> str:
+    return f"{value:.2g}" if 1e-3 <= value < 100 else f"{value:.1e}"
+
+
+def _share(hits: np.ndarray, values: np.ndarray) -> float:
+    known = np.isfinite(values)
+    return float(hits[known].mean()) if known.any() else float("nan")
+
+
+def consistency(flight: Flight) -> Figure:
+    """NEES against truth, and NIS of each sensor, with the 95 % range that chi-square gives to an honest observer."""
+    nees, sensors = flight.get("score/nees"), _nis_sensors(flight)
+    fields = [f for f in (nees.channel.fields if nees is not None else ()) if f in _NEES]
+    labels = [_NEES[f][1] for f in fields] + [f"NIS, {name} [-]" for name, _, _ in sensors]
+    rows = [labels[i : i + 2] for i in range(0, len(labels), 2)]
+    odd = len(rows[-1]) == 1
+    rows = [*rows[:-1], [rows[-1][0], ""]] if odd else rows
+    sheet = panels(flight, rows, height=1.55)
+    flat = list(sheet.axes.ravel())
+    if odd:
+        flat[-1].set_axis_off()
+        flat[-3].tick_params(labelbottom=True) if len(flat) > 2 else None
+    for axes, field in zip(flat, fields, strict=False):
+        assert nees is not None
+        _nees(axes, nees.t, nees[field], _NEES[field][0])
+    for axes, (_, totals, counts) in zip(flat[len(fields) :], sensors, strict=False):
+        _nis(axes, flight["autopilot/nis"].t, totals, counts)
+    sheet.entry("value", color=GREY, linewidth=0.8)
+    sheet.entry("mean over a window", color=BLACK, linewidth=1.3)
+    sheet.entry("expected", **_EXPECTED)
+    sheet.entry("95 % range (χ²)", **(BAND | {"linewidth": 7.0}))
+    return sheet.done()
+
+
+def chi_square_range(freedom: Any, share: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+    """Central range of a chi-square distribution that holds `share` of it."""
+    tail = (1 - share) / 2
+    return chdtri(freedom, 1 - tail), chdtri(freedom, tail)
+
+
+def _nees(axes: Axes, t: np.ndarray, values: np.ndarray, freedom: int) -> None:
+    low, high = chi_square_range(freedom)
+    axes.axhspan(float(low), float(high), **BAND)
+    axes.axhline(freedom, **_EXPECTED)
+    positive = np.where(values > 0, values, np.nan)
+    line(axes, t, positive, color=GREY, linewidth=0.6, points=1000)
+    line(axes, t, _running_mean(t, values), color=BLACK, linewidth=1.3)
+    later = t > t[0] + 0.02 * (t[-1] - t[0])
+    _log_axis(axes, positive[later], [float(low), float(high)])
+    if np.isfinite(values).any():
+        inside = _share((values >= low) & (values <= high), values)
+        note(axes, f"mean {np.nanmean(values):.3g}, expected {freedom}; {100 * inside:.0f} % in range")
+
+
+def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray) -> None:
+    """NIS per innovation in windows; the range narrows with the number of innovations in a window."""
+    cells = 150
+    edges = np.linspace(t[0], t[-1] + 1e-9, cells + 1)
+    cell = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, cells - 1)
+    total, count = np.bincount(cell, totals, cells), np.bincount(cell, counts, cells)
+    some = count > 0
+    middle = (edges[:-1] + edges[1:])[some] / 2
+    ratio, n = total[some] / count[some], count[some]
+    low, high = (bound / n for bound in chi_square_range(n))
+    axes.fill_between(middle, low, high, **(BAND | {"alpha": 0.28}), step="mid")
+    axes.axhline(1.0, **_EXPECTED)
+    axes.plot(middle, np.where(ratio > 0, ratio, np.nan), color=BLACK, linewidth=1.1, marker=".", markersize=2)
+    _log_axis(axes, ratio, [float(low.min()), float(high.max())])
+    note(axes, f"mean {total.sum() / count.sum():.3g} per innovation, expected 1")
+
+
+def _nis_sensors(flight: Flight) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Sensors that brought innovations: name, sums of NIS and numbers of innovations, each shape (N,)."""
+    nis, freedom = flight.get("autopilot/nis"), flight.get("autopilot/nis_dof")
+    if nis is None or freedom is None or nis.values.shape != freedom.values.shape:
+        return []
+    totals, counts = np.nan_to_num(nis.values), np.nan_to_num(freedom.values)
+    fields = enumerate(nis.channel.fields)
+    return [(name, totals[:, k], counts[:, k]) for k, name in fields if counts[:, k].sum() > 0]
+
+
+def _running_mean(t: np.ndarray, values: np.ndarray, window: float = 60.0) -> np.ndarray:
+    """Mean over the window [s] before each time, NaN left out."""
+    known = np.isfinite(values)
+    total = np.r_[0.0, np.cumsum(np.where(known, values, 0.0))]
+    number = np.r_[0, np.cumsum(known)]
+    start = np.searchsorted(t, t - window)
+    end = np.arange(1, len(t) + 1)
+    count = number[end] - number[start]
+    return np.where(count > 0, (total[end] - total[start]) / np.maximum(count, 1), np.nan)
+
+
+def _log_axis(axes: Axes, values: np.ndarray, also: list[float]) -> None:
+    finite = values[np.isfinite(values) & (values > 0)]
+    low, high = np.quantile(finite, [0.01, 0.999]) if finite.size else also
+    low, high = min(low, *also) / 1.6, max(high, *also) * 1.6
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    decades = np.log10(high / low)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if decades > 1.6 else (1.0, 2.0, 5.0), numticks=6))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,142 @@
+"""Figures of forces: thrusters against their limits, the wanted wrench, and disturbances."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.numerics import jax
+from rovtwin.report.flight import Flight, at
+from rovtwin.report.panels import TIME, panels
+from rovtwin.report.style import (
+    BLACK, BLUE, ESTIMATE, FONT, GREY, LIMIT, ORANGE, WIDTH, dress, legend_above, limits, line, new_figure, note, ribbon, shade,
+)  # fmt: skip
+from rovtwin.report.vehicle import force_limits, thruster_names
+
+_WRENCH = ("$X$ [N]", "$Y$ [N]", "$Z$ [N]", "$K$ [N m]", "$M$ [N m]", "$N$ [N m]")
+
+
+def forces(flight: Flight) -> Figure:
+    """Force of each thruster between its limits, and the wrench that the controller wanted."""
+    from matplotlib.lines import Line2D
+
+    thrust, tau = flight.get("truth/thrust"), flight.get("autopilot/tau")
+    count = 0 if thrust is None else len(thrust.channel.fields)
+    columns = [n for n in (count, 6 if tau is not None else 0) if n]
+    figure = new_figure(height=max(1.05 * max(columns, default=1) + 0.8, 3.0))
+    grid = figure.add_gridspec(1, max(len(columns), 1))
+    handles: list[Any] = []
+    if thrust is not None:
+        axes = _column(figure, grid[0], flight, [f"{n} [N]" for n in thruster_names(flight, thrust.channel.fields)])
+        bounds = force_limits(flight, count)
+        for k, one in enumerate(axes):
+            line(one, thrust.t, thrust.values[:, k], color=BLACK, linewidth=0.7)
+            if bounds is not None:
+                low, high = bounds[0][k], bounds[1][k]
+                one.axhline(low, **LIMIT)
+                one.axhline(high, **LIMIT)
+                pad = 0.12 * max(high - low, 1e-6)
+                one.set_ylim(low - pad, high + pad)
+        handles.append(Line2D([], [], color=BLACK, linewidth=0.9, label="Thruster force"))
+        if bounds is not None:
+            handles.append(Line2D([], [], **LIMIT, label="Limits"))
+    if tau is not None:
+        axes = _column(figure, grid[len(columns) - 1], flight, list(_WRENCH))
+        cut = flight.get("autopilot/saturated")
+        for k, one in enumerate(axes):
+            line(one, tau.t, tau.values[:, k], color=BLUE, linewidth=0.7)
+            one.set_ylim(*limits(tau.values[:, k], share=0.9995, least=0.05))
+            if cut is not None:
+                _saturated(one, cut.t, cut.values[:, k] > 0.5)
+        handles.append(Line2D([], [], color=BLUE, linewidth=0.9, label="Wanted wrench"))
+        if cut is not None and (cut.values > 0.5).any():
+            handles.append(Line2D([], [], color=ORANGE, linewidth=3, label="cut by a limit"))
+    legend_above(figure, handles)
+    return figure
+
+
+def _column(figure: Figure, cell: Any, flight: Flight, labels: list[str]) -> list[Any]:
+    strip = [0.13] if flight.phases else []
+    grid = cell.subgridspec(len(strip) + len(labels), 1, height_ratios=strip + [1.0] * len(labels))
+    axes = [figure.add_subplot(grid[k]) for k in range(len(strip) + len(labels))]
+    for one, label in zip(axes[len(strip) :], labels, strict=True):
+        dress(one, label, ticks=4)
+        shade(one, flight.phases)
+    for one in axes:
+        one.sharex(axes[-1]) if one is not axes[-1] else None
+        one.tick_params(labelbottom=one is axes[-1])
+    axes[-1].set_xlabel(TIME, fontsize=FONT)
+    axes[-1].set_xlim(*flight.span)
+    if strip:
+        ribbon(axes[0], flight.phases, WIDTH / 2 - 0.6)
+    return axes[len(strip) :]
+
+
+def _saturated(axes: Any, t: np.ndarray, cut: np.ndarray) -> None:
+    """A bar at the foot of the panel where a limit cut the wrench, and its share of the time."""
+    edges = np.flatnonzero(np.diff(np.r_[False, cut, False].astype(int)))
+    if not edges.size:
+        return
+    starts, ends = t[edges[::2]], t[np.minimum(edges[1::2], len(t) - 1)]
+    bars = _joined(np.column_stack([starts, ends]), gap=(t[-1] - t[0]) / 800)
+    axes.broken_barh(bars, (0.0, 0.045), transform=axes.get_xaxis_transform(), facecolors=ORANGE, linewidth=0.4,
+                     edgecolors=ORANGE, zorder=6)  # fmt: skip
+    note(axes, f"cut {100 * cut.mean():.1f} % of the time")
+
+
+def _joined(spans: np.ndarray, gap: float) -> list[tuple[float, float]]:
+    """Spans [start, end] as (start, width), those nearer to each other than `gap` in one."""
+    found = [list(spans[0])]
+    for start, end in spans[1:]:
+        if start - found[-1][1] < gap:
+            found[-1][1] = end
+        else:
+            found.append([start, end])
+    return [(a, max(b - a, gap / 2)) for a, b in found]
+
+
+def disturbance(flight: Flight) -> Figure:
+    """The disturbance that the observer believes in, beside the true external wrench."""
+    labels = (("North force [N]", "Roll moment [N m]"), ("East force [N]", "Pitch moment [N m]"),
+              ("Down force [N]", "Yaw moment [N m]"))  # fmt: skip
+    sheet = panels(flight, labels, height=1.35)
+    true, bias = _true_wrench(flight), flight.get("autopilot/bias")
+    if true is not None:
+        t, wrench = true
+        slow = _slow(t, wrench)
+        sheet.entry("True external wrench", color=GREY, linewidth=0.8)
+        sheet.entry("its mean over 20 s", color=BLACK, linewidth=1.5)
+    if bias is not None:
+        sheet.entry("Estimated bias", **ESTIMATE)
+    for k in range(6):
+        axes = sheet.axes[k % 3, k // 3]
+        shown = []
+        if true is not None:
+            line(axes, t, wrench[:, k], color=GREY, linewidth=0.6, alpha=0.7)
+            line(axes, t, slow[:, k], color=BLACK, linewidth=1.5)
+            shown.append(wrench[:, k])
+        if bias is not None:
+            line(axes, bias.t, bias.values[:, k], **ESTIMATE)
+            shown.append(bias.values[bias.t > bias.t[0] + 0.02 * (bias.t[-1] - bias.t[0]), k])
+        axes.set_ylim(*limits(*shown, least=0.05 if k < 3 else 0.01))
+    return sheet.done()
+
+
+def _true_wrench(flight: Flight) -> tuple[np.ndarray, np.ndarray] | None:
+    """True external wrench with the force in n and the moment in b, as the observer's bias has them."""
+    series, pose = flight.get("truth/external_wrench"), flight.get("truth/eta")
+    if series is None or pose is None:
+        return None
+    pick = np.unique(np.linspace(0, len(series) - 1, min(len(series), 8000)).astype(int))
+    t, values = series.t[pick], series.values[pick]
+    euler = at(pose, t, angles=slice(3, 6))[:, 3:]
+    R_nb = np.asarray(jax.jit(jax.vmap(rotation_from_euler))(euler))
+    return t, np.hstack([np.einsum("kij,kj->ki", R_nb, values[:, :3]), values[:, 3:]])
+
+
+def _slow(t: np.ndarray, values: np.ndarray, window: float = 20.0) -> np.ndarray:
+    """Mean over a window [s] around each time, shorter at the ends."""
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.nan_to_num(values), axis=0)])
+    low, high = np.searchsorted(t, t - window / 2), np.searchsorted(t, t + window / 2, side="right")
+    return (total[high] - total[low]) / (high - low)[:, None]

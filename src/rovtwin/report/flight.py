@@ -1,0 +1,199 @@
+"""What figures and tables read from a log, whichever channels it has."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import PHASES
+from rovtwin.core.log import Log, Series
+
+POSES = ("x", "y", "z", "phi", "theta", "psi")
+VELOCITIES = ("u", "v", "w", "p", "q", "r")
+
+_FIX_NAMES = ("acoustic", "position", "usbl", "fix", "gnss")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch of time in one phase [s], and the way-point aimed at, counted from 0."""
+
+    start: float
+    end: float
+    phase: str
+    waypoint: int
+
+
+class Flight:
+    """A log as a report sees it: series that may be missing, phases, and metadata that may be missing too.
+
+    A channel without samples, or without any finite value, counts as missing.
+    """
+
+    def __init__(self, log: Log) -> None:
+        self.log = log
+
+    def get(self, name: str) -> Series | None:
+        """The series, or None when it is missing."""
+        if name not in self.log:
+            return None
+        series = self.log[name]
+        return series if len(series) and np.isfinite(series.values).any() else None
+
+    def has(self, *names: str) -> bool:
+        """Whether none of the channels is missing."""
+        return all(self.get(name) is not None for name in names)
+
+    def __getitem__(self, name: str) -> Series:
+        series = self.get(name)
+        if series is None:
+            raise KeyError(name)
+        return series
+
+    @cached_property
+    def sensors(self) -> dict[str, Series]:
+        """Series of `sensor/...` that have samples, by the name of the sensor."""
+        names = [name for name in self.log.channels if name.startswith("sensor/") and self.has(name)]
+        return {name.removeprefix("sensor/"): self[name] for name in sorted(names)}
+
+    @cached_property
+    def fixes(self) -> np.ndarray | None:
+        """Positions as a sensor measured them: north, east [m], shape (N, 2); None when there is no such sensor."""
+        for name, series in self.sensors.items():
+            if any(word in name.lower() for word in _FIX_NAMES) and sensor_values(series).shape[1] >= 2:
+                return sensor_values(series)[:, :2]
+        return None
+
+    @cached_property
+    def phases(self) -> list[Interval]:
+        """Phases in order of time; empty without `autopilot/mode`."""
+        mode = self.get("autopilot/mode")
+        if mode is None or "phase" not in mode.channel.fields:
+            return []
+        waypoints = mode["waypoint"] if "waypoint" in mode.channel.fields else np.zeros(len(mode))
+        state = np.nan_to_num(np.column_stack([mode["phase"], waypoints])).astype(int)
+        starts = np.flatnonzero(np.r_[True, (np.diff(state, axis=0) != 0).any(axis=1)])
+        times = np.r_[mode.t[starts], mode.t[-1]]
+        return [
+            Interval(float(times[k]), float(times[k + 1]), phase_name(state[i, 0]), int(state[i, 1]))
+            for k, i in enumerate(starts)
+            if times[k + 1] > times[k] or k == 0
+        ]
+
+    @cached_property
+    def first_dive_end(self) -> float:
+        """When the first dive ended [s]; the start of the log when there was none."""
+        dives = [p.end for p in self.phases if p.phase == "dive"]
+        return dives[0] if dives else self.span[0]
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """First and last time of what is drawn [s]."""
+        names = ("truth/eta", "autopilot/eta", "autopilot/mode", "autopilot/reference")
+        series = [self[name] for name in names if self.has(name)]
+        if not series:
+            return self.log.start, self.log.end
+        return min(float(s.t[0]) for s in series), max(float(s.t[-1]) for s in series)
+
+    def json(self, key: str) -> Any:
+        """A metadata entry that holds JSON; None when it is missing or cannot be read."""
+        try:
+            return json.loads(self.log.metadata.get(key, "null"))
+        except ValueError:
+            return None
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Figures of the run, as whoever flew it computed them; empty when there are none."""
+        found = self.json("summary")
+        return found if isinstance(found, dict) else {}
+
+    @cached_property
+    def waypoints(self) -> list[dict[str, Any]]:
+        """Way-points with at least x and y."""
+        found = self.json("mission")
+        found = found.get("waypoints", []) if isinstance(found, Mapping) else found
+        return [w for w in found or [] if isinstance(w, Mapping) and _number(w.get("x")) and _number(w.get("y"))]
+
+    @cached_property
+    def current(self) -> np.ndarray | None:
+        """Mean horizontal water velocity, north and east [m/s], shape (2,); None when unknown or nearly still."""
+        water = self.get("truth/water_velocity")
+        if water is None:
+            return None
+        mean = np.nanmean(water.values[:, :2], axis=0)
+        return mean if np.hypot(*mean) > 5e-3 else None
+
+    @cached_property
+    def wave_direction(self) -> float | None:
+        """Where the waves run to, clockwise from north [rad]; None without waves."""
+        waves = self.json("waves")
+        direction = waves.get("direction_rad") if isinstance(waves, Mapping) else None
+        return float(direction) if _number(direction) else None
+
+    @cached_property
+    def error(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Estimate minus truth at the times of the estimate: t, shape (N,), and pose and velocity, shape (N, 12)."""
+        parts = [(self.get(f"autopilot/{name}"), self.get(f"truth/{name}")) for name in ("eta", "nu")]
+        if any(one is None for pair in parts for one in pair):
+            return None
+        (eta, true_eta), (nu, true_nu) = parts
+        assert eta and true_eta and nu and true_nu
+        pose = eta.values - at(true_eta, eta.t, angles=slice(3, 6))
+        pose[:, 3:] = wrapped(pose[:, 3:])
+        velocity = at(nu, eta.t) - at(true_nu, eta.t)
+        return eta.t, np.hstack([pose, velocity])
+
+
+def phase_name(number: int) -> str:
+    """The phase as a word, also of a number nobody knows."""
+    return PHASES[number] if 0 <= number < len(PHASES) else f"phase {number}"
+
+
+def sensor_values(series: Series) -> np.ndarray:
+    """Readings without the column of the sensor's own time, shape (N, n)."""
+    columns = [k for k, field in enumerate(series.channel.fields) if field not in ("t_valid", "valid")]
+    return series.values[:, columns]
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """The same angles in [-pi, pi) [rad]."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def at(series: Series, t: np.ndarray, angles: slice = slice(0, 0)) -> np.ndarray:
+    """Values at other times by linear interpolation, NaN outside of the series; columns `angles` are unwrapped first."""
+    values = np.array(series.values)
+    values[:, angles] = unwrapped(values[:, angles])
+    return np.column_stack([np.interp(t, series.t, column, left=np.nan, right=np.nan) for column in values.T])
+
+
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles without jumps along the first axis; NaN stays NaN and does not spread."""
+    steps = wrapped(np.diff(_filled(angle), axis=0))
+    first = _filled(angle)[:1]
+    result = np.concatenate([first, first + np.cumsum(steps, axis=0)])
+    return np.where(np.isfinite(angle), result, np.nan)
+
+
+def beside(angle: np.ndarray, t: np.ndarray, base: np.ndarray, base_t: np.ndarray) -> np.ndarray:
+    """Angles shifted by whole turns so that they lie within half a turn of an unwrapped base."""
+    near = np.interp(t, base_t, _filled(base))
+    return near + wrapped(angle - near)
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """NaN replaced by the last finite value before it (at the start by 0)."""
+    values = np.asarray(values, float)
+    known = np.isfinite(values)
+    index = np.maximum.accumulate(
+        np.where(known, np.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)), 0), axis=0
+    )
+    return np.nan_to_num(np.take_along_axis(values, index, axis=0))
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

@@ -1,0 +1,72 @@
+"""Stacks of panels over time that share the axis, the shading of the phases and one legend."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from rovtwin.report.flight import Flight
+from rovtwin.report.style import WIDTH, dress, legend_above, new_figure, ribbon, shade
+
+TIME = "Time [s]"
+
+
+@dataclass
+class Panels:
+    """A figure with a ribbon of phases over each column of panels.
+
+    Attributes:
+        figure: The figure.
+        axes: Panels, shape (rows, columns).
+        handles: What the legend holds.
+    """
+
+    figure: Figure
+    axes: np.ndarray
+    handles: list[Line2D] = field(default_factory=list)
+
+    def entry(self, label: str, **style: object) -> None:
+        """One line of the legend."""
+        self.handles.append(Line2D([], [], label=label, **style))  # type: ignore[arg-type]
+
+    def done(self, columns: int = 6) -> Figure:
+        """The figure with its legend."""
+        legend_above(self.figure, self.handles, columns)
+        return self.figure
+
+
+def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25, shared_y: bool = False) -> Panels:
+    """Empty panels over time.
+
+    Args:
+        flight: Gives phases and the span of time.
+        labels: Label of each panel's vertical axis, by rows.
+        height: Of one panel [inch].
+        shared_y: Whether the panels of a row share their vertical axis.
+    """
+    rows, columns = len(labels), len(labels[0])
+    strip = [0.13 / height] if flight.phases else []
+    figure = new_figure(height=height * rows + 0.75)
+    grid = figure.subplots(
+        len(strip) + rows, columns, sharex=True, sharey="row" if shared_y else False, squeeze=False,
+        height_ratios=strip + [1.0] * rows,
+    )  # fmt: skip
+    body = grid[len(strip) :]
+    for row, names in zip(body, labels, strict=True):
+        for axes, label in zip(row, names, strict=True):
+            dress(axes, label)
+            shade(axes, flight.phases)
+    for axes in grid[0] if strip else []:
+        ribbon(axes, flight.phases, width=(WIDTH - 0.6 * columns) / columns)
+    for axes in body[-1]:
+        axes.set_xlabel(TIME, fontsize=9)
+    body[0, 0].set_xlim(*flight.span)
+    return Panels(figure, body)
+
+
+def time_only(axes: Axes) -> None:
+    """Take the label of a panel that stays empty."""
+    axes.set_axis_off()

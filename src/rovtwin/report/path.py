@@ -1,0 +1,204 @@
+"""Figure of the path over ground: north up, east to the right."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+
+from rovtwin.core.log import Series
+from rovtwin.report.flight import Flight
+from rovtwin.report.style import BLACK, ESTIMATE, GREEN, GREY, REFERENCE, SKY, SMALL, TINY, TRUTH, dress, new_figure
+
+MISSION: dict[str, Any] = {"color": GREEN, "linewidth": 4.0, "alpha": 0.28, "solid_capstyle": "round", "zorder": 1}
+FIXES: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 2.4, "linestyle": "none", "alpha": 0.5}
+
+
+def path(flight: Flight) -> Figure:
+    """Mission, truth, estimate, reference and fixes seen from above, with the heading of waves and current."""
+    figure = new_figure(height=5.4)
+    axes, key = figure.subplots(1, 2, width_ratios=[1, 0.3])
+    draw_path(axes, flight)
+    _key(key, flight)
+    return figure
+
+
+def draw_path(axes: Axes, flight: Flight) -> None:
+    """The path in given axes."""
+    dress(axes, "North [m]", "East [m]", ticks=8)
+    axes.set_aspect("equal", adjustable="box")
+    _mission(axes, flight)
+    if flight.fixes is not None:
+        shown = flight.fixes[:: max(1, len(flight.fixes) // 2000)]
+        axes.plot(shown[:, 1], shown[:, 0], **FIXES, zorder=1.5, rasterized=True)
+    for name, style in _LINES:
+        series = flight.get(name)
+        if series is not None:
+            line = _horizontal(series)
+            axes.plot(line[:, 1], line[:, 0], **style)
+    main = flight.get("truth/eta") or flight.get("autopilot/eta")
+    if main is not None:
+        _course(axes, main)
+    _frame(axes, flight)
+
+
+_LINES = (("truth/eta", TRUTH), ("autopilot/eta", ESTIMATE), ("autopilot/reference", REFERENCE))
+
+
+def _horizontal(series: Series, points: int = 3000) -> np.ndarray:
+    return series.values[:: max(1, len(series) // points), :2]
+
+
+def _legs(flight: Flight) -> list[tuple[float, float, float, float]]:
+    """Commanded legs x0, y0, x1, y1 in order: those flown, or, without them, the lines between way-points."""
+    leg, mode = flight.get("autopilot/leg"), flight.get("autopilot/mode")
+    if leg is not None:
+        values = leg.values[:, [0, 1, 3, 4]]
+        if mode is not None and "on_leg" in mode.channel.fields:
+            on = np.interp(leg.t, mode.t, mode["on_leg"]) > 0.5
+            values = values[on] if on.any() else values
+        values = values[np.isfinite(values).all(axis=1)]
+        changes = np.r_[True, (np.abs(np.diff(values, axis=0)) > 1e-6).any(axis=1)] if len(values) else []
+        return [(float(a), float(b), float(c), float(d)) for a, b, c, d in values[changes]][:500]
+    points = [(float(w["x"]), float(w["y"])) for w in flight.waypoints]
+    return [(*a, *b) for a, b in zip(points, points[1:], strict=False)]
+
+
+def _mission(axes: Axes, flight: Flight) -> None:
+    for x0, y0, x1, y1 in _legs(flight):
+        axes.plot([y0, y1], [x0, x1], **MISSION)
+    for k, point in enumerate(flight.waypoints):
+        x, y, radius = float(point["x"]), float(point["y"]), float(point.get("acceptance") or 0.0)
+        if radius > 0:
+            axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=GREEN, linewidth=0.9, zorder=2))
+        axes.annotate(
+            str(k + 1), (y, x), _label_side(flight, k), textcoords="offset points", ha="center", va="center",
+            fontsize=SMALL, color="#00664b", weight="bold", zorder=8,
+        )  # fmt: skip
+
+
+def _label_side(flight: Flight, k: int) -> tuple[float, float]:
+    """Offset of a way-point's number [points]: away from its neighbours, so that it stands clear of the legs."""
+    points = np.array([[float(w["y"]), float(w["x"])] for w in flight.waypoints])
+    neighbours = [j for j in (k - 1, k + 1) if 0 <= j < len(points)]
+    away = np.zeros(2)
+    for j in neighbours:
+        d = points[k] - points[j]
+        away += d / max(float(np.hypot(*d)), 1e-9)
+    size = float(np.hypot(*away))
+    away = away / size if size > 0.2 else np.array([0.7, 0.7])
+    return float(14 * away[0]), float(14 * away[1])
+
+
+def _course(axes: Axes, series: Series) -> None:
+    """Start, end, arrows along the way, and the time at some of them."""
+    xy = series.values[:, [1, 0]]
+    good = np.flatnonzero(np.isfinite(xy).all(axis=1))
+    if not good.size:
+        return
+    style: dict[str, Any] = {"markeredgecolor": BLACK, "markersize": 7, "linestyle": "none", "zorder": 9}
+    axes.plot(*xy[good[0]], marker="o", markerfacecolor="white", **style)
+    axes.plot(*xy[good[-1]], marker="s", markerfacecolor=BLACK, **style)
+    travelled = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy[good][:: max(1, len(good) // 2000)], axis=0).T))]
+    if travelled[-1] < 1.0:
+        return
+    index = good[:: max(1, len(good) // 2000)]
+    step = _round_step(float(series.t[index[-1]] - series.t[index[0]]) / 8)
+    marks = np.arange(np.ceil((series.t[index[0]] + 1e-9) / step), np.floor(series.t[index[-1]] / step) + 1) * step
+    for t in marks:
+        i = int(np.searchsorted(series.t[index], t))
+        _arrow(axes, xy[index], travelled, min(i, len(index) - 1), f"{t:g} s")
+
+
+def _arrow(axes: Axes, xy: np.ndarray, travelled: np.ndarray, i: int, label: str) -> None:
+    ahead = min(int(np.searchsorted(travelled, travelled[i] + 0.35)), len(xy) - 1)
+    behind = max(int(np.searchsorted(travelled, travelled[i] - 0.15)) - 1, 0)
+    course = xy[ahead] - xy[behind]
+    if np.hypot(*course) < 0.1:
+        return
+    course = course / np.hypot(*course)
+    axes.annotate(
+        "", xy[i] + 0.01 * course, xy[i] - 0.01 * course, zorder=7,
+        arrowprops={"arrowstyle": "-|>,head_width=0.28,head_length=0.55", "color": BLACK, "linewidth": 0, "shrinkA": 0, "shrinkB": 0},
+    )  # fmt: skip
+    across = np.array([course[1], -course[0]])
+    across = across if across[1] > 0.3 or (abs(across[1]) <= 0.3 and across[0] > 0) else -across
+    axes.annotate(
+        label, xy[i], 13 * across * np.array([1.25, 0.9]), textcoords="offset points", ha="center", va="center",
+        fontsize=TINY, color="#444444", zorder=8, bbox={"facecolor": "white", "alpha": 0.65, "pad": 0.6, "linewidth": 0},
+    )  # fmt: skip
+
+
+def _round_step(wanted: float) -> float:
+    steps = np.array([1, 2, 5, 10, 20, 30, 60, 120, 180, 300, 600, 1200, 1800, 3600])
+    return float(steps[min(int(np.searchsorted(steps, wanted)), len(steps) - 1)])
+
+
+def _frame(axes: Axes, flight: Flight) -> None:
+    """Limits from what matters (mission and lines), so that an outlying fix does not shrink the picture."""
+    parts = [_horizontal(flight[name]) for name, _ in _LINES if flight.has(name)]
+    parts += [np.array([[float(w["x"]), float(w["y"])] for w in flight.waypoints]).reshape(-1, 2)]
+    points = np.concatenate(parts)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.08 * max(float((high - low).max()), 1.0) + 0.2
+    axes.set_xlim(low[1] - margin, high[1] + margin)
+    axes.set_ylim(low[0] - margin, high[0] + margin)
+
+
+def _key(axes: Axes, flight: Flight) -> None:
+    """Legend, and arrows for waves and current, beside the picture."""
+    axes.set_axis_off()
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    handles = legend_entries(flight)
+    axes.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(-0.1, 1.0), fontsize=SMALL, frameon=False, borderaxespad=0
+    )
+    for k, (angle, colour, text) in enumerate(_flows(flight)):
+        _heading_arrow(axes, 0.36 - 0.22 * k, angle, colour, text)
+
+
+def _flows(flight: Flight) -> list[tuple[float, str, str]]:
+    """Direction they run to [rad], colour and text of waves and current."""
+    flows = []
+    if (angle := flight.wave_direction) is not None:
+        flows.append((angle, SKY, f"Waves run to\n{np.degrees(angle) % 360:03.0f}°"))
+    if flight.current is not None:
+        north, east = (float(v) for v in flight.current)
+        angle = float(np.arctan2(east, north))
+        text = f"Current {np.hypot(north, east):.2f} m/s\nto {np.degrees(angle) % 360:03.0f}°"
+        flows.append((angle, "#0b3d91", text))
+    return flows
+
+
+def _heading_arrow(axes: Axes, height: float, angle: float, colour: str, text: str) -> None:
+    axes.quiver(
+        0.1, height, np.sin(angle), np.cos(angle), color=colour, pivot="middle", angles="uv", units="inches",
+        scale_units="inches", scale=2.4, width=0.035, headwidth=4.5, headlength=5, headaxislength=4.5, clip_on=False,
+    )  # fmt: skip
+    axes.text(0.34, height, text, fontsize=SMALL, va="center", color="#222222")
+
+
+def legend_entries(flight: Flight) -> list[Any]:
+    """Handles for what the picture of this flight shows."""
+    entries: list[Any] = []
+    if flight.waypoints or flight.has("autopilot/leg"):
+        entries.append(Line2D([], [], **MISSION, label="Mission legs"))
+    if any(w.get("acceptance") for w in flight.waypoints):
+        entries.append(
+            Line2D([], [], marker="o", markersize=8, markerfacecolor="none", markeredgecolor=GREEN, linestyle="none",
+                   label="Acceptance")
+        )  # fmt: skip
+    labels = {"truth/eta": "Truth", "autopilot/eta": "Estimate", "autopilot/reference": "Reference"}
+    entries += [Line2D([], [], **style, label=labels[name]) for name, style in _LINES if flight.has(name)]
+    if flight.fixes is not None:
+        entries.append(Line2D([], [], **(FIXES | {"markersize": 5}), label="Position fixes"))
+    for marker, face, label in (("o", "white", "Start"), ("s", BLACK, "End")):
+        entries.append(
+            Line2D([], [], marker=marker, markerfacecolor=face, markeredgecolor=BLACK, linestyle="none", label=label)
+        )
+    return entries

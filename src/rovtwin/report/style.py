@@ -1,0 +1,158 @@
+"""How figures look: one palette, sizes in print, axes, phase shading, and thinning of long series.
+
+Figures are made with matplotlib's objects (`Figure`, never `pyplot`) and without touching `rcParams`: there is no global
+state, so that reports can be drawn in any thread.
+
+The colours are those of Okabe and Ito (2008), Color Universal Design, told apart with every kind of colour vision. One
+meaning keeps one colour and one line style in all figures, so that they also read in black and white.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from rovtwin.report.flight import Interval
+
+WIDTH = 7.5  # of a figure [inch]: a page of A4 with margins, without scaling
+FONT, SMALL, TINY = 9.0, 8.0, 7.0  # axis labels; ticks, legends and titles; labels inside
+
+BLACK, BLUE, ORANGE, GREEN = "#1a1a1a", "#0072B2", "#D55E00", "#009E73"
+PURPLE, SKY, YELLOW, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#8c8c8c"
+
+TRUTH: dict[str, Any] = {"color": BLACK, "linewidth": 1.7, "alpha": 0.85, "zorder": 3}
+ESTIMATE: dict[str, Any] = {"color": BLUE, "linewidth": 0.9, "zorder": 4}
+REFERENCE: dict[str, Any] = {"color": ORANGE, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 5}
+LIMIT: dict[str, Any] = {"color": PURPLE, "linewidth": 1.0, "linestyle": (0, (6, 2, 1, 2)), "zorder": 2.5}
+BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.18, "linewidth": 0.0, "zorder": 2}
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, SKY, BLACK, GREY)  # runs or parts without a meaning of their own
+
+PHASE_COLOURS = {
+    "idle": "#ececec",
+    "dive": "#cfe3f5",
+    "turn": "#fbe5b0",
+    "go": "#ffffff",
+    "hold": "#d3ecdc",
+    "paused": "#e3dcec",
+    "finished": "#ececec",
+    "aborted": "#f7cfc4",
+}
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty white figure [inch] whose parts are laid out without overlap."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    figure.get_layout_engine().set(w_pad=0.04, h_pad=0.03, hspace=0.02, wspace=0.03)  # type: ignore[union-attr]
+    return figure
+
+
+def dress(axes: Axes, ylabel: str = "", xlabel: str = "", ticks: int = 5) -> Axes:
+    """Labels, ticks and a faint grid in the house's sizes."""
+    axes.set_ylabel(ylabel, fontsize=FONT)
+    axes.set_xlabel(xlabel, fontsize=FONT)
+    axes.tick_params(labelsize=SMALL, length=3, width=0.6, color="#666666")
+    axes.grid(True, color="#000000", alpha=0.09, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set(linewidth=0.6, color="#666666")
+    if axes.get_yscale() == "linear":
+        axes.yaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
+    return axes
+
+
+def note(axes: Axes, text: str) -> None:
+    """A small remark above the right end of an axes, off the data."""
+    axes.set_title(text, fontsize=TINY, color="#444444", loc="right", pad=2)
+
+
+def legend_above(figure: Figure, handles: Sequence[Any], columns: int = 6) -> None:
+    """One legend for the whole figure, above it, where it covers nothing."""
+    if handles:
+        figure.legend(
+            handles=list(handles),
+            loc="outside upper center",
+            ncols=min(columns, len(handles)),
+            fontsize=SMALL,
+            frameon=False,
+            handlelength=2.2,
+            columnspacing=1.6,
+        )
+
+
+def shade(axes: Axes, phases: Sequence[Interval]) -> None:
+    """Phases as pale colours behind the data; `go` stays white."""
+    for name in {interval.phase for interval in phases} - {"go"}:
+        bars = [(p.start, p.end - p.start) for p in phases if p.phase == name]
+        colour = PHASE_COLOURS.get(name, "#ececec")
+        axes.broken_barh(
+            bars, (0, 1), transform=axes.get_xaxis_transform(), facecolors=colour, alpha=0.75, zorder=0, linewidth=0
+        )
+
+
+def ribbon(axes: Axes, phases: Sequence[Interval], width: float) -> None:
+    """Names of the phases in a strip over the panels below; `width` of the strip [inch] decides which names fit."""
+    axes.set(ylim=(0, 1), yticks=[])
+    axes.tick_params(bottom=False, labelbottom=False)
+    axes.spines[:].set_visible(False)
+    if not phases:
+        return
+    span = phases[-1].end - phases[0].start
+    for name in {interval.phase for interval in phases}:
+        bars = [(p.start, p.end - p.start) for p in phases if p.phase == name]
+        axes.broken_barh(
+            bars, (0, 1), facecolors=PHASE_COLOURS.get(name, "#ececec"), edgecolors="#999999", linewidth=0.4
+        )
+    for p in phases:
+        room = 72 * width * (p.end - p.start) / max(span, 1e-9)
+        words = [f"{p.phase} {p.waypoint + 1}", f"{p.waypoint + 1}"] if p.phase in ("go", "hold") else [p.phase]
+        fitting = [word for word in words if 0.62 * TINY * len(word) + 2 < room]
+        if fitting:
+            axes.text((p.start + p.end) / 2, 0.47, fitting[0], ha="center", va="center", fontsize=TINY, color="#333333")
+
+
+def thin(t: np.ndarray, y: np.ndarray, points: int = 1400) -> tuple[np.ndarray, np.ndarray]:
+    """A long series with few points that looks the same: the least and the largest value of each bin.
+
+    Args:
+        t: Times, shape (N,).
+        y: Values, shape (N,); NaN is a gap.
+        points: About how many to keep.
+
+    Returns:
+        Times and values, shape (about `points`,), in order of time; the series itself when it is short.
+    """
+    if len(t) <= points:
+        return t, y
+    size = -(-2 * len(t) // points)
+    rows = len(t) // size
+    body = y[: rows * size].reshape(rows, size)
+    gap = np.isnan(body)
+    first = np.arange(rows) * size
+    picked = np.stack([np.where(gap, np.inf, body).argmin(1), np.where(gap, -np.inf, body).argmax(1)], axis=1)
+    rest = np.arange(rows * size, len(t))  # the bin that is not full
+    index = np.concatenate([(first[:, None] + np.sort(picked, axis=1)).ravel(), rest])
+    return t[index], y[index]
+
+
+def line(axes: Axes, t: np.ndarray, y: np.ndarray, points: int = 1400, **style: Any) -> None:
+    """A thinned line."""
+    axes.plot(*thin(t, y, points), **({"linewidth": 0.9, "solid_joinstyle": "round"} | style))
+
+
+def limits(
+    *values: np.ndarray, share: float = 0.998, least: float = 1e-9, symmetric: bool = False
+) -> tuple[float, float]:
+    """Limits of an axis that show `share` of the finite values and a margin, at least `least` wide on either side."""
+    finite = np.concatenate([np.asarray(v, float).ravel() for v in values] or [np.zeros(1)])
+    finite = finite[np.isfinite(finite)]
+    if not finite.size:
+        return -least, least
+    low, high = np.quantile(finite, [(1 - share) / 2, (1 + share) / 2])
+    if symmetric:
+        high = max(abs(low), abs(high))
+        low = -high
+    middle, half = (low + high) / 2, max((high - low) / 2 * 1.12, least)
+    return middle - half, middle + half

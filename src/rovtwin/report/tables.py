@@ -1,0 +1,111 @@
+"""Tables of the report: sensors, mission, the vehicle's model, provenance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.log import Series
+from rovtwin.report.flight import Flight
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for the template: cells are text."""
+
+    title: str
+    head: list[str]
+    rows: list[list[str]]
+    note: str = ""
+
+
+def sensor_table(flight: Flight) -> Table | None:
+    """What each sensor delivered; None when there was no sensor."""
+    rows = [_sensor_row(name, series) for name, series in flight.sensors.items()]
+    head = ["Sensor", "Measures", "Readings", "Rate [Hz]", "Nominal [Hz]", "Longest gap [s]", "Mean delay [ms]"]
+    return Table("Sensors", head, rows) if rows else None
+
+
+def _sensor_row(name: str, series: Series) -> list[str]:
+    channel, t = series.channel, series.t
+    units = dict(zip(channel.fields, channel.units, strict=True))
+    values = [f for f in channel.fields if f not in ("t_valid", "valid")]
+    span = float(t[-1] - t[0])
+    rate = f"{(len(t) - 1) / span:.3g}" if span > 0 else "-"
+    gap = f"{np.diff(t).max():.3g}" if len(t) > 1 else "-"
+    delay = f"{1000 * np.nanmean(t - series['t_valid']):.1f}" if "t_valid" in channel.fields else "-"
+    unit = sorted({units[f] for f in values})
+    return [name, f"{', '.join(values)} [{', '.join(unit)}]", str(len(t)), rate,
+            f"{channel.rate:g}" if channel.rate else "-", gap, delay]  # fmt: skip
+
+
+def mission_table(flight: Flight) -> Table | None:
+    """Way-points as commanded; None without a mission."""
+    known = [("x", "North [m]"), ("y", "East [m]"), ("z", "Depth [m]"), ("speed", "Speed [m/s]"),
+             ("acceptance", "Acceptance [m]"), ("hold_time", "Hold [s]"), ("heading_deg", "Heading [deg]")]  # fmt: skip
+    shown = [(key, label) for key, label in known if any(w.get(key) is not None for w in flight.waypoints)]
+    rows = [[str(k + 1), *(text(w.get(key)) for key, _ in shown)] for k, w in enumerate(flight.waypoints)]
+    return Table("Mission", ["Way-point", *(label for _, label in shown)], rows) if rows else None
+
+
+def provenance_table(flight: Flight) -> Table:
+    """Where the log comes from: all short metadata."""
+    long = {"scenario", "summary", "vehicle_table", "mission", "waves"}
+    rows = [[key, value] for key, value in flight.log.metadata.items() if key not in long]
+    return Table("Provenance", ["Entry", "Value"], [*rows, *([["note", n] for n in flight.log.notes])])
+
+
+def vehicle_tables(flight: Flight) -> list[Table]:
+    """The vehicle's table as its command prints it, one table for scalars and vectors and one for each matrix or list."""
+    found = flight.json("vehicle_table")
+    if not isinstance(found, Mapping):
+        return []
+    simple: list[list[str]] = []
+    tables: list[Table] = []
+    _collect(found, "", simple, tables)
+    return [Table("Parameters", ["Parameter", "Value"], simple), *tables] if simple else tables
+
+
+def _collect(items: Mapping[str, Any], prefix: str, simple: list[list[str]], tables: list[Table]) -> None:
+    for key, value in items.items():
+        name = f"{prefix}{words(str(key))}"
+        if isinstance(value, Mapping):
+            _collect(value, f"{name}, ", simple, tables)
+        elif _is_matrix(value):
+            tables.append(Table(name, [], [[text(cell) for cell in row] for row in value]))
+        elif isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
+            head = list(dict.fromkeys(k for one in value for k in one))
+            tables.append(Table(name, [words(h) for h in head], [[text(one.get(h)) for h in head] for one in value]))
+        else:
+            simple.append([name, text(value)])
+
+
+def _is_matrix(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) > 1
+        and all(isinstance(row, list) and len(row) == len(value[0]) and row for row in value)
+        and all(isinstance(cell, int | float) for row in value for cell in row)
+    )
+
+
+def words(key: str) -> str:
+    """A key as people read it."""
+    return key.replace("_", " ")
+
+
+def text(value: Any) -> str:
+    """A value in a cell."""
+    match value:
+        case None:
+            return "-"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.5g}" if np.isfinite(value) else str(value)
+        case list() | tuple():
+            return ", ".join(text(one) for one in value) or "none"
+        case Mapping():
+            return ", ".join(f"{words(str(k))}: {text(v)}" for k, v in value.items())
+    return str(value)

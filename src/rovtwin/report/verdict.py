@@ -1,0 +1,172 @@
+"""The scores of a run as a table and in plain sentences."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rovtwin.report.flight import Flight
+
+
+@dataclass(frozen=True)
+class Score:
+    """A row of the score table."""
+
+    name: str
+    value: str
+    unit: str
+    beside: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the box on top of the report says: good is None when the log does not say whether the run was completed."""
+
+    good: bool | None
+    headline: str
+    sentences: list[str]
+    scores: list[Score]
+
+
+# key: name, unit, factor from SI, digits, what it means
+_SCORES: dict[str, tuple[str, str, float, int, str]] = {
+    "duration_s": ("Duration", "s", 1, 0, "from arming to the end"),
+    "cross_track_rms_m": ("Cross-track error, rms", "m", 1, 3, "true distance to the commanded path, on legs after the first dive"),
+    "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "the same"),
+    "depth_rms_m": ("Depth error, rms", "m", 1, 4, "truth against command, after the first dive"),
+    "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),
+    "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 3, "2 is expected of an honest observer; after the first 60 s"),
+    "effort": ("Effort", "N² s", 1, 0, "integral of the summed squared thruster forces"),
+    "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
+    "thruster_activity": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
+}  # fmt: skip
+_BESIDE = {
+    "position_error_rms_m": ("bound_position_m", "bound"),
+    "nees_position_mean": ("nees_position_interval", "95 % range"),
+}
+
+
+def verdict(flight: Flight) -> Verdict:
+    """The verdict on a run from its summary, or, without one, from its phases."""
+    summary = flight.summary
+    good = summary.get("completed")
+    good = good if isinstance(good, bool) else _completed(flight)
+    return Verdict(good, _headline(flight, good), _sentences(summary), scores(summary))
+
+
+def scores(summary: Mapping[str, Any]) -> list[Score]:
+    """The rows of the score table that the summary has figures for."""
+    rows = []
+    for key, (name, unit, factor, digits, meaning) in _SCORES.items():
+        if (found := _numbers(summary.get(key))) is not None:
+            other, label = _BESIDE.get(key, ("", ""))
+            beside = _numbers(summary.get(other))
+            text = f"{label} {_format(beside, factor, digits, ' to ' if 'range' in label else ', ')}" if beside else ""
+            rows.append(Score(name, _format(found, factor, digits), unit, text, meaning))
+    return rows
+
+
+def _completed(flight: Flight) -> bool | None:
+    last = flight.phases[-1].phase if flight.phases else ""
+    return {"finished": True, "aborted": False}.get(last)
+
+
+def _headline(flight: Flight, good: bool | None) -> str:
+    summary, (start, end) = flight.summary, flight.span
+    seconds = _one(summary.get("duration_s"))
+    seconds = end - start if seconds is None else seconds
+    reason = str(summary.get("reason") or "")
+    phase = str(summary.get("phase") or (flight.phases[-1].phase if flight.phases else ""))
+    if good:
+        return f"Completed in {seconds:.0f} s"
+    if good is None:
+        return f"Recording of {seconds:.0f} s"
+    if phase == "aborted":
+        return f"Aborted after {seconds:.0f} s: {reason or 'no reason given'}"
+    tail = f" in phase “{phase}”" if phase else ""
+    return f"Not completed: stopped after {seconds:.0f} s{tail}" + (f" ({reason})" if reason else "")
+
+
+def _sentences(summary: Mapping[str, Any]) -> list[str]:
+    found = (_about_path(summary), _about_position(summary), _about_nees(summary), _about_thrusters(summary))
+    return [sentence for sentence in found if sentence]
+
+
+def _about_path(summary: Mapping[str, Any]) -> str:
+    rms, most, depth = (_one(summary.get(f"{key}_m")) for key in ("cross_track_rms", "cross_track_max", "depth_rms"))
+    if rms is None or most is None:
+        return ""
+    text = f"On its legs the vehicle stayed within {most:.2f} m of the commanded path ({rms:.2f} m rms)"
+    return text + (f" and held its depth to {_length(depth)} rms." if depth is not None else ".")
+
+
+def _about_position(summary: Mapping[str, Any]) -> str:
+    error, bound = _numbers(summary.get("position_error_rms_m")), _numbers(summary.get("bound_position_m"))
+    if error is None:
+        return ""
+    text = f"It knew its horizontal position to {_format(error, 1, 2, ' and ')} m rms (north and east)"
+    if not bound or not all(np.isfinite(bound)) or min(bound) <= 0:
+        return text + "."
+    ratio = float(np.sqrt(np.mean(np.square(error)) / np.mean(np.square(bound))))
+    against = f"the steady-state bound for this vehicle, sensors and disturbance is {_format(bound, 1, 2, ' and ')} m"
+    if ratio < 0.8:
+        return f"{text}; {against}, so this run was luckier than the average one, or less disturbed than the bound assumes."
+    if ratio < 1.3:
+        return f"{text}; {against}, so the observer makes about the best of what it is given."
+    return f"{text}; {against}, so the error is {ratio:.1f} times as large as it needs to be."
+
+
+def _about_nees(summary: Mapping[str, Any]) -> str:
+    mean = _one(summary.get("nees_position_mean"))
+    if mean is None or not np.isfinite(mean) or mean <= 0:
+        return ""
+    low, high = _numbers(summary.get("nees_position_interval")) or (1.0, 4.0)
+    factor = float(np.sqrt(max(mean, 1e-12) / 2))
+    start = f"NEES of the position is {mean:.3g} on average, 2 is expected"
+    if mean > high:
+        return f"{start}: the observer is overconfident, its errors are {factor:.1f} times as large as it believes."
+    if mean < low:
+        return f"{start}: the observer is too cautious, its errors are only {factor:.2f} times as large as it believes."
+    return f"{start}: the observer is as sure of itself as it may be."
+
+
+def _about_thrusters(summary: Mapping[str, Any]) -> str:
+    share = _one(summary.get("saturated_share"))
+    if share is None:
+        return ""
+    if share < 0.005:
+        return "The thrusters were practically never at their limits."
+    return f"The thrusters could not give all that was asked for during {100 * share:.1f} % of the time" + (
+        ": the mission asks for more than the vehicle has." if share > 0.25 else "."
+    )
+
+
+def _length(value: float) -> str:
+    return f"{1000 * value:.0f} mm" if value < 0.1 else f"{value:.2f} m"
+
+
+def _numbers(value: Any) -> list[float] | None:
+    """A number or a list of numbers as a list; None when it is neither."""
+    items = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    if not items or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in items):
+        return None
+    return [float(v) for v in items]
+
+
+def _one(value: Any) -> float | None:
+    numbers = _numbers(value)
+    return numbers[0] if numbers and len(numbers) == 1 else None
+
+
+def _format(values: list[float], factor: float, digits: int, between: str = ", ") -> str:
+    return between.join(_digits(factor * v, digits) for v in values)
+
+
+def _digits(value: float, digits: int) -> str:
+    if not np.isfinite(value):
+        return "not a number" if np.isnan(value) else "infinite"
+    if abs(value) >= 10**5 or (value and abs(value) < 10.0 ** -max(digits, 1)):
+        return f"{value:.2e}"
+    return f"{value:,.{digits}f}".replace(",", " ")
