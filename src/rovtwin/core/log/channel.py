@@ -99,10 +99,10 @@ def channel_table(channels: Iterable[Channel]) -> dict[str, Channel]:
     return table
 
 
-def unique(name: str, taken: set[str]) -> str:
+def unique(name: str, taken: set[str], separator: str = "_") -> str:
     """The name, with a number behind it when it is taken; adds the result to `taken`."""
     result, number = name, 2
     while result in taken:
-        result, number = f"{name}_{number}", number + 1
+        result, number = f"{name}{separator}{number}", number + 1
     taken.add(result)
     return result

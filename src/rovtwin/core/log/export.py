@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -40,12 +41,14 @@ def export_netcdf(log: Log, path: str | Path, title: str = "", overwrite: bool =
     """
     import netCDF4
 
-    path = Path(path)
-    with atomic(path, overwrite) as temporary, netCDF4.Dataset(temporary, "w", format="NETCDF4") as dataset:
-        taken: set[str] = set()
-        for name in log.channels:
-            _add_channel(dataset, log[name], taken)
-        dataset.setncatts(_global_attributes(log, title))
+    path, taken = Path(path), set()
+    try:
+        with atomic(path, overwrite) as temporary, netCDF4.Dataset(temporary, "w", format="NETCDF4") as dataset:
+            for name in log:
+                _add_channel(dataset, log[name], taken)
+            dataset.setncatts(_global_attributes(log, title))
+    except RuntimeError as error:  # of the netCDF library, such as a full disk
+        raise write_error(path, error) from error
     return path
 
 
@@ -118,7 +121,7 @@ def _add_channel(dataset: Dataset, series: Series, taken: set[str]) -> None:
 
 def _global_attributes(log: Log, title: str) -> Mapping[str, str]:
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    provenance = {f"rovtwin_{key}": value for key, value in log.metadata.items()}
+    provenance = {re.sub(r"\W", "_", f"rovtwin_{key}", flags=re.ASCII): value for key, value in log.metadata.items()}
     version = log.metadata.get("version", "")
     return {
         "Conventions": "CF-1.11",
@@ -133,7 +136,7 @@ def _csv(series: Series) -> str:
     channel = series.channel
     header = ["t [s]", *(f"{field} [{unit}]" for field, unit in zip(channel.fields, channel.units, strict=True))]
     rows = (",".join(map(repr, (t, *row))) for t, row in zip(series.t.tolist(), series.values.tolist(), strict=True))
-    return "\n".join([",".join(header), *rows]) + "\n"
+    return "\n".join([",".join(map(_quoted, header)), *rows]) + "\n"
 
 
 def _channel_table(log: Log, files: Mapping[str, Path]) -> str:

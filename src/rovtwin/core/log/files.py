@@ -26,12 +26,10 @@ def exists_error(path: Path) -> LogError:
     return LogError(f"{path}: exists already. Choose another name, or pass overwrite=True to replace it")
 
 
-def write_error(path: Path, error: OSError) -> LogError:
+def write_error(path: Path, error: Exception) -> LogError:
     """The error for a file that can't be written."""
-    return LogError(
-        f"{path}: cannot be written: {error.strerror or error}. "
-        f"{_FIXES.get(error.errno or 0, 'Check the path and the disk')}"
-    )
+    what, number = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
+    return LogError(f"{path}: cannot be written: {what}. {_FIXES.get(number or 0, 'Check the path and the disk')}")
 
 
 @contextmanager
@@ -43,6 +41,8 @@ def atomic(path: Path, overwrite: bool) -> Iterator[Path]:
     """
     if path.exists() and not overwrite:
         raise exists_error(path)
+    if not path.parent.is_dir():
+        raise LogError(f"{path}: cannot be written: there is no folder {path.parent}. Create it first")
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield temporary

@@ -116,11 +116,8 @@ def to_seconds(stamps: np.ndarray) -> np.ndarray:
 def message_type(channel: Channel, taken: set[str]) -> str:
     """Name of the channel's generated message type, such as `rovtwin_msgs/msg/TruthPosition`; adds it to `taken`."""
     words = channel.name.replace("/", "_").split("_")
-    name, number = "".join(word[:1].upper() + word[1:] for word in words), 2
-    while f"rovtwin_msgs/msg/{name}" in taken:
-        name, number = f"{name.rstrip('0123456789')}{number}", number + 1
-    taken.add(f"rovtwin_msgs/msg/{name}")
-    return f"rovtwin_msgs/msg/{name}"
+    name = "rovtwin_msgs/msg/" + "".join(word[:1].upper() + word[1:] for word in words)
+    return unique(name, taken, "")
 
 
 def message_definition(channel: Channel) -> str:

@@ -1,6 +1,7 @@
 """A log in memory: its channels as arrays, from a file or from arrays."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -14,7 +15,7 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
-from rovtwin.core.log.writer import METADATA_NAME, LogWriter, text_metadata
+from rovtwin.core.log.writer import FORMAT, METADATA_NAME, LogWriter, text_metadata
 
 _OTHERS = {
     b"PK\x03\x04": "a renamed zip",
@@ -27,7 +28,7 @@ _OTHERS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Series:
     """One channel of a log: times t [s], shape (N,), on a grid of 1 ns, and values, shape (N, n); both read-only."""
 
@@ -117,6 +118,9 @@ class Log:
         _known(name, self.channels, self.source)
         return self._series[name]
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
     def __contains__(self, name: object) -> bool:
         return name in self.channels
 
@@ -175,31 +179,32 @@ class Log:
         return only + [line for line in both if line]
 
 
-def open_mcap(path: Path) -> BinaryIO:
+@contextmanager
+def open_mcap(path: Path) -> Iterator[BinaryIO]:
     """Open a file that starts as MCAP does.
 
     Raises:
-        LogError: It doesn't, or can't be opened.
+        LogError: It doesn't, or can't be read.
     """
     try:
-        stream = open(path, "rb")
+        with open(path, "rb") as stream:
+            _check_start(stream.read(16), path)
+            yield stream
     except FileNotFoundError as error:
         raise LogError(f"{path}: no such file. Check the name; `rovtwin run` writes a log") from error
     except IsADirectoryError as error:
-        inside = sorted(Path(path).glob("*.mcap"))
-        raise LogError(
-            f"{path}: is a folder, expected an MCAP file. "
-            f"{f'Did you mean {str(inside[0])!r}?' if inside else 'There is none in it'}"
-        ) from error
+        inside = sorted(path.glob("*.mcap"))
+        hint = f"Did you mean {str(inside[0])!r}?" if inside else "There is none in it"
+        raise LogError(f"{path}: is a folder, expected an MCAP file. {hint}") from error
     except OSError as error:
-        raise LogError(
-            f"{path}: cannot be read: {error.strerror or error}. Check the permissions and the disk"
-        ) from error
-    start = stream.read(16)
+        what = error.strerror or error
+        raise LogError(f"{path}: cannot be read: {what}. Check the permissions and the disk") from error
+
+
+def _check_start(start: bytes, path: Path) -> None:
     if start.startswith(MAGIC):
-        return stream
-    stream.close()
-    if not start or (len(start) < len(MAGIC) and MAGIC.startswith(start)):
+        return
+    if MAGIC.startswith(start):
         raise LogError(
             f"{path}: empty: {len(start)} bytes, expected an MCAP file. Its run ended before it began; run it again"
         )
@@ -233,7 +238,7 @@ class Collector:
 
     def collect(self, stream: BinaryIO) -> Log:
         """Read all records."""
-        loose = []
+        loose: list[bytes] = []
         for record in iter_records(stream):
             if not record.complete:
                 raise self._damaged(record.offset, "not a whole record")
@@ -243,6 +248,8 @@ class Collector:
                     if expected not in (0, record.crc):
                         raise self._damaged(record.offset, "the checksum of the data does not match")
                     break
+                if record.opcode == Opcode.FOOTER:
+                    break
                 if record.opcode == Opcode.MESSAGE:
                     loose.append(record.header + record.content)
                 elif record.opcode == Opcode.CHUNK:
@@ -251,7 +258,12 @@ class Collector:
                     self.declare(record.opcode, record.content)
             except ValueError as error:
                 raise self._damaged(record.offset, str(error)) from error
-        self._messages(b"".join(loose))
+        else:
+            raise self._damaged(stream.tell(), "the end of the data is missing")
+        try:
+            self._messages(b"".join(loose))
+        except ValueError as error:
+            raise self._damaged(len(MAGIC), str(error)) from error
         return self._log()
 
     def declare(self, opcode: int, content: bytes) -> None:
@@ -314,6 +326,11 @@ class Collector:
             found = "; ".join(foreign[:5]) or "no channels at all"
             raise LogError(
                 f"{self.path}: no channels that rovtwin wrote, found {found}. Import another program's recording first"
+            )
+        if self.metadata.get("log_format", FORMAT) != FORMAT:
+            raise LogError(
+                f"{self.path}: log format {self.metadata['log_format']!r}, this version of rovtwin reads {FORMAT!r}. "
+                "Update rovtwin"
             )
         table, series = {}, {}
         for channel in self.channels.values():

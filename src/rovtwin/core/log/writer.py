@@ -5,7 +5,8 @@ import json
 import os
 import struct
 import threading
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,7 +25,9 @@ from rovtwin.core.log.mcapfile import McapFile
 METADATA_NAME = "rovtwin"
 FORMAT = "1"
 _CHUNK_SIZE = 1 << 20
+_PENDING_LIMIT = 64 << 20  # bytes that wait for a slow disk before `write` does too
 _FLUSH_PERIOD = 0.5  # s of wall time
+_SYNC_PERIOD = 1.0  # s of wall time
 _SINGLE = struct.Struct("<BQHIQQ4siI")
 
 
@@ -55,10 +58,10 @@ class LogWriter:
         self.channels = channel_table(channels)
         provenance = text_metadata(metadata or {})
         self._failure: LogError | None = None
+        self._condition = threading.Condition()
         self._pending: list[bytes] = []
-        self._pending_size = 0
-        self._pending_lock, self._file_lock = threading.Lock(), threading.Lock()
-        self._closing = threading.Event()
+        self._pending_size = self._added = self._written = 0
+        self._hurry = self._closed = False
         try:
             self._stream = open(self.path, "wb" if overwrite else "xb")
         except OSError as error:
@@ -71,7 +74,7 @@ class LogWriter:
         except OSError as error:
             self._close_stream()
             raise self._broken(error) from error
-        self._thread = threading.Thread(target=self._flush_now_and_then, name=f"log {self.path.name}", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"log {self.path.name}", daemon=True)
         self._thread.start()
 
     def write(self, channel: str, t: float, values: ArrayLike) -> None:
@@ -89,7 +92,7 @@ class LogWriter:
         sample = np.asarray(values, "<f8")
         if sample.size != track.size or sample.ndim > 1 or not 0 <= t < message.LATEST:
             message.check_block(track.channel, [t], [sample], str(self.path))
-        with self._pending_lock:
+        with self._condition:
             stamp = round(t * message.NANOSECONDS)
             track.advance(stamp, stamp, self.path)
             seconds, rest = divmod(stamp, message.NANOSECONDS)
@@ -106,7 +109,6 @@ class LogWriter:
             )
             track.count += 1
             self._add(header + sample.tobytes())
-        self._write_when_full()
 
     def write_many(self, channel: str, t: ArrayLike, values: ArrayLike) -> None:
         """Write a block of samples.
@@ -125,14 +127,13 @@ class LogWriter:
             return
         stamps = message.to_nanoseconds(times)
         rows = max(1, _CHUNK_SIZE // (track.length + 9))
-        with self._pending_lock:
+        with self._condition:
             track.advance(int(stamps[0]), int(stamps[-1]), self.path)
             sequence, track.count = track.count, track.count + len(stamps)
         for k in range(0, len(stamps), rows):
             block = message.encode(track.number, sequence + k, stamps[k : k + rows], samples[k : k + rows])
-            with self._pending_lock:
+            with self._condition:
                 self._add(block)
-            self._write_when_full()
 
     def flush(self) -> None:
         """Hand all that was written to the operating system: a killed process no longer loses it.
@@ -140,17 +141,8 @@ class LogWriter:
         Raises:
             LogError: The file can't be written.
         """
-        with self._file_lock:
-            if self._failure:
-                raise self._failure
-            with self._pending_lock:
-                blocks, self._pending, self._pending_size = self._pending, [], 0
-            if not blocks:
-                return
-            try:
-                self._file.chunk(b"".join(blocks))
-            except OSError as error:
-                raise self._broken(error) from error
+        with self._condition:
+            self._wait(self._added)
 
     def close(self) -> None:
         """Write the index and close the file; closing twice does nothing.
@@ -158,18 +150,15 @@ class LogWriter:
         Raises:
             LogError: The file can't be written.
         """
-        if self._closing.is_set():
-            return
-        self._closing.set()
+        with self._condition:
+            if self._closed:
+                return
+            self._closed = self._hurry = True
+            self._condition.notify_all()
         self._thread.join()
-        try:
-            self.flush()
-            self._file.finish()
-            self._sync()
-        except OSError as error:
-            raise self._broken(error) from error
-        finally:
-            self._close_stream()
+        self._close_stream()
+        if self._failure:
+            raise self._failure
 
     def __enter__(self) -> "LogWriter":
         return self
@@ -196,7 +185,7 @@ class LogWriter:
     def _track(self, name: str) -> "_Track":
         if self._failure:
             raise self._failure
-        if self._closing.is_set():
+        if self._closed:
             raise LogError(
                 f"{self.path}: the log is closed, nothing can be written to it. Write inside the `with` block"
             )
@@ -207,19 +196,47 @@ class LogWriter:
 
     def _add(self, block: bytes) -> None:
         self._pending.append(block)
+        self._added += 1
         self._pending_size += len(block)
+        if self._pending_size >= _PENDING_LIMIT:
+            self._wait(self._added)
+        elif self._pending_size >= _CHUNK_SIZE and not self._hurry:
+            self._hurry = True
+            self._condition.notify_all()
 
-    def _write_when_full(self) -> None:
-        if self._pending_size >= _CHUNK_SIZE:
-            self.flush()
+    def _wait(self, blocks: int) -> None:
+        """Wait until so many blocks are with the operating system."""
+        self._hurry = True
+        self._condition.notify_all()
+        self._condition.wait_for(lambda: self._written >= blocks or self._failure)
+        if self._failure:
+            raise self._failure
 
-    def _flush_now_and_then(self) -> None:
-        while not self._closing.wait(_FLUSH_PERIOD):
+    def _work(self) -> None:
+        """The only thread that touches the file: Ctrl-C cuts no write in two, and a slow disk holds up no control loop."""
+        closed, synced = False, time.monotonic()
+        while not (closed or self._failure):
+            with self._condition:
+                self._condition.wait_for(lambda: self._hurry, _FLUSH_PERIOD)
+                blocks, self._pending, self._pending_size = self._pending, [], 0
+                self._hurry, closed = False, self._closed
             try:
-                self.flush()
-                self._sync()
-            except (LogError, OSError):
-                return  # the next write raises it
+                for chunk in _chunks(blocks):
+                    self._file.chunk(chunk)
+                self._report(len(blocks))
+                if closed:
+                    self._file.finish()
+                if closed or time.monotonic() - synced > _SYNC_PERIOD:
+                    self._sync()
+                    synced = time.monotonic()
+            except Exception as error:  # whatever it is, the next call of the writer raises it
+                self._broken(error)
+                self._report(0)
+
+    def _report(self, blocks: int) -> None:
+        with self._condition:
+            self._written += blocks
+            self._condition.notify_all()
 
     def _sync(self) -> None:
         try:
@@ -234,7 +251,7 @@ class LogWriter:
         except OSError:
             pass  # reported by the write that failed
 
-    def _broken(self, error: OSError) -> LogError:
+    def _broken(self, error: Exception) -> LogError:
         failure = write_error(self.path, error)
         self._failure = LogError(f"{failure}. `rovtwin log repair {self.path}` saves what was written so far")
         return self._failure
@@ -263,10 +280,24 @@ class _Track:
         self.last = last
 
 
+def _chunks(blocks: list[bytes]) -> Iterator[bytes]:
+    """Blocks joined to about the size of a chunk."""
+    first, size = 0, 0
+    for k, block in enumerate(blocks):
+        size += len(block)
+        if size >= _CHUNK_SIZE or k == len(blocks) - 1:
+            yield b"".join(blocks[first : k + 1])
+            first, size = k + 1, 0
+
+
 def text_metadata(metadata: Mapping[str, Any]) -> dict[str, str]:
     """Metadata as text: what isn't text becomes JSON. Adds the time of creation and the version of the format."""
     created = datetime.now(UTC).isoformat(timespec="milliseconds")
-    text = {
+    return {"created": created, **as_text(metadata), "log_format": FORMAT}
+
+
+def as_text(metadata: Mapping[str, Any]) -> dict[str, str]:
+    """Metadata with what isn't text as JSON."""
+    return {
         str(key): value if isinstance(value, str) else json.dumps(value, default=str) for key, value in metadata.items()
     }
-    return {"created": created, **text, "log_format": FORMAT}
