@@ -44,7 +44,7 @@ Parsed = TypeVar("Parsed", bound=BaseModel)
 
 
 def near(name: object, names: Iterable[str]) -> str:
-    """ " Did you mean 'x'?" for the closest of the known names, or the list of them when none is close."""
+    """The hint "Did you mean 'x'?" for the closest of the known names, or the list of them when none is close."""
     known = sorted({str(n) for n in names})
     close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.6)
     if close:

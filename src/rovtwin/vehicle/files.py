@@ -1,0 +1,94 @@
+"""Vehicle files: found, read, their parts put in place."""
+
+from pathlib import Path
+from typing import Any
+
+from rovtwin.core.config import near, parse, read_yaml
+from rovtwin.core.errors import ConfigError
+from rovtwin.vehicle.schema import Body, Part, VehicleFile
+
+LIBRARY = Path(__file__).parent / "library"
+SUFFIXES = (".yaml", ".yml")
+
+
+def list_library() -> list[str]:
+    """Names of the vehicles and parts that ship with rovtwin."""
+    return sorted(p.stem for p in LIBRARY.glob("*.yaml"))
+
+
+def find(name_or_path: str | Path, folder: Path | None = None) -> Path:
+    """The file behind a library name or a path; paths are relative to `folder`, a library name may be shadowed there.
+
+    Raises:
+        ConfigError: Neither a file nor a name of the library.
+    """
+    text, folder = str(name_or_path), folder or Path()
+    as_path = folder / Path(text).expanduser()
+    looks_like_path = as_path.suffix in SUFFIXES or "/" in text or "\\" in text
+    if looks_like_path:
+        if as_path.is_file():
+            return as_path
+        shipped = LIBRARY / f"{Path(text).stem}.yaml"
+        # A part may be written with its suffix and still be the library's.
+        if Path(text).name == text and shipped.is_file():
+            return shipped
+        read_yaml(as_path)  # says what is wrong with the path
+        raise ConfigError(f"{as_path}: is not a file")
+    beside = folder / f"{text}.yaml"
+    if beside.is_file():
+        return beside
+    shipped = LIBRARY / f"{text}.yaml"
+    if shipped.is_file():
+        return shipped
+    raise ConfigError(f"{text}: no such vehicle in the library, and no file {beside}.{near(text, list_library())}")
+
+
+def load(path: Path) -> VehicleFile:
+    """The vehicle in a file, with every `part:` replaced by what its file says."""
+    description = parse(VehicleFile, read_yaml(path), path.name)
+    return _filled(description, path, (path.resolve(),))
+
+
+def from_data(data: dict[str, Any], where: str, folder: Path | None = None) -> VehicleFile:
+    """The same from data already read; `folder` is what its part files are relative to."""
+    description = parse(VehicleFile, data, where)
+    return _filled(description, (folder or Path()) / where, ())
+
+
+def _filled(body: Any, path: Path, chain: tuple[Path, ...], place: str = "") -> Any:
+    """A body whose parts, at any depth, no longer refer to files. Table files become absolute paths."""
+    parts = []
+    for i, part in enumerate(body.parts):
+        here = f"{place}parts[{i}]"
+        if part.part is not None:
+            part = _from_file(part, path, chain, here)
+        else:
+            part = _filled(part, path, chain, f"{here}.")
+        parts.append(part)
+    thrusters = [_with_absolute_tables(t, path.parent) for t in body.thrusters]
+    return body.model_copy(update={"parts": parts, "thrusters": thrusters})
+
+
+def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Part:
+    try:
+        target = find(str(part.part), path.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{path.name}: {here}.part: {error}") from None
+    if target.resolve() in chain:
+        names = [p.name for p in chain[chain.index(target.resolve()) :]] + [target.name]
+        raise ConfigError(f"{path.name}: {here}.part: a vehicle cannot be a part of itself: {' -> '.join(names)}")
+    inner = _filled(parse(VehicleFile, read_yaml(target), target.name), target, (*chain, target.resolve()))
+    own = {key: getattr(inner, key) for key in Body.model_fields}
+    said = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
+    return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose)
+
+
+def _with_absolute_tables(thruster: Any, folder: Path) -> Any:
+    table = getattr(thruster.curve, "table", None)
+    if isinstance(table, str):
+        absolute: Any = str(folder / table)
+    elif isinstance(table, list) and table and isinstance(table[0], str):
+        absolute = [str(folder / t) for t in table]
+    else:
+        return thruster
+    return thruster.model_copy(update={"curve": thruster.curve.model_copy(update={"table": absolute})})

@@ -1,0 +1,87 @@
+"""Mass, centre of gravity and inertia of assemblies: the full parallel-axis theorem.
+
+The thesis's (2.19) adds m |d|^2 of the whole offset and forgets the parts' own inertia; here own inertia, offset,
+products of inertia and orientation are all in the tensor equation I = sum R I_i R' - m_i S(d_i)^2.
+Plain NumPy: done once per vehicle, on the host.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+def skew(a: np.ndarray) -> np.ndarray:
+    """S(a), shape (3, 3), with S(a) b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def rotation_zyx(attitude: np.ndarray) -> np.ndarray:
+    """R of [roll, pitch, yaw] [rad], shape (3, 3): maps the part's frame to its parent's. Fossen (2021), eq. 2.31."""
+    (cf, ct, cp), (sf, st, sp) = np.cos(attitude), np.sin(attitude)
+    return np.array(
+        [
+            [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
+            [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
+            [-st, ct * sf, ct * cf],
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame in its parent: origin [m], shape (3,), and rotation (frame to parent), shape (3, 3)."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+
+    @classmethod
+    def of(cls, position: object, attitude_deg: object = (0.0, 0.0, 0.0)) -> "Placement":
+        return cls(np.array(position, dtype=float), rotation_zyx(np.radians(np.array(attitude_deg, dtype=float))))
+
+    def after(self, outer: "Placement") -> "Placement":
+        """This frame as seen from the parent of `outer`, when `outer` is its parent."""
+        return Placement(outer.point(self.position), outer.rotation @ self.rotation)
+
+    def point(self, p: np.ndarray) -> np.ndarray:
+        """A point of this frame as seen from the parent."""
+        return self.position + self.rotation @ p
+
+    def twist(self) -> np.ndarray:
+        """H, shape (6, 6): the parent's velocity nu at its origin -> the velocity of this frame, in this frame.
+
+        Fossen (2021), eq. 3.34 and app. C (system transformation), with the rotation.
+        """
+        R_t = self.rotation.T
+        return np.block([[R_t, -R_t @ skew(self.position)], [np.zeros((3, 3)), R_t]])
+
+
+HERE = Placement(np.zeros(3), np.eye(3))
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass [kg], centre of gravity [m], shape (3,), inertia about it [kg m2], shape (3, 3)."""
+
+    mass: float
+    center_of_gravity: np.ndarray
+    inertia: np.ndarray
+
+    def moved(self, placement: Placement) -> "MassProperties":
+        """The same body as seen from the parent's frame."""
+        R = placement.rotation
+        return MassProperties(self.mass, placement.point(self.center_of_gravity), R @ self.inertia @ R.T)
+
+    def inertia_about(self, point: np.ndarray) -> np.ndarray:
+        """Tensor about another point, shape (3, 3): I_g - m S(d)^2. Fossen (2021), eq. 3.37."""
+        S = skew(self.center_of_gravity - point)
+        return self.inertia - self.mass * S @ S
+
+
+def combine(bodies: list[MassProperties]) -> MassProperties:
+    """One rigid body from several seen in the same frame."""
+    mass = sum(body.mass for body in bodies)
+    if mass <= 0:
+        return MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
+    center = sum((body.mass * body.center_of_gravity for body in bodies), np.zeros(3)) / mass
+    inertia = sum((body.inertia_about(center) for body in bodies), np.zeros((3, 3)))
+    return MassProperties(mass, center, inertia)

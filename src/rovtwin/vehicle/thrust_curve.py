@@ -1,0 +1,94 @@
+"""Thrust curves from bollard tests: read, joined over voltages, put on one grid of commands."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.core.config import near
+from rovtwin.core.errors import ConfigError
+
+KGF = 9.80665  # [N]
+PWM_NEUTRAL, PWM_RANGE = 1500.0, 400.0
+
+
+def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
+    """Voltage [V] and points (command, force [N]), shape (k, 2), of a bollard test as Blue Robotics publishes them.
+
+    Columns PWM [us] (1100 to 1900 is command -1 to 1), Voltage [V] and Force [kgf], found by name.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        known = [p.name for p in path.parent.glob("*.csv")] if path.parent.is_dir() else []
+        raise ConfigError(f"{path}: no such file.{near(path.name, known)}") from None
+    except (OSError, UnicodeDecodeError):
+        raise ConfigError(f"{path}: cannot be read as text") from None
+    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    if len(rows) < 4:
+        raise ConfigError(f"{path}: found {len(rows)} lines, expected a header and at least 3 points")
+    header = [cell.split("(")[0].strip().lower() for cell in rows[0]]
+    missing = [name for name in ("pwm", "voltage", "force") if name not in header]
+    if missing:
+        raise ConfigError(f"{path}: found columns {', '.join(header)}; expected also {', '.join(missing)}")
+    columns = [header.index(name) for name in ("pwm", "voltage", "force")]
+    values = []
+    for line, row in enumerate(rows[1:], start=2):
+        try:
+            values.append([float(row[c]) for c in columns])
+        except (ValueError, IndexError):
+            raise ConfigError(f"{path}: line {line}: found {','.join(row)!r}, expected numbers") from None
+    pwm, voltage, force = np.array(values).T
+    if not np.isfinite(values).all():
+        raise ConfigError(f"{path}: holds values that are not finite")
+    if (np.diff(pwm) <= 0).any():
+        raise ConfigError(f"{path}: PWM must increase from line to line")
+    command = np.clip((pwm - PWM_NEUTRAL) / PWM_RANGE, -1, 1)
+    points = np.stack([command, force * KGF], axis=1)
+    if command[0] > -1 or command[-1] < 1:
+        raise ConfigError(f"{path}: PWM from {pwm[0]:g} to {pwm[-1]:g}, expected 1100 to 1900")
+    return float(np.median(voltage)), points
+
+
+def at_voltage(curves: list[tuple[float, np.ndarray]], voltage: float | None, where: str) -> np.ndarray:
+    """Points at a supply voltage, linear between the tested ones; never beyond them."""
+    if len(curves) == 1 and (voltage is None or not np.isfinite(curves[0][0])):
+        return curves[0][1]
+    curves = sorted(curves, key=lambda c: c[0])
+    tested = np.array([v for v, _ in curves])
+    if voltage is None:
+        listed = ", ".join(f"{v:g}" for v in tested)
+        raise ConfigError(
+            f"{where}: tables for {listed} V, but no supply voltage; write 'supply_voltage: {tested[0]:g}'"
+        )
+    if not tested[0] <= voltage <= tested[-1]:
+        raise ConfigError(
+            f"{where}: supply voltage {voltage:g} V, but the tables hold from {tested[0]:g} to {tested[-1]:g} V"
+        )
+    grid = np.unique(np.concatenate([points[:, 0] for _, points in curves]))
+    forces = np.stack([np.interp(grid, points[:, 0], points[:, 1]) for _, points in curves])
+    force = np.array([np.interp(voltage, tested, column) for column in forces.T])
+    return np.stack([grid, force], axis=1)
+
+
+def increasing(points: np.ndarray, where: str) -> np.ndarray:
+    """The same points with the noise of the test smoothed so that force never falls with command.
+
+    Pool adjacent violators, the least-squares non-decreasing fit (Barlow et al. 1972). A curve that needs more than
+    5 % of its largest force is not noise but a mistake, such as swapped columns or the sign of astern.
+    """
+    force = points[:, 1]
+    blocks: list[list[float]] = []  # mean, count
+    for value in force:
+        blocks.append([float(value), 1])
+        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
+            mean, count = blocks.pop()
+            blocks[-1] = [
+                (blocks[-1][0] * blocks[-1][1] + mean * count) / (blocks[-1][1] + count),
+                blocks[-1][1] + count,
+            ]
+    fitted = np.concatenate([np.full(int(count), mean) for mean, count in blocks])
+    if np.abs(fitted - force).max() > 0.05 * np.abs(force).max():
+        at = points[np.abs(fitted - force).argmax(), 0]
+        raise ConfigError(f"{where}: force falls with command near {at:.2f}; expected it to rise from -1 to 1")
+    return np.stack([points[:, 0], fitted], axis=1)

@@ -1,0 +1,153 @@
+"""Vehicle: a description that people edit, and the Model built from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.vehicle import files
+from rovtwin.vehicle.assembly import GRAVITY, Assembly, Mounted, assemble
+from rovtwin.vehicle.propulsion import thruster_arrays
+from rovtwin.vehicle.schema import VehicleFile
+from rovtwin.vehicle.soundness import require_sound
+
+if TYPE_CHECKING:
+    from rovtwin.vehicle.model import Model
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle as its file describes it.
+
+    Attributes:
+        file: The description, all parts in place.
+        where: File name, for messages.
+    """
+
+    file: VehicleFile
+    where: str
+
+    @property
+    def name(self) -> str:
+        return self.file.name
+
+    @property
+    def description(self) -> str:
+        return self.file.description
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Totals at CO, in the water the file is written for."""
+        return assemble(self.file, self.where)
+
+    @property
+    def thruster_names(self) -> list[str]:
+        """In the order of the commands, `port.surge`."""
+        return [t.name for t in self.assembly.thrusters]
+
+    @property
+    def cameras(self) -> list[Mounted]:
+        """Cameras with their place in the body frame; R of a camera looking along x is the identity."""
+        return list(self.assembly.cameras)
+
+    @property
+    def sensors(self) -> list[Mounted]:
+        """Sensors with their place in the body frame."""
+        return list(self.assembly.sensors)
+
+    def model(
+        self,
+        *,
+        supply_voltage: float | None = None,
+        water_density: float | None = None,
+        net_buoyancy: float | None = None,
+    ) -> Model:
+        """The arrays that equations use.
+
+        Args:
+            supply_voltage: At which thrust tables are read [V]; else the file's.
+            water_density: Buoyancy, added mass and drag scale with it [kg/m3]; else that of the file.
+            net_buoyancy: Buoyancy less weight, positive floats [N]; else as the file says.
+
+        Raises:
+            ConfigError: The parts make no vehicle that can move: M not positive definite, damping that drives.
+        """
+        from rovtwin.core.numerics import as_array
+        from rovtwin.vehicle.model import Model, rigid_body_matrix
+        from rovtwin.vehicle.thrusters import Thrusters
+
+        total = self._total(water_density, net_buoyancy)
+        damping = total.damping()
+        require_sound(total, self.where)
+        solid = total.solid
+        voltage = self.file.supply_voltage if supply_voltage is None else supply_voltage
+        arrays = thruster_arrays(total.thrusters, voltage, self.where)
+        tabulated = arrays.pop("tabulated")
+        return Model(
+            rigid_body_mass=rigid_body_matrix(solid.mass, solid.inertia, solid.center_of_gravity),
+            added_mass=total.added_mass,
+            linear_damping_ahead=damping.linear_ahead,
+            linear_damping_astern=damping.linear_astern,
+            quadratic_damping_ahead=damping.quadratic_ahead,
+            quadratic_damping_astern=damping.quadratic_astern,
+            weight=solid.mass * GRAVITY,
+            buoyancy=total.density * GRAVITY * total.volume,
+            center_of_gravity=solid.center_of_gravity,
+            center_of_buoyancy=total.center_of_buoyancy,
+            thrusters=Thrusters(
+                **{key: as_array(value) for key, value in arrays.items()},
+                tabulated=as_array(tabulated) > 0,
+            ),
+        )
+
+    def _total(self, water_density: float | None, net_buoyancy: float | None) -> Assembly:
+        total = self.assembly
+        if water_density is not None:
+            if not 900 <= water_density <= 1100:
+                raise ConfigError(f"water density {water_density:g} kg/m3, expected 900 to 1100 (fresh 1000, sea 1025)")
+            total = total.in_water(float(water_density))
+        if net_buoyancy is not None:
+            buoyancy = total.solid.mass * GRAVITY + net_buoyancy
+            if not (np.isfinite(buoyancy) and buoyancy >= 0):
+                raise ConfigError(f"net buoyancy {net_buoyancy:g} N, expected more than minus the weight")
+            total = _ballasted(total, buoyancy)
+        return total
+
+    def to_dict(self) -> dict[str, Any]:
+        """The complete description as plain data: no references to part files, loadable by `vehicle_from_dict`."""
+        return self.file.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
+
+
+def _ballasted(total: Assembly, buoyancy: float) -> Assembly:
+    from dataclasses import replace
+
+    return replace(total, volume=buoyancy / (total.density * GRAVITY))
+
+
+def load_vehicle(name_or_path: str | Path) -> Vehicle:
+    """A vehicle of the library by name, or any vehicle file by path.
+
+    Raises:
+        ConfigError: With a line per mistake: file, place, what was found, what was expected, the fix.
+    """
+    path = files.find(name_or_path)
+    vehicle = Vehicle(files.load(path), path.name)
+    _ = vehicle.assembly  # so that mistakes show here
+    return vehicle
+
+
+def vehicle_from_dict(data: dict[str, Any], where: str = "vehicle", folder: Path | None = None) -> Vehicle:
+    """A vehicle from data as a file would hold it; part files are relative to `folder`."""
+    vehicle = Vehicle(files.from_data(data, where, folder), where)
+    _ = vehicle.assembly
+    return vehicle
+
+
+def vehicle_schema() -> dict[str, Any]:
+    """JSON Schema of vehicle files, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | VehicleFile.model_json_schema()
