@@ -8,34 +8,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rovtwin.vehicle.findings import Finding, check
     from rovtwin.vehicle.files import list_library
     from rovtwin.vehicle.model import Model
-    from rovtwin.vehicle.show import render, summary
     from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict, vehicle_schema
 
 _HOME = {
-    "Finding": "findings",
     "Model": "model",
     "Vehicle": "vehicle",
-    "check": "findings",
     "list_library": "files",
     "load_vehicle": "vehicle",
-    "render": "show",
-    "summary": "show",
     "vehicle_from_dict": "vehicle",
     "vehicle_schema": "vehicle",
 }
 
 __all__ = [
-    "Finding",
     "Model",
     "Vehicle",
-    "check",
     "list_library",
     "load_vehicle",
-    "render",
-    "summary",
     "vehicle_from_dict",
     "vehicle_schema",
 ]

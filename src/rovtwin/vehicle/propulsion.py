@@ -28,7 +28,7 @@ def configuration(thrusters: tuple[Mounted, ...]) -> np.ndarray:
         assert isinstance(mounted.item, Thruster)
         force = mounted.rotation @ direction_vector(mounted.item.direction)
         point = mounted.placement.point(np.array(mounted.item.position))
-        columns.append(np.concatenate([force, np.cross(point, force)]))
+        columns.append(np.concatenate([force, np.cross(point, force)]) + 0.0)  # no -0.0
     return np.stack(columns, axis=1) if columns else np.zeros((6, 0))
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from rovtwin.core.config import Degrees, Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
 
 _NUMBER = {"type": "number"}
 _ARRAY = {"type": "array", "items": _NUMBER}
@@ -265,7 +265,7 @@ class Camera(Strict):
     """A camera; attitude 0 looks along x with the image upright."""
 
     name: str
-    pose: Pose = Pose()
+    pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
     resolution: list[int] | None = Field(None, min_length=2, max_length=2, description="width, height [px]")
     focal_length: list[Positive] = Field([1000.0, 1000.0], min_length=2, max_length=2, description="f_x, f_y [px]")
     principal_point: list[Number] | None = Field(None, min_length=2, max_length=2, description="c_x, c_y [px]")
@@ -280,7 +280,7 @@ class Sensor(Strict):
 
     name: str
     kind: str = Field(description="position, pressure, imu, attitude, dvl, imager, ...")
-    pose: Pose = Pose()
+    pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
     source: Source = None
 
 
@@ -369,7 +369,7 @@ class Part(Body):
 
     name: str
     part: str | None = Field(None, description="name of a library file, or path of a file, that describes the part")
-    pose: Pose = Pose()
+    pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
 
     @model_validator(mode="after")
     def _own_or_file(self) -> "Part":

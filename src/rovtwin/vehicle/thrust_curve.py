@@ -78,16 +78,16 @@ def increasing(points: np.ndarray, where: str) -> np.ndarray:
     5 % of its largest force is not noise but a mistake, such as swapped columns or the sign of astern.
     """
     force = points[:, 1]
-    blocks: list[list[float]] = []  # mean, count
+    means: list[float] = []
+    counts: list[int] = []
     for value in force:
-        blocks.append([float(value), 1])
-        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
-            mean, count = blocks.pop()
-            blocks[-1] = [
-                (blocks[-1][0] * blocks[-1][1] + mean * count) / (blocks[-1][1] + count),
-                blocks[-1][1] + count,
-            ]
-    fitted = np.concatenate([np.full(int(count), mean) for mean, count in blocks])
+        mean, count = float(value), 1
+        while means and means[-1] > mean:
+            mean, count = (means[-1] * counts[-1] + mean * count) / (counts[-1] + count), counts.pop() + count
+            means.pop()
+        means.append(mean)
+        counts.append(count)
+    fitted = np.repeat(means, counts)
     if np.abs(fitted - force).max() > 0.05 * np.abs(force).max():
         at = points[np.abs(fitted - force).argmax(), 0]
         raise ConfigError(f"{where}: force falls with command near {at:.2f}; expected it to rise from -1 to 1")
