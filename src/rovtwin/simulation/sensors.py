@@ -4,15 +4,25 @@ One Block serves every kind. It ticks at its own rate on the physics clock k, an
 the work of a reading is done only when there is one, also for a thousand vehicles at once.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 
 from rovtwin.core.block import Block, Start
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
-from rovtwin.core.frames import wrap
+from rovtwin.core.frames import cross, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.simulation.checks import (
+    require,
+    require_finite,
+    require_not_negative,
+    require_probability,
+    require_shape,
+)
 from rovtwin.simulation.noise import raw_key
 from rovtwin.vehicle import measurement
 from rovtwin.vehicle.dynamics import State
@@ -124,24 +134,40 @@ class Sensor(Block):
     ):
         """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps."""
         if kind not in KINDS:
-            raise ValueError(f"no sensor kind {kind!r}; there are {sorted(KINDS)}")
+            raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(KINDS))}")
         self.kind = kind
         self.rate, self.physics_rate = round(1000 * rate_hz), round(1000 * physics_rate_hz)
         if not 0 < self.rate <= self.physics_rate:
-            raise ValueError(
-                f"{kind} at {rate_hz} Hz: want a rate above 0 and at most the physics' {physics_rate_hz} Hz"
-            )
+            raise ConfigError(f"{kind}.rate: found {rate_hz} Hz, expected above 0 and at most {physics_rate_hz} Hz")
         self.latency_steps = round(latency * physics_rate_hz)
-        if self.latency_steps < 0:
-            raise ValueError(f"{kind}: latency {latency} s is negative")
         self.noise, self.bias, self.bias_walk = (
-            jnp.broadcast_to(as_array(value), (self.size,)) for value in (noise, bias, bias_walk)
+            _per_axis(f"{kind}.{name}", value, self.size)
+            for name, value in (("noise", noise), ("bias", bias), ("bias_walk", bias_walk))
         )
         self.clock_drift, self.clock_offset = as_array(clock_drift), as_array(clock_offset)
         self.dropout, self.outlier, self.outlier_size = as_array(dropout), as_array(outlier), as_array(outlier_size)
         self.blackouts = as_array(blackouts).reshape(-1, 2)
         self.lever = as_array(lever)
         self.rotation = jnp.eye(3) if rotation is None else as_array(rotation)
+        self._check(as_array(latency))
+
+    def _check(self, latency: Array) -> None:
+        kind, R = self.kind, self.rotation
+        require_not_negative(f"{kind}.latency", latency)
+        require_not_negative(f"{kind}.noise", self.noise)
+        require_finite(f"{kind}.bias", self.bias)
+        require_not_negative(f"{kind}.bias_walk", self.bias_walk)
+        require(f"{kind}.clock_drift", self.clock_drift, abs(self.clock_drift) < 0.5, "a relative error below 0.5")
+        require_finite(f"{kind}.clock_offset", self.clock_offset)
+        require_probability(f"{kind}.dropout", self.dropout)
+        require_probability(f"{kind}.outlier", self.outlier)
+        require_not_negative(f"{kind}.outlier_size", self.outlier_size)
+        require(f"{kind}.blackouts", self.blackouts, self.blackouts[:, 0] < self.blackouts[:, 1], "pairs (from, to)")
+        require_shape(f"{kind}.lever", self.lever, (3,))
+        require_finite(f"{kind}.lever", self.lever)
+        require_shape(f"{kind}.rotation", R, (3, 3))
+        proper = (jnp.abs(R @ R.T - jnp.eye(3)) < 1e-6).all() & (R[0] @ cross(R[1], R[2]) > 0)
+        require(f"{kind}.rotation", R, proper, "a rotation matrix (R R' = I, det R = 1)")
 
     @property
     def size(self) -> int:
@@ -150,7 +176,9 @@ class Sensor(Block):
 
     def readings_before(self, k: Any) -> Any:
         """How many readings are taken in physics steps 0 .. k - 1; int, or an int array like k."""
-        return k * self.rate // self.physics_rate
+        common = math.gcd(self.rate, self.physics_rate)
+        k = k.astype(jnp.int64) if isinstance(k, Array) else k
+        return k * (self.rate // common) // (self.physics_rate // common)
 
     def ticks(self, k: Any) -> Any:
         """Whether a reading is taken at the end of physics step k; k may be an int or an int array."""
@@ -158,7 +186,8 @@ class Sensor(Block):
 
     def delivered_before(self, k: Any) -> Any:
         """How many readings (valid or not) are delivered in physics steps 0 .. k - 1."""
-        return self.readings_before(jnp.maximum(k - self.latency_steps, 0))
+        earlier = k - self.latency_steps
+        return self.readings_before(jnp.maximum(earlier, 0) if isinstance(k, Array) else max(earlier, 0))
 
     def capacity(self, steps: int) -> int:
         """The largest number of readings that any `steps` successive physics steps deliver."""
@@ -171,7 +200,7 @@ class Sensor(Block):
 
     def step(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[SensorMemory, Slot]:
         """One physics step of `dt` seconds, which must be that of `physics_rate`."""
-        if round(1e6 / dt) != 1000 * self.physics_rate:
+        if abs(dt * self.physics_rate / 1000 - 1.0) > 1e-6:
             raise ValueError(f"{self.kind}: made for physics at {self.physics_rate / 1000} Hz, stepped by {dt} s")
         ticks = self.ticks(input.k)
         if memory.under_way is None:
@@ -208,9 +237,7 @@ class Sensor(Block):
     def _read(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[Array, Slot]:
         """One reading: the bias's next value, and a Slot of capacity 1."""
         n = self.size
-        chance, draws = jax.random.split(jax.random.fold_in(memory.key, input.k))
-        lost, odd = jax.random.uniform(chance, (2,))
-        white, walk, direction = jax.random.normal(draws, (3, n))
+        (white, walk, direction), (lost, odd) = _draw(jax.random.fold_in(memory.key, input.k), n)
         t = (input.k + 1) * dt
         wander = memory.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
         value = KINDS[self.kind][1](self, input) + self.bias + wander + self.noise * white
@@ -226,6 +253,21 @@ class Sensor(Block):
         return wander, Slot(value[None], valid[None], t_valid[None])
 
 
+def _per_axis(where: str, value: Any, size: int) -> Array:
+    """A number for all axes, or one for each, as shape (size,)."""
+    value = as_array(value)
+    if value.shape not in ((), (size,)):
+        raise ConfigError(f"{where}: found {value.size} numbers, expected 1 or {size}")
+    return jnp.broadcast_to(value, (size,))
+
+
+def _draw(key: Array, n: int) -> tuple[Array, Array]:
+    """Standard normal numbers, shape (3, n), and uniform ones in (0, 1), shape (2,), from one call: half the time."""
+    least = float(np.nextafter(-1.0, 0.0))
+    u = jax.random.uniform(key, (3 * n + 2,), minval=least, maxval=1.0)
+    return (jnp.sqrt(2.0) * jax.lax.erf_inv(u[: 3 * n])).reshape(3, n), 0.5 * (1.0 + u[3 * n :])
+
+
 def put(slots: Slot, one: Slot, here: Array) -> Slot:
     """`slots` with the rows where `here`, shape (capacity,), is True replaced by the row of `one` (capacity 1)."""
     return Slot(
@@ -235,7 +277,12 @@ def put(slots: Slot, one: Slot, here: Array) -> Slot:
     )
 
 
-def table_5_7(as_printed: bool = False, dvl: bool = False, physics_rate_hz: float = PHYSICS_RATE) -> dict[str, Sensor]:
+def table_5_7(
+    as_printed: bool = False,
+    dvl: bool = False,
+    physics_rate_hz: float = PHYSICS_RATE,
+    changes: Mapping[str, Mapping[str, Any]] | None = None,
+) -> dict[str, Sensor]:
     """The sensors of thesis table 5.7, at CO, by name.
 
     Args:
@@ -243,11 +290,13 @@ def table_5_7(as_printed: bool = False, dvl: bool = False, physics_rate_hz: floa
             they are swapped there, and by default stand corrected (0.017 m/s2 and 6.8e-6 rad/s).
         dvl: With a DVL of 5 mm/s per axis at 10 Hz, which the thesis's vehicle has not.
         physics_rate_hz: Rate of the physics clock.
+        changes: By sensor name, arguments of `Sensor` that differ, such as `{"position": {"dropout": 0.1}}`.
     """
+    changes = changes or {}
     accelerometer_bias, gyro_bias = (6.8e-6, 0.017) if as_printed else (0.017, 6.8e-6)
 
     def sensor(kind: str, rate_hz: float, **parameters: Any) -> Sensor:
-        return Sensor(kind, rate_hz, physics_rate_hz=physics_rate_hz, **parameters)
+        return Sensor(kind, rate_hz, physics_rate_hz=physics_rate_hz, **(parameters | dict(changes.get(kind, {}))))
 
     sensors = {
         "position": sensor("position", 1.0, noise=0.5),

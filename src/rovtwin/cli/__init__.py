@@ -1,0 +1,58 @@
+"""The command line: `rovtwin --help`. Numerics are imported inside the commands, so that help answers at once."""
+
+import sys
+
+import typer
+
+from rovtwin.cli.logs import log_app
+from rovtwin.cli.output import report_error
+from rovtwin.cli.runs import demo, fly, report, scenario_app, score
+from rovtwin.cli.vehicles import vehicle_app
+from rovtwin.core.errors import RovtwinError
+
+app = typer.Typer(
+    name="rovtwin",
+    help="Identify, simulate and control small underwater vehicles from one description.\n\n"
+    "Start with [bold]rovtwin demo[/bold], then [bold]rovtwin fly lawnmower_calm[/bold] "
+    "and [bold]rovtwin vehicle show double_blueye[/bold].\n\n"
+    "Exit codes: 0 done, 1 the mission or fit failed (the reason is printed), 2 bad input. "
+    "With --json one object goes to standard output, everything else to standard error.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(fly)
+app.command()(demo)
+app.command()(score)
+app.command()(report)
+app.add_typer(vehicle_app, name="vehicle")
+app.add_typer(scenario_app, name="scenario")
+app.add_typer(log_app, name="log")
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from rovtwin import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _common(version: bool = typer.Option(False, "--version", callback=_version, help="Print the version.")) -> None:
+    pass
+
+
+def main() -> None:
+    """Entry point: what the user can mend is one message and exit code 2, never a traceback."""
+    try:
+        app()
+    except RovtwinError as error:
+        report_error(error, as_json="--json" in sys.argv)
+        sys.exit(2)
+    except BrokenPipeError:
+        # The reader, such as `head`, has seen enough.
+        sys.stderr.close()
+        sys.exit(0)

@@ -1,0 +1,76 @@
+"""rovtwin log: look at logs, export them, rescue unfinished ones."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rovtwin.cli.output import AsJson, console, emit, figure, table
+
+log_app = typer.Typer(no_args_is_help=True, help="Look at logs, export them to netCDF or CSV, rescue unfinished ones.")
+
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP log, such as runs/<run>/log.mcap.")]
+
+
+@log_app.command("info")
+def info(path: LogFile, as_json: AsJson = False) -> None:
+    """List the channels with rate, unit and frame, and where the log comes from."""
+    from rovtwin.core.log.info import summary
+
+    found = summary(path)
+    if as_json:
+        emit(found)
+        return
+    rows = table(str(path), "channel", "messages", "rate [Hz]", "first [s]", "last [s]", "unit", "frame", "fields")
+    for row in found["rows"]:
+        unit = row["unit"] if isinstance(row["unit"], str) else ", ".join(dict.fromkeys(row["unit"]))
+        numbers = [f"{row[key]:.4g}" if row[key] is not None else "–" for key in ("rate", "first", "last")]
+        rows.add_row(row["name"], str(row["messages"]), *numbers, unit, row["frame"] or "–", " ".join(row["fields"]))
+    out = console(False)
+    out.print(rows)
+    for key in ("name", "seed", "version", "created", "command"):
+        if found["metadata"].get(key):
+            out.print(f"{key}: {found['metadata'][key]}", markup=False)
+
+
+@log_app.command("export")
+def export(
+    path: LogFile,
+    target: Annotated[Path, typer.Argument(help="run.nc for netCDF (CF), or a folder for one CSV per channel.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Export a log: netCDF opens in xarray and MATLAB, CSV anywhere."""
+    from rovtwin.core.log import Log
+    from rovtwin.core.log.export import export_csv, export_netcdf
+
+    log = Log.read(path)
+    if target.suffix == ".nc":
+        export_netcdf(log, target, overwrite=overwrite)
+    else:
+        export_csv(log, target, overwrite=overwrite)
+    if as_json:
+        emit({"written": str(target)})
+    else:
+        console(False).print(f"wrote {target}", markup=False)
+
+
+@log_app.command("repair")
+def repair(
+    path: LogFile,
+    out: Annotated[Path | None, typer.Option(help="Where to write; default <name>.repaired.mcap.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Rebuild an unfinished log (crash, power cut) from what reached the disk; the original is left as it is."""
+    from rovtwin.core.log.repair import repair as rebuild
+
+    result = rebuild(path, out)
+    total = sum(result.messages.values())
+    if as_json:
+        emit({**asdict(result), "path": str(result.path)})
+        return
+    screen = console(False)
+    screen.print(f"wrote {result.path}: {total} messages, up to {figure(result.last_time, 's')}", markup=False)
+    for note in result.notes:
+        screen.print(f"- {note}", markup=False)

@@ -1,0 +1,64 @@
+"""What all commands share: where output goes, how figures are shown, how errors are said."""
+
+import json
+import math
+import sys
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+AsJson = Annotated[bool, typer.Option("--json", help="One machine-readable object on standard output.")]
+
+DONE, FAILED = 0, 1
+
+
+def console(as_json: bool) -> Console:
+    """For people: standard output, or standard error when standard output is for a machine."""
+    return Console(stderr=as_json, highlight=False)
+
+
+def emit(data: Any) -> None:
+    """One JSON object on standard output; what JSON cannot say (NaN, infinity) is null."""
+    json.dump(_plain(data), sys.stdout, indent=2)
+    sys.stdout.write("\n")
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {str(key): _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data
+
+
+def report_error(error: Exception, as_json: bool) -> None:
+    """The message on standard error, and as an object on standard output if asked."""
+    print(f"rovtwin: {error}", file=sys.stderr)
+    if as_json:
+        emit({"error": str(error), "kind": type(error).__name__})
+
+
+def figure(value: Any, unit: str = "") -> str:
+    """A number for people: 3 significant digits, a dash for none."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return " / ".join(figure(v) for v in value) + (f" {unit}" if unit else "")
+    if isinstance(value, float):
+        text = f"{value:.3g}" if abs(value) < 1e4 else f"{value:.3e}"
+        return f"{text} {unit}".strip()
+    return f"{value} {unit}".strip()
+
+
+def table(title: str, *columns: str) -> Table:
+    """An empty table in the house's style: first column left, the others right."""
+    out = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    for i, name in enumerate(columns):
+        out.add_column(name, justify="left" if i == 0 else "right")
+    return out

@@ -1,0 +1,244 @@
+"""rovtwin fly, demo, score, report and scenario: run scenarios and look at what came out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, table
+
+if TYPE_CHECKING:
+    from rovtwin.scenario.schema import Scenario
+
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A shipped name (see `rovtwin scenario list`) or a YAML file.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change the scenario, e.g. world.current=[0.1,0,0]. Repeatable."),
+]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all randomness; default the scenario's.")]
+
+FIGURES = (
+    ("duration", "duration_s", "s"),
+    ("cross-track rms", "cross_track_rms_m", "m"),
+    ("cross-track max", "cross_track_max_m", "m"),
+    ("station rms", "station_rms_m", "m"),
+    ("depth rms", "depth_rms_m", "m"),
+    ("position error rms, north / east", "position_error_rms_m", "m"),
+    ("bound of any filter, surge / sway", "bound_position_m", "m"),
+    ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),
+    ("  its 95 % interval if consistent", "nees_position_interval", ""),
+    ("effort", "effort_n2s", "N2 s"),
+    ("time saturated", "saturated_share", ""),
+    ("thruster activity, rms", "thruster_activity_n_per_s", "N/s"),
+)
+
+
+def fly(
+    scenario: ScenarioName,
+    realtime: Annotated[bool, typer.Option("--realtime", help="Tick by tick by the wall clock.")] = False,
+    seed: Seed = None,
+    overrides: Overrides = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of this run; default runs/<time>-<name>.")] = None,
+    report: Annotated[bool, typer.Option(help="Write the HTML report and figures.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/."""
+    from rovtwin.scenario.files import load_scenario
+
+    wanted = load_scenario(scenario, overrides or (), seed)
+    flight = _fly(wanted, out, realtime, report, console(as_json))
+    if as_json:
+        emit(flight_object(flight))
+    raise typer.Exit(DONE if flight.completed else FAILED)
+
+
+def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console) -> Any:
+    stages = _bar(scenario.duration)
+    with stages as bar:
+        task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
+        from rovtwin.scenario.fly import fly as fly_it
+        from rovtwin.scenario.fly import run_folder
+
+        def progress(t: float, phase: str) -> None:
+            bar.update(task, completed=t, description=f"{scenario.name}: {phase}")
+
+        folder = out or run_folder(scenario.name)
+        flight = fly_it(scenario, folder, realtime=realtime, progress=progress)
+        if report:
+            bar.update(task, description=f"{scenario.name}: writing the report")
+            from rovtwin.report import write_report
+
+            write_report(flight.log, folder)
+        bar.update(task, completed=scenario.duration, description=f"{scenario.name}: {flight.summary['phase']}")
+    _closing_table(flight, screen)
+    return flight
+
+
+def _bar(total: float) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} s simulated"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+
+
+def _closing_table(flight: Any, screen: Console) -> None:
+    summary = flight.summary
+    verdict = "completed" if flight.completed else f"not completed: {summary['reason']}"
+    rows = table(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", "figure", "value")
+    for label, key, unit in FIGURES:
+        if summary.get(key) is not None:
+            rows.add_row(label, figure(summary[key], unit))
+    screen.print(rows)
+    if flight.folder:
+        screen.print(f"wrote {flight.folder}", markup=False, soft_wrap=True)
+
+
+def flight_object(flight: Any) -> dict[str, Any]:
+    """What `--json` says of a flight."""
+    files = {path.name: str(path) for path in sorted(flight.folder.iterdir()) if path.is_file()}
+    return {
+        "scenario": flight.scenario.name,
+        "seed": flight.scenario.seed,
+        **flight.summary,
+        "run_dir": str(flight.folder),
+        "files": files,
+    }
+
+
+def report(
+    log: Annotated[Path, typer.Argument(help="A log, such as runs/<run>/log.mcap.")],
+    out: Annotated[Path | None, typer.Option(help="Folder to write to; default the log's.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make the HTML report and figures of a log again."""
+    from rovtwin.core.log import Log
+    from rovtwin.report import write_report
+
+    path = write_report(Log.read(log), out or log.parent)
+    if as_json:
+        emit({"report": str(path)})
+    else:
+        console(False).print(f"wrote {path}", markup=False)
+
+
+def demo(
+    out: Annotated[Path | None, typer.Option(help="Folder; default runs/<time>-demo.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly the Double Blueye's lawn-mower in calm water and in waves, beside the thesis's published behaviour."""
+    from rovtwin.scenario.demo import run_demo
+    from rovtwin.scenario.fly import run_folder
+
+    screen = console(as_json)
+    folder = out or run_folder("demo")
+    result = run_demo(folder, lambda scenario, where: _fly(scenario, where, False, True, screen))
+    screen.print(f"\nOpen [bold]{result['report']}[/bold] in a browser.", soft_wrap=True)
+    if as_json:
+        emit(result)
+    raise typer.Exit(DONE if result["completed"] else FAILED)
+
+
+def score(
+    scenarios: Annotated[list[str] | None, typer.Argument(help="Scenarios; default all that are shipped.")] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds, such as 1-10 or 3,5,8.")] = "1-10",
+    vehicle: Annotated[str, typer.Option(help="Vehicle to fly them with.")] = "double_blueye",
+    autopilot: Annotated[str, typer.Option(help="Autopilot: thesis or thesis_as_printed.")] = "thesis",
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly scenarios over many seeds and print the table of scores; nothing is written."""
+    from rovtwin.scenario.files import list_scenarios, load_scenario
+    from rovtwin.scenario.seeds import parse_seeds
+
+    numbers = parse_seeds(seeds)
+    extra = [f"vehicle={vehicle}", f"autopilot={autopilot}", *(overrides or ())]
+    wanted = [load_scenario(name, extra) for name in scenarios or list_scenarios()]
+    results = {}
+    with _bar(sum(s.duration for s in wanted)) as bar:
+        for scenario in wanted:
+            task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
+            from rovtwin.scenario.batch import score_batch
+
+            def progress(t: float, left: int, task: Any = task, name: str = scenario.name) -> None:
+                bar.update(task, completed=t, description=f"{name}: {left} of {len(numbers)} still flying")
+
+            results[scenario.name] = score_batch(scenario, numbers, progress)
+            bar.update(task, completed=scenario.duration)
+    screen = console(as_json)
+    screen.print(_score_table(results, f"{vehicle}, autopilot {autopilot}, seeds {seeds}"))
+    if as_json:
+        emit({"vehicle": vehicle, "autopilot": autopilot, "seeds": numbers, "scenarios": results})
+
+
+def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
+    from rovtwin.scenario.batch import table_row
+
+    rows = table(title, "scenario", "completed", "cross-track rms/max [m]", "depth rms [m]", "time [s]",
+                 "position error [m]", "bound [m]", "NEES (95 % if consistent)", "saturated", "effort [N2 s]")
+    for name, runs in results.items():
+        row = table_row(runs)
+        rows.add_row(name, *row)
+    return rows
+
+
+scenario_app = typer.Typer(no_args_is_help=True, help="Look at scenarios: list, show in full, check, schema.")
+
+
+@scenario_app.command("list")
+def list_all(as_json: AsJson = False) -> None:
+    """Shipped scenarios and missions; every scenario also comes with a Doppler log, as NAME_dvl."""
+    from rovtwin.scenario.files import list_missions, list_scenarios, load_scenario
+
+    found = {name: load_scenario(name).description for name in list_scenarios()}
+    if as_json:
+        emit({"scenarios": found, "missions": list_missions()})
+        return
+    rows = table("scenarios (NAME_dvl adds a Doppler log)", "name", "what it is")
+    rows.columns[1].justify = "left"
+    for name, what in found.items():
+        rows.add_row(name, what)
+    out = console(False)
+    out.print(rows)
+    out.print(f"missions: {', '.join(list_missions())}")
+
+
+@scenario_app.command("show")
+def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
+    """Print a scenario in full, with all defaults: a file to start from."""
+    from rovtwin.scenario.files import dump_scenario, load_scenario
+
+    found = load_scenario(scenario, overrides or (), seed)
+    if as_json:
+        emit(found.model_dump(mode="json"))
+    else:
+        typer.echo(dump_scenario(found), nl=False)
+
+
+@scenario_app.command("check")
+def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
+    """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying."""
+    from rovtwin.scenario.compose import compose
+    from rovtwin.scenario.files import load_scenario
+
+    found = load_scenario(scenario, overrides or ())
+    compose(found)
+    if as_json:
+        emit({"scenario": found.name, "valid": True})
+    else:
+        console(False).print(f"{scenario}: usable", markup=False)
+
+
+@scenario_app.command("schema")
+def schema() -> None:
+    """The JSON Schema of scenario files, for editors to complete and check them."""
+    from rovtwin.scenario.schema import Scenario
+
+    emit(Scenario.model_json_schema())

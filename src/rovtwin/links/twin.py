@@ -1,0 +1,83 @@
+"""The twin behind a Link: simulated time follows a clock, commands expire as on a real vehicle."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import Command, Measurement, Measurements
+from rovtwin.core.link import Link
+from rovtwin.core.numerics import jnp
+
+COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
+
+Advance = Callable[[Any, Command, int], tuple[Any, Measurements]]
+
+
+class TwinLink(Link):
+    """A simulated vehicle that moves on whenever it is read.
+
+    Args:
+        advance: `(memory, command, k) -> (memory, readings)`: the twin over control period k.
+        memory: The twin's memory at time 0.
+        thrusters: Number of thrusters.
+        period: Control period [s].
+        clock: Time since the start [s]: wall clock for real time, a counter for tests.
+    """
+
+    def __init__(self, advance: Advance, memory: Any, thrusters: int, period: float, clock: Callable[[], float]):
+        self._advance = advance
+        self._period = period
+        self._clock = clock
+        self.memory = memory
+        self._off = np.zeros(thrusters)
+        self._u = self._off
+        self._sent_tick = 0
+        self._tick = 0
+        self._stopped = False
+        self._closed = False
+
+    @property
+    def tick(self) -> int:
+        """Control periods simulated so far."""
+        return self._tick
+
+    def read(self) -> list[Measurement]:
+        readings: list[Measurement] = []
+        if self._closed:
+            return readings
+        # Half a microsecond of grace: k * period and the clock round differently.
+        while (self._tick + 1) * self._period <= self._clock() + 5e-7:
+            self.memory, slots = self._advance(self.memory, Command(jnp.asarray(self._live())), self._tick)
+            self._tick += 1
+            readings += _listed(slots)
+        return readings
+
+    def _live(self) -> np.ndarray:
+        aged = (self._tick - self._sent_tick) * self._period > COMMAND_LIFE
+        return self._off if self._stopped or aged else self._u
+
+    def send(self, command: Command) -> None:
+        u = np.asarray(command.u, dtype=float)
+        if not np.all(np.isfinite(u)):
+            self.stop()
+        if not self._stopped:
+            self._u = np.clip(u, -1.0, 1.0)
+            self._sent_tick = self._tick
+
+    def stop(self) -> None:
+        self._stopped = True
+
+    def close(self) -> None:
+        self.stop()
+        self._closed = True
+
+
+def _listed(slots: Measurements) -> list[Measurement]:
+    """The valid rows of the slots, by time."""
+    rows = [
+        Measurement(name, np.asarray(slot.value)[i], float(np.asarray(slot.t_valid)[i]))
+        for name, slot in slots.items()
+        for i in np.flatnonzero(np.asarray(slot.valid))
+    ]
+    return sorted(rows, key=lambda row: row.t_valid)

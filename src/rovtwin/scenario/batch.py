@@ -1,0 +1,58 @@
+"""Many seeds of one scenario at once: the same loop under vmap, scored, nothing written."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.scenario.compose import compose
+from rovtwin.scenario.fly import Recorder, summarise
+from rovtwin.scenario.loop import advance_batch, stack, start_batch
+from rovtwin.scenario.run import CHUNK, ticks_in, until_the_end
+from rovtwin.scenario.schema import Scenario
+
+
+def score_batch(
+    scenario: Scenario, seeds: Sequence[int], progress: Callable[[float, int], None] | None = None
+) -> list[dict[str, Any]]:
+    """Fly one scenario with several seeds side by side.
+
+    Args:
+        scenario: What to fly; its own seed does not count.
+        seeds: One run each.
+        progress: Called about once a simulated second with that time [s] and the number of runs still going.
+
+    Returns:
+        The summary of each run, in the order of the seeds.
+    """
+    runs = [compose(scenario.model_copy(update={"seed": seed})) for seed in seeds]
+    recorders = [Recorder(scenario, lambda name, t, values: None) for _ in seeds]
+    loops = stack([run.loop for run in runs])
+    dt = scenario.control_dt
+    memories = start_batch(loops, stack([run.key for run in runs]), runs[0].start, dt)
+    ticks, total = ticks_in(CHUNK, dt), ticks_in(scenario.duration, dt) + 1
+    flying = set(range(len(seeds)))
+    for k in range(0, total, ticks):
+        memories, records = advance_batch(loops, memories, jnp.asarray(k), ticks, dt)
+        records = jax.device_get(records)
+        for i in sorted(flying):
+            kept, over = until_the_end(jax.tree.map(lambda leaf, i=i: leaf[i], records), total - k)
+            recorders[i].take(kept)
+            if over:
+                flying.discard(i)
+        if progress:
+            progress(k * dt, len(flying))
+        if not flying:
+            break
+    return [
+        {"seed": seed} | summarise(recorder.flown(), run, interrupted=False)
+        for seed, run, recorder in zip(seeds, runs, recorders, strict=True)
+    ]
+
+
+def mean_over(scores: list[dict[str, Any]], name: str) -> float:
+    """Mean of a figure over the runs that have it; of a per-axis figure the root mean square over axes first."""
+    values = [s[name] for s in scores if s[name] is not None]
+    flat = [float(np.sqrt(np.mean(np.square(v)))) if isinstance(v, list) else float(v) for v in values]
+    return float(np.mean(flat)) if flat else float("nan")

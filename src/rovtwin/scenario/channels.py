@@ -1,0 +1,113 @@
+"""The channels of a run's log, and how a chunk of records becomes their samples."""
+
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.log import Channel
+from rovtwin.core.numerics import jax
+from rovtwin.scenario.loop import Record
+
+ETA, NU, TAU = ("x", "y", "z", "phi", "theta", "psi"), ("u", "v", "w", "p", "q", "r"), ("X", "Y", "Z", "K", "M", "N")
+ETA_UNITS, NU_UNITS, TAU_UNITS = ("m",) * 3 + ("rad",) * 3, ("m/s",) * 3 + ("rad/s",) * 3, ("N",) * 3 + ("N m",) * 3
+STD = tuple(f"std_{name}" for name in ETA + NU)
+
+SENSORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+    "position": (("north", "east"), "m", "n", "acoustic position of the transponder"),
+    "pressure": (("depth",), "m", "n", "depth from pressure"),
+    "accelerometer": (("x", "y", "z"), "m/s2", "sensor", "specific force"),
+    "gyro": (("x", "y", "z"), "rad/s", "sensor", "angular rate"),
+    "attitude": (("phi", "theta", "psi"), "rad", "n", "zyx Euler angles"),
+    "dvl": (("x", "y", "z"), "m/s", "sensor", "velocity over ground"),
+}
+
+_euler = jax.jit(jax.vmap(euler_from_quaternion))
+
+
+def log_channels(thrusters: list[str], sensors: list[str], rate: float, with_sensors: bool) -> list[Channel]:
+    """All channels of a run with these thrusters and sensors, in the order in which viewers list them."""
+    thr = tuple(thrusters)
+    table: list[tuple[str, tuple[str, ...], Any, str, str]] = [
+        ("truth/eta", ETA, ETA_UNITS, "n", "true pose of CO"),
+        ("truth/nu", NU, NU_UNITS, "b", "true velocity over ground"),
+        ("truth/thrust", thr, "N", "b", "true force of each thruster"),
+        ("truth/water_velocity", ("north", "east", "down"), "m/s", "n", "water velocity at CO"),
+        ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves and drift at CO"),
+        ("autopilot/eta", ETA, ETA_UNITS, "n", "estimated pose of CO"),
+        ("autopilot/nu", NU, NU_UNITS, "b", "estimated velocity over ground"),
+        ("autopilot/bias", TAU, TAU_UNITS, "n", "estimated disturbance"),
+        ("autopilot/std", STD, ETA_UNITS + NU_UNITS, "", "standard deviation of eta and nu, as the filter believes"),
+        ("autopilot/setpoint", ETA, ETA_UNITS, "n", "pose that guidance asks for"),
+        ("autopilot/reference", ETA, ETA_UNITS, "n", "pose of the reference model"),
+        ("autopilot/leg", ("x0", "y0", "z0", "x1", "y1", "z1"), "m", "n", "start and end of the current leg"),
+        ("autopilot/mode", ("phase", "reason", "waypoint", "on_leg"), "1", "", "state of the mission, as numbers"),
+        ("autopilot/tau", TAU, TAU_UNITS, "b", "wrench that the controller wants"),
+        ("autopilot/saturated", TAU, "1", "b", "whether a limit cut that wrench"),
+        ("autopilot/command", thr, "1", "", "normalised command of each thruster"),
+        ("autopilot/nis", tuple(sorted(sensors)), "1", "", "normalised innovation squared, summed per sensor"),
+        ("autopilot/nis_dof", tuple(sorted(sensors)), "1", "", "scalar innovations in each sum"),
+        ("score/nees", ("position", "pose_velocity"), "1", "", "normalised estimation error squared, 2 and 12 dof"),
+        ("score/cross_track", ("distance", "valid"), ("m", "1"), "n", "horizontal distance of CO to the leg"),
+    ]
+    channels = [Channel(n, f, u, frame, description=d, rate=rate) for n, f, u, frame, d in table]
+    if with_sensors:
+        for name in sensors:
+            fields, unit, frame, description = SENSORS[name]
+            units = (unit,) * len(fields) + ("s",)
+            channels.append(Channel(f"sensor/{name}", (*fields, "t_valid"), units, frame, description=description))
+    return channels
+
+
+def euler(attitude: np.ndarray) -> np.ndarray:
+    """zyx Euler angles (n, 3) of quaternions (n, 4)."""
+    return np.asarray(_euler(attitude))
+
+
+def truth_samples(record: Record) -> dict[str, np.ndarray]:
+    """Samples of the truth channels, leading axis n."""
+    state = record.state
+    return {
+        "truth/eta": np.concatenate([state.position, euler(state.attitude)], axis=1),
+        "truth/nu": np.asarray(state.nu),
+        "truth/thrust": np.asarray(state.thrust),
+        "truth/water_velocity": np.asarray(record.water_velocity),
+        "truth/external_wrench": np.asarray(record.external_wrench),
+    }
+
+
+def autopilot_samples(record: Record) -> dict[str, np.ndarray]:
+    """Samples of the autopilot channels, leading axis n."""
+    out = record.autopilot
+    estimate, setpoint = out.estimate, out.setpoint
+    variance = np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2)
+    mode = (setpoint.phase, setpoint.reason, setpoint.waypoint, setpoint.on_leg)
+    return {
+        "autopilot/eta": np.asarray(estimate.eta),
+        "autopilot/nu": np.asarray(estimate.nu),
+        "autopilot/bias": np.asarray(estimate.bias),
+        "autopilot/std": np.sqrt(np.maximum(variance, 0.0)),
+        "autopilot/setpoint": np.asarray(setpoint.eta),
+        "autopilot/reference": np.asarray(out.reference.eta),
+        "autopilot/leg": np.concatenate([setpoint.leg_start, setpoint.leg_end], axis=1),
+        "autopilot/mode": np.stack([np.asarray(column, dtype=float) for column in mode], axis=1),
+        "autopilot/tau": np.asarray(out.wrench.tau),
+        "autopilot/saturated": np.asarray(out.wrench.saturated, dtype=float),
+        "autopilot/command": np.asarray(out.command.u),
+    }
+
+
+def nis_samples(record: Record) -> dict[str, np.ndarray]:
+    """NIS and its degrees of freedom of every tick, leading axis n."""
+    estimate = record.autopilot.estimate
+    return {"autopilot/nis": np.asarray(estimate.nis), "autopilot/nis_dof": np.asarray(estimate.nis_dof, dtype=float)}
+
+
+def sensor_samples(record: Record, t: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Readings as they came: per channel the ticks at which the autopilot got them and value with t_valid."""
+    out = {}
+    for name, slot in record.measurements.items():
+        ticks, rows = np.nonzero(slot.valid)
+        value, t_valid = np.asarray(slot.value)[ticks, rows], np.asarray(slot.t_valid)[ticks, rows]
+        out[f"sensor/{name}"] = (t[ticks], np.concatenate([value, t_valid[:, None]], axis=1))
+    return out

@@ -1,0 +1,221 @@
+"""From a scenario to blocks: the only place where vehicle, world, sensors and autopilot meet."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Mission
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.bound import position_bound
+from rovtwin.gnc.guidance import Guidance
+from rovtwin.gnc.mission import mission as mission_of
+from rovtwin.gnc.observer import Ekf, EkfTuning
+from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.scenario.loop import Loop
+from rovtwin.scenario.schema import (
+    AutopilotSection,
+    ConstantCurrentSection,
+    MissionSection,
+    Scenario,
+    ShearedCurrentSection,
+    WorldSection,
+)
+from rovtwin.simulation.current import ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.sensors import Sensor, table_5_7
+from rovtwin.simulation.twin import Twin
+from rovtwin.simulation.waves import ThesisWaves
+from rovtwin.simulation.world import World
+from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary
+
+DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
+
+
+@dataclass(frozen=True)
+class Composed:
+    """A scenario, ready to run.
+
+    Attributes:
+        loop: Autopilot and twin.
+        key: Seeds all randomness of the run.
+        start: Where it begins.
+        model: What the autopilot believes; the plant is `loop.twin.model`.
+        thruster_names, sensor_names: For the log.
+        vehicle_data: The vehicle, written out.
+        vehicle_table: Its parameters, for the report.
+        scenario: What it was made from.
+    """
+
+    loop: Loop
+    key: Array
+    start: Start
+    model: Model
+    thruster_names: list[str]
+    sensor_names: list[str]
+    vehicle_data: dict[str, Any]
+    vehicle_table: dict[str, Any]
+    scenario: Scenario
+
+    def bound(self, speed: float) -> list[float]:
+        """Steady-state sigma of the position in surge and sway that no filter with these sensors can beat [m].
+
+        Args:
+            speed: At which the model is linearised [m/s].
+        """
+        sensors = self.loop.twin.sensors
+        dvl = sensors.get("dvl")
+        waves = self.scenario.world.waves
+        result = position_bound(
+            self.model,
+            speed,
+            float(sensors["position"].noise[0]),
+            sensors["position"].rate / 1000,
+            waves.drift if waves and waves.drift > 0 else DESIGN_FORCE_WALK,
+            dvl_sigma=float(dvl.noise[0]) if dvl else None,
+            dvl_rate=dvl.rate / 1000 if dvl else None,
+        )
+        return [float(value) for value in result]
+
+
+def compose(scenario: Scenario) -> Composed:
+    """Blocks of a scenario.
+
+    Raises:
+        ConfigError: The vehicle cannot be used, or does not fit the scenario.
+    """
+    vehicle = load_vehicle(scenario.vehicle)
+    model = vehicle.model()
+    key_plant, key_run = jax.random.split(jax.random.key(scenario.seed))
+    sensors = sensors_of(scenario)
+    loop = Loop(
+        autopilot=autopilot_of(scenario.autopilot, model, scenario.mission, scenario.control_dt),
+        twin=Twin(plant_of(scenario.world, vehicle, model, key_plant), world_of(scenario.world), sensors, scenario.substeps),
+    )
+    return Composed(
+        loop=loop,
+        key=key_run,
+        start=Start.at(scenario.start.position, scenario.heading),
+        model=model,
+        thruster_names=[_field_name(name) for name in vehicle.thruster_names],
+        sensor_names=list(sensors),
+        vehicle_data=vehicle.to_dict(),
+        vehicle_table=summary(vehicle),
+        scenario=scenario,
+    )
+
+
+def _field_name(name: str) -> str:
+    """A thruster's name as a field of a log channel: letters, digits and _."""
+    text = "".join(c if c.isalnum() and c.isascii() else "_" for c in name)
+    return text if text[:1].isalpha() else f"t_{text}"
+
+
+def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) -> Model:
+    """The true vehicle: the model, perturbed and lifted as the world says, with its faults."""
+    plant = model
+    if world.mismatch:
+        plant = perturbed(plant, key, world.mismatch.damping, world.mismatch.mass, world.mismatch.thrust)
+    if world.thruster_health:
+        names = list(vehicle.thruster_names)
+        for name in world.thruster_health:
+            if name not in names:
+                raise ConfigError(f"world.thruster_health: no thruster {name!r}; {vehicle.name} has {', '.join(names)}")
+        health = as_array([world.thruster_health.get(name, 1.0) for name in names])
+        plant = plant.replace(thrusters=replace(plant.thrusters, health=plant.thrusters.health * health))
+    return lifted(plant, world.net_buoyancy)
+
+
+def world_of(world: WorldSection) -> World:
+    """Current and waves."""
+    return World(current=_current_of(world), waves=_waves_of(world))
+
+
+def _current_of(world: WorldSection) -> Block:
+    current = world.current
+    if isinstance(current, ConstantCurrentSection):
+        return ConstantCurrent(current.velocity)
+    if isinstance(current, ShearedCurrentSection):
+        return ShearedCurrent(current.depths, current.velocities)
+    return GaussMarkovCurrent(current.mean, current.sigma, current.time_constant)
+
+
+def _waves_of(world: WorldSection) -> Block | None:
+    waves = world.waves
+    if waves is None:
+        return None
+    return ThesisWaves(
+        waves.significant_height,
+        waves.zero_crossing_period,
+        direction=math.radians(waves.direction_deg),
+        drift_intensity=(waves.drift, waves.drift),
+        as_printed=waves.as_printed,
+    )
+
+
+def sensors_of(scenario: Scenario) -> dict[str, Sensor]:
+    """The sensors by name, with the scenario's faults."""
+    section = scenario.sensors
+    changes: dict[str, dict[str, Any]] = {"position": {}}
+    for key in ("latency", "dropout"):
+        for name, value in getattr(section, key).items():
+            if name == "dvl" and not section.dvl:
+                raise ConfigError(f"sensors.{key}: there is no DVL on board; set sensors.dvl to true to have one")
+            changes.setdefault(name, {})[key] = value
+    changes["position"] |= {
+        "blackouts": section.position_blackouts,
+        "outlier": section.position_outliers,
+        "outlier_size": section.outlier_size,
+    }
+    return table_5_7(section.preset == "as_printed", section.dvl, scenario.rates.physics, changes)
+
+
+def autopilot_of(section: AutopilotSection, model: Model, mission: MissionSection, control_dt: float) -> Autopilot:
+    """The thesis's autopilot around a model."""
+    supervisor = section.supervisor
+    thesis = Autopilot.thesis(
+        model,
+        Ekf(model, _tuning_of(section, control_dt)),
+        way_points(mission),
+        gains=section.controller.gains,
+        supervisor=Supervisor(
+            depth_limit=supervisor.depth_limit,
+            attitude_limit=math.radians(supervisor.attitude_limit_deg),
+            position_limit=supervisor.position_std_limit,
+        ),
+    )
+    damping, frequency = jnp.full(6, section.reference.damping), jnp.full(6, section.reference.frequency)
+    return replace(
+        thesis,
+        guidance=Guidance(look_ahead=section.guidance.lookahead),
+        reference=ReferenceModel(damping, frequency, jnp.full(6, jnp.inf)),
+    )
+
+
+def _tuning_of(section: AutopilotSection, control_dt: float) -> EkfTuning:
+    if section.observer.tuning == "as_printed":
+        return EkfTuning.as_printed(control_dt)
+    walk = section.observer.force_walk
+    return EkfTuning.consistent(force_walk=DESIGN_FORCE_WALK if walk is None else walk)
+
+
+def way_points(section: MissionSection) -> Mission:
+    """The mission's arrays."""
+    return mission_of(
+        [
+            {
+                "x": w.position[0],
+                "y": w.position[1],
+                "depth": w.position[2],
+                "speed": w.speed,
+                "acceptance": w.acceptance,
+                "hold_time": w.hold_time,
+                "heading": None if w.heading_deg is None else math.radians(w.heading_deg),
+            }
+            for w in section.waypoints
+        ],
+        where=section.name,
+    )

@@ -1,0 +1,124 @@
+"""Scenario and mission files: find, read, override, write."""
+
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario
+
+_ROOT = Path(str(files("rovtwin.scenario")))
+
+
+def list_scenarios() -> list[str]:
+    """Names of the shipped scenarios; each also comes with a DVL, as NAME_dvl."""
+    return sorted(path.stem for path in (_ROOT / "library").glob("*.yaml"))
+
+
+def list_missions() -> list[str]:
+    """Names of the shipped missions."""
+    return sorted(path.stem for path in (_ROOT / "missions").glob("*.yaml"))
+
+
+def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | None = None) -> Scenario:
+    """A scenario by library name or from a file.
+
+    Args:
+        name: One of `list_scenarios()`, the same with `_dvl` behind it, or a path to a YAML file.
+        overrides: `key.path=value` texts; the value is read as YAML.
+        seed: In place of the file's.
+
+    Raises:
+        ConfigError: The file is missing or cannot be used; the message says where and why.
+    """
+    data, where = _find(str(name))
+    for text in overrides:
+        _apply(data, text)
+    if seed is not None:
+        data["seed"] = seed
+    base = where.parent if where.parent != _ROOT / "library" else None
+    if isinstance(data.get("mission"), str):
+        data["mission"] = load_mission(data["mission"], base).model_dump()
+    if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
+        data["vehicle"] = str(base / data["vehicle"])
+    return parse(Scenario, data, where.name)
+
+
+def load_mission(name: str, base: Path | None = None) -> MissionSection:
+    """A mission by library name or from a file, relative to `base` first.
+
+    Raises:
+        ConfigError: No such mission, or it cannot be used.
+    """
+    shipped = _ROOT / "missions" / f"{name}.yaml"
+    candidates = [*([base / name] if base else []), Path(name), shipped]
+    for path in candidates:
+        if path.is_file():
+            return parse(MissionSection, read_yaml(path), path.name)
+    raise ConfigError(_no_such("mission", name, list_missions()))
+
+
+def _find(name: str) -> tuple[dict[str, Any], Path]:
+    known = list_scenarios()
+    dvl = name.endswith("_dvl") and name.removesuffix("_dvl") in known
+    stem = name.removesuffix("_dvl") if dvl else name
+    path = _ROOT / "library" / f"{stem}.yaml" if stem in known else Path(name)
+    if not path.is_file():
+        raise ConfigError(_no_such("scenario", name, known))
+    data = read_yaml(path)
+    if dvl:
+        data["name"] = name
+        data["sensors"] = (data.get("sensors") or {}) | {"dvl": True}
+    return data, path
+
+
+def _no_such(kind: str, name: str, known: list[str]) -> str:
+    return f"{name}: no such {kind}: neither a file nor the name of a shipped one.{near(name, known)}"
+
+
+def _apply(data: dict[str, Any], text: str) -> None:
+    """Set `a.b.c=value` in nested dictionaries."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise ConfigError(f"--set {text}: expected key=value, such as world.current=[0.1,0,0]")
+    *path, last = key.strip().split(".")
+    _check_path([*path, last], text)
+    at = data
+    for step in path:
+        if not isinstance(at.get(step), dict):
+            # A section given by its short form (a name, a list, nothing) is opened before a key is set in it.
+            at[step] = _opened(step, at.get(step))
+        at = at[step]
+    at[last] = parse_yaml(f"value: {value}", f"--set {text}")["value"]
+
+
+def _opened(step: str, value: Any) -> dict[str, Any]:
+    if step == "mission" and isinstance(value, str):
+        return load_mission(value).model_dump()
+    if step == "sensors" and isinstance(value, str):
+        return {"preset": value}
+    if step == "autopilot" and isinstance(value, str):
+        return dict(PRESETS.get(value, {}))
+    return {}
+
+
+def _check_path(path: list[str], text: str) -> None:
+    """Raise with a near name where the first steps of an override are not in the schema."""
+    section: type[Strict] | None = Scenario
+    for depth, step in enumerate(path):
+        if section is None:
+            return
+        names = list(section.model_fields)
+        if step not in names:
+            raise ConfigError(f"--set {text}: {'.'.join(path[: depth + 1])}: no such key.{near(step, names)}")
+        annotation = section.model_fields[step].annotation
+        section = annotation if isinstance(annotation, type) and issubclass(annotation, Strict) else None
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The complete scenario as YAML, ready to be flown again."""
+    return yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, width=120)

@@ -1,0 +1,276 @@
+"""Flying a scenario: run it, log it while it runs, score it, report it."""
+
+import json
+import platform
+import re
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rovtwin
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.log import Log, LogWriter
+from rovtwin.core.numerics import jax
+from rovtwin.scenario.channels import (
+    autopilot_samples,
+    log_channels,
+    nis_samples,
+    sensor_samples,
+    truth_samples,
+)
+from rovtwin.scenario.compose import Composed, compose
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.scenario.loop import Record
+from rovtwin.scenario.run import chunks, realtime_chunks
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, score
+
+Progress = Callable[[float, str], None]  # simulated time [s], phase
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A run that is over.
+
+    Attributes:
+        scenario: What was flown.
+        folder: Where everything of it lies, None if nothing was written.
+        log: All channels.
+        summary: Figures, verdict and reason (see `score`).
+    """
+
+    scenario: Scenario
+    folder: Path | None
+    log: Log
+    summary: dict[str, Any]
+
+    @property
+    def completed(self) -> bool:
+        return bool(self.summary["completed"])
+
+
+class Recorder:
+    """Takes the chunks of a run: writes them to the log as they come and keeps what the scores need."""
+
+    def __init__(self, scenario: Scenario, write: Callable[[str, np.ndarray, np.ndarray], None]):
+        self._dt = scenario.control_dt
+        self._every = max(1, round(scenario.rates.control / scenario.log.rate))
+        self._sensors = scenario.log.sensors
+        self._write = write
+        self._tick = 0
+        self._kept: list[dict[str, np.ndarray]] = []
+        self._thrust: list[np.ndarray] = []
+        self._saturated: list[np.ndarray] = []
+
+    def take(self, record: Record) -> None:
+        """One chunk, leading axis ticks."""
+        length = len(record.water_velocity)
+        k = self._tick + np.arange(length)
+        self._tick += length
+        # The last tick of a run is kept whatever its number: it holds the verdict.
+        chosen = np.flatnonzero((k % self._every == 0) | (k == k[-1]) & _ends(record))
+        sampled = jax.tree.map(lambda leaf: leaf[chosen], record)
+        samples = truth_samples(sampled) | autopilot_samples(sampled)
+        t = k * self._dt
+        for name, values in samples.items():
+            self._write(name, t[chosen], values)
+        for name, values in nis_samples(record).items():
+            self._write(name, t, values)
+        if self._sensors:
+            for name, (times, values) in sensor_samples(record, t).items():
+                self._write(name, times, values)
+        samples["t"] = t[chosen]
+        samples["covariance"] = np.asarray(sampled.autopilot.estimate.covariance)
+        self._kept.append(samples)
+        self._thrust.append(np.asarray(record.state.thrust))
+        self._saturated.append(np.any(np.abs(record.autopilot.command.u) >= 1.0 - 1e-9, axis=1))
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time so far [s]."""
+        return max(self._tick - 1, 0) * self._dt
+
+    def flown(self) -> Flown:
+        """All of it, for the scores."""
+        whole = {name: np.concatenate([chunk[name] for chunk in self._kept]) for name in self._kept[0]}
+        return Flown(
+            t=whole["t"],
+            eta=whole["truth/eta"],
+            nu=whole["truth/nu"],
+            eta_hat=whole["autopilot/eta"],
+            nu_hat=whole["autopilot/nu"],
+            covariance=whole["covariance"],
+            leg=whole["autopilot/leg"],
+            mode=whole["autopilot/mode"],
+            thrust=np.concatenate(self._thrust),
+            saturated=np.concatenate(self._saturated),
+            control_dt=self._dt,
+            duration=self.seconds,
+        )
+
+
+def _ends(record: Record) -> bool:
+    from rovtwin.scenario.run import until_the_end
+
+    return until_the_end(record, len(record.water_velocity) + 1)[1]
+
+
+def fly(
+    scenario: Scenario,
+    folder: str | Path | None = None,
+    *,
+    realtime: bool = False,
+    progress: Progress | None = None,
+    report: bool = False,
+) -> Flight:
+    """Fly a scenario.
+
+    Args:
+        scenario: What to fly.
+        folder: New folder for log, scenario and report; None keeps all in memory.
+        realtime: Tick by tick by the wall clock instead of compiled.
+        progress: Called about once a simulated second.
+        report: Write the HTML report and the figures (needs a folder).
+
+    Returns:
+        The flight. Ctrl-C ends the run, not the program: what was flown is logged, scored and reported.
+
+    Raises:
+        ConfigError: The scenario cannot be composed.
+        LogError: The folder cannot be written.
+    """
+    composed = compose(scenario)
+    channels = log_channels(composed.thruster_names, composed.sensor_names, scenario.log.rate, scenario.log.sensors)
+    metadata = provenance(scenario, composed)
+    pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}
+    if folder is None:
+        recorder = Recorder(scenario, lambda name, t, values: pieces[name].append((t, values)))
+        interrupted = _run(composed, scenario, recorder, realtime, progress)
+        summary = summarise(recorder.flown(), composed, interrupted)
+        data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(recorder.flown())
+        return Flight(scenario, None, Log.from_arrays(channels, data, metadata | _closing(summary)), summary)
+
+    folder = _new_folder(folder)
+    (folder / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(scenario, composed)), encoding="utf-8")
+    with LogWriter(folder / "log.mcap", channels, metadata) as log:
+        recorder = Recorder(scenario, log.write_many)
+        interrupted = _run(composed, scenario, recorder, realtime, progress)
+        summary = summarise(recorder.flown(), composed, interrupted)
+        for name, (t, values) in _scores(recorder.flown()).items():
+            log.write_many(name, t, values)
+        log.annotate(_closing(summary))
+    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    flight = Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
+    if report:
+        from rovtwin.report import write_report
+
+        write_report(flight.log, folder)
+    return flight
+
+
+def _run(
+    composed: Composed, scenario: Scenario, recorder: Recorder, realtime: bool, progress: Progress | None
+) -> bool:
+    """Run to the end or to Ctrl-C; whether it was the latter."""
+    source = realtime_chunks if realtime else chunks
+    stream: Iterator[Record] = source(
+        composed.loop, composed.key, composed.start, scenario.control_dt, scenario.duration
+    )
+    with Interrupt() as interrupt:
+        for record in stream:
+            recorder.take(record)
+            if progress:
+                from rovtwin.core.flow import PHASES
+
+                progress(recorder.seconds, PHASES[int(record.autopilot.setpoint.phase[-1])])
+            if interrupt.asked:
+                return True
+    return False
+
+
+def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, Any]:
+    """Scores, verdict in words, NEES interval and the bound that no filter can beat."""
+    figures = score(flown)
+    low, high = nees_interval([figures])
+    if interrupted:
+        reason = "interrupted"
+    elif figures["completed"]:
+        reason = ""
+    else:
+        reason = figures["reason"] or f"not finished after {flown.duration:.0f} s"
+    speed = float(np.sqrt(np.mean(np.sum(flown.nu[:, :2] ** 2, axis=1))))
+    return figures | {
+        "reason": reason,
+        "interrupted": interrupted,
+        "nees_position_interval": [low, high],
+        "bound_position_m": composed.bound(speed),
+        "speed_rms_m_s": speed,
+    }
+
+
+def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
+    """What a log must say to be replayed and judged; wall-clock time is added by the log itself."""
+    return {
+        "version": rovtwin.__version__,
+        "scenario": dump_scenario(scenario_to_replay(scenario, composed)),
+        "name": scenario.name,
+        "seed": str(scenario.seed),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "jax": jax.__version__,
+        "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
+        "vehicle_table": json.dumps(composed.vehicle_table),
+        "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
+        "mission": json.dumps([w.model_dump() for w in scenario.mission.waypoints]),
+    }
+
+
+def scenario_to_replay(scenario: Scenario, composed: Composed) -> Scenario:
+    """The scenario with its vehicle written out, so that it does not depend on files that may change or move."""
+    return scenario.model_copy(update={"vehicle": composed.vehicle_data})
+
+
+def _scores(flown: Flown) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    on_leg = flown.mode[:, 3] > 0.5
+    distance = np.where(on_leg, distance_to_leg(flown.eta, flown.leg), 0.0)
+    return {
+        "score/nees": (flown.t, nees(flown)),
+        "score/cross_track": (flown.t, np.stack([distance, on_leg.astype(float)], axis=1)),
+    }
+
+
+def _closing(summary: dict[str, Any]) -> dict[str, str]:
+    return {"summary": json.dumps(summary)}
+
+
+def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    times, values = zip(*parts, strict=True)
+    return np.concatenate(times), np.concatenate(values)
+
+
+def run_folder(name: str, root: str | Path = "runs") -> Path:
+    """A folder name for a run that starts now: `runs/<time>-<name>`, numbered if taken."""
+    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{re.sub(r'[^A-Za-z0-9_.-]', '_', name)}"
+    path = Path(root) / stem
+    for number in range(2, 1000):
+        if not path.exists():
+            break
+        path = Path(root) / f"{stem}-{number}"
+    return path
+
+
+def _new_folder(folder: str | Path) -> Path:
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise ConfigError(f"{folder}: exists already; a run never overwrites another. Choose another folder") from None
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be made ({error.strerror}). Choose a folder you may write to") from None
+    return folder

@@ -1,0 +1,112 @@
+"""The closed loop: autopilot and twin, compiled together and advanced in chunks of one simulated second."""
+
+from typing import Any
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.twin import Twin, TwinInput
+from rovtwin.vehicle.dynamics import State
+
+
+class LoopMemory(eqx.Module):
+    """What the loop remembers between ticks."""
+
+    autopilot: Any
+    twin: Any
+    state: State
+    measurements: Measurements
+    water_velocity: Array
+    external_wrench: Array
+
+
+class Record(eqx.Module):
+    """What one control tick leaves: the truth at its instant, the readings since the last and the autopilot's answer."""
+
+    state: State
+    water_velocity: Array
+    external_wrench: Array
+    measurements: Measurements
+    autopilot: AutopilotOutput
+
+
+class Loop(eqx.Module):
+    """Autopilot and twin. `tick` runs tick k: the autopilot reads, decides and commands, then the twin moves on."""
+
+    autopilot: Block
+    twin: Twin
+
+    def init(self, key: Array, start: Start, control_dt: float) -> LoopMemory:
+        """Memory before tick 0: no reading has come yet."""
+        key_autopilot, key_twin = jax.random.split(key)
+        twin = self.twin.init(key_twin, start)
+        state = State.at(self.twin.model, start)
+        return LoopMemory(
+            autopilot=self.autopilot.init(key_autopilot, start),
+            twin=twin,
+            state=state,
+            measurements=self.twin.empty(),
+            water_velocity=jnp.zeros(3),
+            external_wrench=jnp.zeros(6),
+        )
+
+    def tick(self, memory: LoopMemory, k: Array, control_dt: float) -> tuple[LoopMemory, Record]:
+        """One control period; k counts control ticks and is the same for all vehicles of a batch."""
+        request = jnp.asarray(NO_REQUEST)
+        inputs = AutopilotInput(memory.measurements, request)
+        autopilot, decided = self.autopilot.step(memory.autopilot, inputs, control_dt)
+        record = Record(memory.state, memory.water_velocity, memory.external_wrench, memory.measurements, decided)
+        twin, moved = self.twin.step(memory.twin, TwinInput(decided.command, k), control_dt)
+        after = LoopMemory(
+            autopilot=autopilot,
+            twin=twin,
+            state=moved.state,
+            measurements=moved.measurements,
+            water_velocity=moved.environment.velocity,
+            external_wrench=moved.environment.wrench,
+        )
+        return after, record
+
+
+def _chunk(loop: Loop, memory: LoopMemory, k: Array, ticks: int, control_dt: float) -> tuple[LoopMemory, Record]:
+    def one(carry: LoopMemory, i: Array) -> tuple[LoopMemory, Record]:
+        return loop.tick(carry, i, control_dt)
+
+    return jax.lax.scan(one, memory, k + jnp.arange(ticks))
+
+
+@eqx.filter_jit(donate="all-except-first")
+def advance(
+    loop: Loop, memory: LoopMemory, k: Array, ticks: int, control_dt: float
+) -> tuple[LoopMemory, Record]:
+    """`ticks` control ticks from tick k on: memory after them and their records, leading axis `ticks`."""
+    return _chunk(loop, memory, k, ticks, control_dt)
+
+
+@eqx.filter_jit(donate="all-except-first")
+def advance_batch(
+    loops: Loop, memories: LoopMemory, k: Array, ticks: int, control_dt: float
+) -> tuple[LoopMemory, Record]:
+    """The same for a batch of vehicles, leading axis n on every array of loops and memories; records (n, ticks, ...)."""
+    vehicles = eqx.filter_vmap(_chunk, in_axes=(eqx.if_array(0), eqx.if_array(0), None, None, None))
+    return vehicles(loops, memories, k, ticks, control_dt)
+
+
+@eqx.filter_jit
+def start_loop(loop: Loop, key: Array, start: Start, control_dt: float) -> LoopMemory:
+    """Compiled `Loop.init`."""
+    return loop.init(key, start, control_dt)
+
+
+@eqx.filter_jit
+def start_batch(loops: Loop, keys: Array, start: Start, control_dt: float) -> LoopMemory:
+    """Compiled `Loop.init` of a batch."""
+    return eqx.filter_vmap(Loop.init, in_axes=(eqx.if_array(0), 0, None, None))(loops, keys, start, control_dt)
+
+
+def stack(trees: list[Any]) -> Any:
+    """Trees of one structure as one tree with a leading axis on every array."""
+    arrays, rest = zip(*(eqx.partition(tree, eqx.is_array) for tree in trees), strict=True)
+    return eqx.combine(jax.tree.map(lambda *leaves: jnp.stack(leaves), *arrays), rest[0])

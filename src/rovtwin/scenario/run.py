@@ -1,0 +1,122 @@
+"""Runs, as a stream of records: one simulated second at a time, from the compiled loop or tick by tick in real time."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import ABORTED, FINISHED, NO_REQUEST, AutopilotInput, Command, Measurements, pack
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.links.twin import TwinLink
+from rovtwin.scenario.loop import Loop, Record, advance, start_loop
+from rovtwin.simulation.twin import TwinInput
+
+CHUNK = 1.0  # simulated time between looks from outside [s]
+
+
+def chunks(loop: Loop, key: Array, start: Start, control_dt: float, duration: float) -> Iterator[Record]:
+    """Records of a run from the compiled loop, on the host, leading axis of at most one simulated second.
+
+    Ends with the tick at which the mission is finished or aborted, or with `duration`.
+    """
+    memory = start_loop(loop, key, start, control_dt)
+    ticks = ticks_in(CHUNK, control_dt)
+    total = ticks_in(duration, control_dt) + 1
+    for k in range(0, total, ticks):
+        memory, record = advance(loop, memory, jnp.asarray(k), ticks, control_dt)
+        kept, over = until_the_end(jax.device_get(record), total - k)
+        yield kept
+        if over:
+            return
+
+
+def ticks_in(duration: float, control_dt: float) -> int:
+    return max(1, round(duration / control_dt))
+
+
+def until_the_end(record: Record, most: int) -> tuple[Record, bool]:
+    """The record up to the tick that ends the mission, at most `most` ticks, and whether it ended."""
+    phase = np.asarray(record.autopilot.setpoint.phase)
+    ended = np.flatnonzero((phase == FINISHED) | (phase == ABORTED))
+    length = min(int(ended[0]) + 1 if ended.size else len(phase), most)
+    return jax.tree.map(lambda leaf: leaf[:length], record), bool(ended.size) or length == most
+
+
+def realtime_chunks(
+    loop: Loop,
+    key: Array,
+    start: Start,
+    control_dt: float,
+    duration: float,
+    clock: Callable[[], float] | None = None,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[Record]:
+    """The same run with the same blocks tick by tick through a Link, paced by the wall clock.
+
+    Args:
+        loop: Autopilot and twin.
+        key: Seeds all randomness.
+        start: Where it begins.
+        control_dt: Control period [s].
+        duration: Longest run [s].
+        clock: Time since the start [s]; the default is the wall clock, from when everything is compiled.
+        sleep: Waits so many seconds.
+    """
+    memory = start_loop(loop, key, start, control_dt)
+    think, move = _compiled(loop, control_dt)
+    empty = jax.device_get(memory.measurements)
+    thinking, readings = memory.autopilot, empty
+    jax.block_until_ready((think(thinking, readings), move(memory.twin, Command(_off(loop)), 0)))
+
+    truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench)
+    began = time.monotonic()
+    now = clock or (lambda: time.monotonic() - began)
+    link = TwinLink(truth.following(move), memory.twin, _off(loop).shape[0], control_dt, now)
+    total, ticks = ticks_in(duration, control_dt) + 1, ticks_in(CHUNK, control_dt)
+    rows: list[Record] = []
+    with link:
+        for k in range(total):
+            while k and link.tick < k:
+                sleep(max(0.0, k * control_dt - now()))
+                readings = pack(link.read(), empty)
+            seen = truth.now
+            thinking, decided = think(thinking, readings)
+            link.send(decided.command)
+            rows.append(jax.device_get(Record(*seen, readings, decided)))
+            if len(rows) == ticks or k == total - 1 or int(rows[-1].autopilot.setpoint.phase) in (FINISHED, ABORTED):
+                kept, over = until_the_end(jax.tree.map(lambda *leaves: np.stack(leaves), *rows), len(rows) + 1)
+                rows = []
+                yield kept
+                if over:
+                    return
+
+
+class _Truth:
+    """Keeps what the twin last was, for the log: a Link itself shows only what a real vehicle would."""
+
+    def __init__(self, *now: Any):
+        self.now = now
+
+    def following(self, move: Callable[..., Any]) -> Callable[[Any, Command, int], tuple[Any, Measurements]]:
+        def advance_twin(memory: Any, command: Command, k: int) -> tuple[Any, Measurements]:
+            memory, moved = move(memory, command, k)
+            self.now = (moved.state, moved.environment.velocity, moved.environment.wrench)
+            return memory, moved.measurements
+
+        return advance_twin
+
+
+def _off(loop: Loop) -> Array:
+    return jnp.zeros(loop.twin.model.thrusters.count)
+
+
+def _compiled(loop: Loop, control_dt: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    think = jax.jit(
+        lambda memory, readings: loop.autopilot.step(
+            memory, AutopilotInput(readings, jnp.asarray(NO_REQUEST)), control_dt
+        )
+    )
+    move = jax.jit(lambda memory, command, k: loop.twin.step(memory, TwinInput(command, k), control_dt))
+    return think, move

@@ -1,0 +1,155 @@
+"""Scores of a run, as `docs/scenarios.md` defines them: from the truth, never from the estimate."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import ABORTED, DIVE, FINISHED, HOLD, IDLE, PHASES, REASONS
+
+SETTLED = 60.0  # NEES is averaged from here on [s]
+DEPTH, NORTH_EAST = 2, slice(0, 2)
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One run on the host, sampled at n instants.
+
+    Attributes:
+        t: Time [s], shape (n,).
+        eta, nu: Truth, shape (n, 6); attitude as zyx Euler angles.
+        eta_hat, nu_hat: Estimate, shape (n, 6).
+        covariance: Of [eta, nu], shape (n, 12, 12).
+        leg: Start and end of the leg, shape (n, 6).
+        mode: phase, reason, waypoint, on_leg, shape (n, 4).
+        thrust: Every control tick, shape (m, n_thrusters) [N].
+        limits: Lowest and highest force of each thruster [N], shape (2, n_thrusters).
+        control_dt: Period of `thrust` [s].
+        saturated: Every control tick, whether any thruster was at its limit, shape (m,).
+        duration: From arming to the end [s].
+    """
+
+    t: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    eta_hat: np.ndarray
+    nu_hat: np.ndarray
+    covariance: np.ndarray
+    leg: np.ndarray
+    mode: np.ndarray
+    thrust: np.ndarray
+    saturated: np.ndarray
+    control_dt: float
+    duration: float
+
+
+def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
+    """Horizontal distance of points (n, 3) to their legs (n, 6), the segments from start to end [m], shape (n,)."""
+    start, end = leg[:, NORTH_EAST], leg[:, 3:5]
+    along = end - start
+    length2 = np.sum(along**2, axis=1)
+    offset = position[:, NORTH_EAST] - start
+    share = np.clip(np.sum(offset * along, axis=1) / np.where(length2 > 0, length2, 1.0), 0.0, 1.0)
+    return np.hypot(*(offset - share[:, None] * along).T)
+
+
+def after_first_dive(mode: np.ndarray) -> np.ndarray:
+    """Whether the first dive is over, shape (n,), bool."""
+    return np.logical_or.accumulate((mode[:, 0] != DIVE) & (mode[:, 0] != IDLE))
+
+
+def nees(flown: Flown) -> np.ndarray:
+    """Normalised estimation error squared, shape (n, 2): horizontal position (2 dof), pose and velocity (12 dof).
+
+    Bar-Shalom, Li and Kirubarajan (2001), eq. 5.4.2-1.
+    """
+    error = estimate_error(flown)
+    both = [(error[:, :2], flown.covariance[:, :2, :2]), (error, flown.covariance)]
+    return np.stack([_quadratic_form(e, P) for e, P in both], axis=1)
+
+
+def _quadratic_form(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    usable = np.all(np.isfinite(covariance), axis=(1, 2)) & np.all(np.isfinite(error), axis=1)
+    out = np.full(len(error), np.inf)
+    if usable.any():
+        # A filter that is sure of a component (variance 0) would make P singular: the least positive number guards it.
+        P = covariance[usable] + np.eye(error.shape[1]) * np.finfo(float).tiny
+        solved = np.linalg.solve(P, error[usable][:, :, None])[:, :, 0]
+        out[usable] = np.sum(error[usable] * solved, axis=1)
+    return out
+
+
+def estimate_error(flown: Flown) -> np.ndarray:
+    """Estimate minus truth of [eta, nu], angles wrapped, shape (n, 12)."""
+    error = np.concatenate([flown.eta_hat - flown.eta, flown.nu_hat - flown.nu], axis=1)
+    error[:, 3:6] = (error[:, 3:6] + np.pi) % (2 * np.pi) - np.pi
+    return error
+
+
+def effective_samples(series: np.ndarray) -> float:
+    """Independent samples that carry as much as a correlated series, by Geyer's initial positive sequence (1992)."""
+    n = len(series)
+    centred = series - series.mean()
+    if n < 4 or not np.all(np.isfinite(series)) or np.allclose(centred, 0):
+        return float(max(n, 1))
+    padded = np.fft.rfft(centred, 2 * n)
+    autocovariance = np.fft.irfft(padded * np.conj(padded))[:n] / n
+    rho = autocovariance / autocovariance[0]
+    pairs = rho[0 : n - n % 2 : 2] + rho[1 : n : 2][: n // 2]
+    positive = int(np.argmax(pairs <= 0)) if np.any(pairs <= 0) else len(pairs)
+    return float(n / max(2.0 * pairs[: max(positive, 1)].sum() - 1.0, 1.0))
+
+
+def score(flown: Flown) -> dict[str, Any]:
+    """Figures of one run; those of a phase that never came are None."""
+    phase = int(flown.mode[-1, 0])
+    settled = after_first_dive(flown.mode)
+    legs = settled & (flown.mode[:, 3] > 0.5)
+    station = settled & (flown.mode[:, 0] == HOLD)
+    error = estimate_error(flown)
+    position_nees = nees(flown)[:, 0]
+    late = flown.t >= SETTLED
+    rate = np.diff(flown.thrust, axis=0) / flown.control_dt
+    return {
+        "completed": phase == FINISHED,
+        "phase": PHASES[phase],
+        "reason": REASONS[int(flown.mode[-1, 1])] if phase == ABORTED else "",
+        "duration_s": flown.duration,
+        **_pair("cross_track", distance_to_leg(flown.eta[legs], flown.leg[legs])),
+        **_pair("station", np.hypot(*(flown.eta[station, :2] - flown.leg[station, 3:5]).T)),
+        "depth_rms_m": _rms((flown.eta[:, DEPTH] - flown.leg[:, 5])[settled]),
+        "position_error_rms_m": [_rms(error[:, 0]), _rms(error[:, 1])],
+        "nees_position_mean": _mean(position_nees[late]),
+        "nees_effective_samples": effective_samples(position_nees[late]) if late.any() else None,
+        "effort_n2s": float(np.sum(flown.thrust**2) * flown.control_dt),
+        "saturated_share": _mean(flown.saturated.astype(float)),
+        "thruster_activity_n_per_s": _rms(rate),
+    }
+
+
+def _pair(name: str, distance: np.ndarray) -> dict[str, float | None]:
+    return {
+        f"{name}_rms_m": _rms(distance),
+        f"{name}_max_m": float(distance.max()) if distance.size else None,
+    }
+
+
+def _rms(values: np.ndarray) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def _mean(values: np.ndarray) -> float | None:
+    return float(np.mean(values)) if values.size else None
+
+
+def nees_interval(scores: list[dict[str, Any]], level: float = 0.95, dof: int = 2) -> tuple[float, float]:
+    """Interval that the mean NEES over these runs falls into with probability `level` if the filter is consistent.
+
+    Chi-square with dof * N_eff degrees, N_eff the effective samples of all runs together (correlation in time widens
+    it against independent samples). Bar-Shalom, Li and Kirubarajan (2001), sec. 5.4.2.
+    """
+    from scipy.stats import chi2
+
+    samples = max(sum(s["nees_effective_samples"] or 1.0 for s in scores), 1.0)
+    low, high = chi2.ppf([(1 - level) / 2, (1 + level) / 2], dof * samples) / samples
+    return float(low), float(high)
