@@ -1,4 +1,4 @@
-"""Vehicle, truth and sensors for the tests of the observer: a tiny simulation of its own, NumPy noise on JAX physics."""
+"""Vehicle, truth and sensors for the tests of the observer: a tiny simulation of its own, with NumPy noise."""
 
 import equinox as eqx
 import numpy as np
@@ -99,7 +99,7 @@ def readings(rng, x, specific, names, std=None, accelerometer_bias=0.0):
         "accelerometer": specific + accelerometer_bias,
     }
     n = len(x)
-    time = DT * np.arange(1, n + 1)
+    time = DT * np.arange(n)  # the filter's first tick is at time zero
     slots = {}
     for name in names:
         value = clean[name]

@@ -57,6 +57,10 @@ class EkfTuning(eqx.Module):
     pseudo_velocity: bool = eqx.field(static=True)
     thruster_lag: bool = eqx.field(static=True)
 
+    def uses(self, name: str) -> bool:
+        """Whether readings of this sensor are taken in; others are passed over."""
+        return name in self.measurement_variance and (name != "accelerometer" or self.pseudo_velocity)
+
     @classmethod
     def as_printed(cls, dt: float = 0.02) -> "EkfTuning":
         """Thesis table 7.2, used as printed: its R and Q are the diagonals of the matrices in (2.40) and (2.41).
