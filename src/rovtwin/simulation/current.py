@@ -6,7 +6,9 @@ Every current is a Block with `step(memory, position, dt) -> (memory, Flow)`, th
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.simulation.checks import require, require_finite, require_not_negative, require_positive, require_shape
 from rovtwin.simulation.noise import key_for, normals, raw_key
 
 
@@ -41,6 +43,10 @@ class ConstantCurrent(Block):
 
     velocity: Array = eqx.field(converter=as_array)
 
+    def __check_init__(self):
+        require_shape("ConstantCurrent.velocity", self.velocity, (3,))
+        require_finite("ConstantCurrent.velocity", self.velocity)
+
     def init(self, key: Array, start: Start) -> None:
         """No memory."""
         return None
@@ -62,8 +68,12 @@ class ShearedCurrent(Block):
     velocities: Array = eqx.field(converter=as_array)
 
     def __check_init__(self):
-        if self.depths.ndim != 1 or self.depths.shape[0] < 2 or self.velocities.shape != (self.depths.shape[0], 3):
-            raise ValueError(f"depths {self.depths.shape} and velocities {self.velocities.shape}: want (k,) and (k, 3)")
+        where = "ShearedCurrent.depths"
+        if self.depths.ndim != 1 or self.depths.shape[0] < 2:
+            raise ConfigError(f"{where}: found shape {self.depths.shape}, expected two depths or more")
+        require(where, self.depths, self.depths[1:] > self.depths[:-1], "depths that increase")
+        require_shape("ShearedCurrent.velocities", self.velocities, (self.depths.shape[0], 3))
+        require_finite("ShearedCurrent.velocities", self.velocities)
 
     def init(self, key: Array, start: Start) -> None:
         """No memory."""
@@ -116,6 +126,12 @@ class GaussMarkovCurrent(Block):
     def __init__(self, mean: object, sigma: object, time_constant: object, interval: object = None):
         self.mean, self.sigma, self.time_constant = as_array(mean), as_array(sigma), as_array(time_constant)
         self.interval = self.time_constant / 100.0 if interval is None else as_array(interval)
+        for name in ("mean", "sigma"):
+            require_shape(f"GaussMarkovCurrent.{name}", getattr(self, name), (3,))
+        require_finite("GaussMarkovCurrent.mean", self.mean)
+        require_not_negative("GaussMarkovCurrent.sigma", self.sigma)
+        require_positive("GaussMarkovCurrent.time_constant", self.time_constant)
+        require_positive("GaussMarkovCurrent.interval", self.interval)
 
     def _next_node(self, key: Array, node: Array, count: Array, spacing: Array) -> Array:
         phi = jnp.exp(-spacing / self.time_constant)

@@ -292,11 +292,12 @@ def table_5_7(
         physics_rate_hz: Rate of the physics clock.
         changes: By sensor name, arguments of `Sensor` that differ, such as `{"position": {"dropout": 0.1}}`.
     """
-    changes = changes or {}
+    changes = dict(changes or {})
     accelerometer_bias, gyro_bias = (6.8e-6, 0.017) if as_printed else (0.017, 6.8e-6)
 
     def sensor(kind: str, rate_hz: float, **parameters: Any) -> Sensor:
-        return Sensor(kind, rate_hz, physics_rate_hz=physics_rate_hz, **(parameters | dict(changes.get(kind, {}))))
+        given: dict[str, Any] = {"rate_hz": rate_hz} | parameters | dict(changes.pop(kind, {}))
+        return Sensor(kind, physics_rate_hz=physics_rate_hz, **given)
 
     sensors = {
         "position": sensor("position", 1.0, noise=0.5),
@@ -305,4 +306,8 @@ def table_5_7(
         "gyro": sensor("gyro", 100.0, noise=3.08e-5, bias=gyro_bias),
         "attitude": sensor("attitude", 100.0, noise=1e-3),
     }
-    return sensors | ({"dvl": sensor("dvl", 10.0, noise=5e-3)} if dvl else {})
+    if dvl:
+        sensors["dvl"] = sensor("dvl", 10.0, noise=5e-3)
+    if changes:
+        raise ConfigError(f"sensors: found changes of {', '.join(changes)}, expected those of {', '.join(sensors)}")
+    return sensors

@@ -12,6 +12,13 @@ import equinox as eqx
 from rovtwin.core.block import Block, Start
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.simulation.checks import (
+    require,
+    require_direction,
+    require_not_negative,
+    require_positive,
+    require_shape,
+)
 from rovtwin.simulation.current import Flow
 from rovtwin.simulation.noise import normals, raw_key
 from rovtwin.vehicle.dynamics import State
@@ -55,7 +62,8 @@ def filter_parameters(height: Array, period: Array, as_printed: bool = False) ->
     """
     _, B = _spectrum_parameters(height, period)
     omega = 2.0 * jnp.pi / period if as_printed else (0.8 * B) ** 0.25
-    return omega, jnp.sqrt(spectrum(omega, height, period))
+    # Proportional to the height, and written so: a root of S would have no gradient in a calm.
+    return omega, height * jnp.sqrt(spectrum(omega, jnp.ones_like(height), period))
 
 
 def encounter_frequency(omega: Array, speed_along: Array) -> Array:
@@ -104,6 +112,15 @@ class ThesisWaves(Block):
     damping_ratio: Array = eqx.field(converter=as_array, default=DAMPING_RATIO)
     gain: Array = eqx.field(converter=as_array, default=1.0)
     as_printed: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require_not_negative("ThesisWaves.height", self.height)
+        require_positive("ThesisWaves.period", self.period)
+        require_direction("ThesisWaves.direction", self.direction)
+        require_shape("ThesisWaves.drift_intensity", self.drift_intensity, (2,))
+        require_not_negative("ThesisWaves.drift_intensity", self.drift_intensity)
+        ratio = self.damping_ratio
+        require("ThesisWaves.damping_ratio", ratio, (ratio > 0) & (ratio < 1), "a ratio above 0 and below 1")
 
     def rms(self) -> Array:
         """Stationary rms of the wave force on a vehicle at rest [N], drift left out: K_w / sqrt(4 lambda omega_0)."""
@@ -162,4 +179,6 @@ def _transition(angle: Array, damping_ratio: Array) -> tuple[Array, Array]:
     g22 = 1.0 - Phi[1, 0] ** 2 - Phi[1, 1] ** 2
     # Factored from the lower right: g11 is of the order angle^3, and would be lost in rounding as a pivot.
     l22 = jnp.sqrt(g22)
-    return Phi, jnp.array([[jnp.sqrt(jnp.maximum(g11 - g12**2 / g22, 0.0)), g12 / l22], [jnp.zeros_like(l22), l22]])
+    # The floor keeps the root real, and its gradient finite.
+    l11 = jnp.sqrt(jnp.maximum(g11 - g12**2 / g22, 1e-30))
+    return Phi, jnp.array([[l11, g12 / l22], [jnp.zeros_like(l22), l22]])
