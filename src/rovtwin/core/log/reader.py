@@ -212,15 +212,20 @@ def _check_start(start: bytes, path: Path) -> None:
     raise LogError(f"{path}: not an MCAP file: starts with {start[:8]!r}, expected the MCAP magic {MAGIC!r}{hint}")
 
 
-def check_finished(stream: BinaryIO, path: Path) -> None:
-    """Raises LogError when the file doesn't end as MCAP does."""
+def is_finished(stream: BinaryIO) -> bool:
+    """Whether the file ends as MCAP does."""
     size = stream.seek(0, 2)
     stream.seek(max(0, size - FOOTER_SIZE))
     end = stream.read()
-    if size < len(MAGIC) + FOOTER_SIZE or not end.endswith(MAGIC) or end[:9] != b"\x02" + (20).to_bytes(8, "little"):
+    return size >= len(MAGIC) + FOOTER_SIZE and end.startswith(b"\x02\x14" + bytes(7)) and end.endswith(MAGIC)
+
+
+def check_finished(stream: BinaryIO, path: Path) -> None:
+    """Raises LogError when the file doesn't end as MCAP does."""
+    if not is_finished(stream):
         raise LogError(
-            f"{path}: unfinished: {size} bytes without the index at the end; its run was killed, still goes on, or the "
-            f"file was cut. Rebuild it with `rovtwin log repair {path}`"
+            f"{path}: unfinished: {stream.tell()} bytes without the index at the end; its run was killed, still goes "
+            f"on, or the file was cut. Rebuild it with `rovtwin log repair {path}`"
         )
 
 

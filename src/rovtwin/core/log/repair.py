@@ -11,7 +11,7 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.log import message
 from rovtwin.core.log.files import atomic
 from rovtwin.core.log.mcapfile import McapFile, Record, decompress, iter_records, message_offsets, parse
-from rovtwin.core.log.reader import open_mcap
+from rovtwin.core.log.reader import is_finished, open_mcap
 
 _CHUNK_SIZE = 1 << 20
 
@@ -56,7 +56,7 @@ def repair(path: str | Path, out: str | Path | None = None, overwrite: bool = Fa
             salvage.add(record)
         if not salvage.channels:
             raise LogError(f"{path}: nothing to save: its {path.stat().st_size} bytes end before a channel is declared")
-        salvage.finish()
+        salvage.finish(is_finished(stream))
     return Repair(out, salvage.saved(), salvage.last_time, salvage.finished, tuple(salvage.notes))
 
 
@@ -79,12 +79,13 @@ class _Salvage:
         except ValueError as error:
             self.notes.append(f"lost {len(record.content)} bytes at byte {record.offset}: {error}")
 
-    def finish(self) -> None:
-        """Write what is pending and the index."""
+    def finish(self, finished: bool) -> None:
+        """Write what is pending and the index; `finished` says whether the original ends as it should."""
         self._write()
         self.file.finish()
-        if not self.finished and not self.notes:
-            self.notes.append("the index at the end was missing")
+        if not finished and not self.notes:
+            self.notes.append("the end of the file was missing")
+        self.finished = not self.notes
 
     def saved(self) -> dict[str, int]:
         """Number of messages by channel name."""
@@ -104,8 +105,6 @@ class _Salvage:
             pass
         elif record.opcode == Opcode.MESSAGE:
             self._messages(record.header + record.content)
-        elif record.opcode == Opcode.FOOTER:
-            self.finished = not self.notes
         elif record.opcode == Opcode.DATA_END and parse(records.DataEnd, record.content).data_section_crc not in (
             0,
             record.crc,

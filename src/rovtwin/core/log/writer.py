@@ -213,7 +213,7 @@ class LogWriter:
             raise self._failure
 
     def _work(self) -> None:
-        """The only thread that touches the file: Ctrl-C cuts no write in two, and a slow disk holds up no control loop."""
+        """The one thread that touches the file: Ctrl-C cuts no write in two, a slow disk holds up no control loop."""
         closed, synced = False, time.monotonic()
         while not (closed or self._failure):
             with self._condition:
