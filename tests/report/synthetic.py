@@ -1,6 +1,6 @@
-"""A flight along the lawn-mower of table 8.3 without physics: kinematics, filtered noise and rates as a real log has them.
+"""A flight along the lawn-mower of table 8.3 without physics: kinematics, noise and rates as a real log has them.
 
-It looks like a run (signs, units, phases, sizes), so that figures can be judged by eye, and every number in it is known.
+It looks like a run (signs, units, phases, sizes), so that figures can be judged by eye, and its numbers are known.
 """
 
 import json
@@ -98,6 +98,7 @@ def synthetic(dt=0.1, speed=0.25, seed=1, waves=True, optimism=1.0, metadata=Tru
     drift = 0.4 * np.column_stack([smooth_noise(rng, n, dt, 60) for _ in range(6)]) * [1, 1, 1, 0.02, 0.02, 0.02]
     beat = 0.7 * np.sin(2 * np.pi * t / 8.7)[:, None] * [1, 0, 0.5, 0, 0.05, 0] if waves else 0 * drift
     wrench = drift + beat
+    wrench[:, 0], wrench[:, 1] = c * wrench[:, 0] + s * wrench[:, 1], -s * wrench[:, 0] + c * wrench[:, 1]
 
     down = (np.diff(leg[:, [0, 1, 3, 4]], axis=1, prepend=0) * 0)[:, 0]  # legs are horizontal
     start, end = leg[:, :2], leg[:, 3:5]
@@ -186,7 +187,7 @@ def _metadata(t, truth, error, nees, across, waves):
     }  # fmt: skip
     mission = [{"x": x, "y": y, "z": z, "acceptance": ACCEPTANCE} for x, y, z in WAYPOINTS.tolist()]
     return {
-        "version": "0.1.0", "name": "lawnmower_waves", "seed": "1", "platform": "Linux", "python": "3.11", "jax": "0.10.2",
+        "version": "0.1.0", "name": "lawnmower_waves", "seed": "1", "platform": "Linux", "python": "3.11",
         "scenario": "vehicle: double_blueye\nworld:\n  current: [0.0, 0.1, 0.0]\nseed: 1\n",
         "summary": json.dumps(summary), "vehicle_table": json.dumps(vehicle), "mission": json.dumps(mission),
         "waves": json.dumps({"direction_rad": 0.0} if waves else None),

@@ -37,9 +37,10 @@ CATALOGUE = (
     Entry(
         "path",
         "Path over ground",
-        "Seen from above, north up. The black line is where the vehicle was, the blue one where it believed to be; grey dots "
-        "are single position fixes. Look at how far the black line leaves the green legs, and at the corners, where guidance "
-        "switches within the acceptance circle. Arrows on the line give the course and the time.",
+        "Seen from above, north up. The black line is where the vehicle was, the blue one where it believed to be; "
+        "grey dots are single position fixes. Look at how far the black line leaves the green legs, and at the "
+        "corners, where guidance switches within the acceptance circle. Arrows on the line give the course and the "
+        "time.",
         path.path,
         (_POSES,),
         ("truth/eta", "autopilot/eta", "autopilot/reference", "autopilot/leg", "truth/water_velocity"),
@@ -47,9 +48,8 @@ CATALOGUE = (
     Entry(
         "pose",
         "Position and attitude",
-        "Each degree of freedom over time, with the phases of guidance as shades and, in the strip on top, by name and "
-        "way-point. Look at the lag of truth behind the reference and at overshoot after turns; roll and pitch have no "
-        "reference where the thrusters cannot hold them.",
+        "Each degree of freedom over time, with the phases of guidance as shades and, in the strip on top, by name "
+        "and way-point. Look at the lag of truth behind the reference and at overshoot after turns.",
         motion.pose,
         (_POSES,),
         ("truth/eta", "autopilot/eta", "autopilot/reference", "autopilot/mode"),
@@ -57,8 +57,8 @@ CATALOGUE = (
     Entry(
         "tracking",
         "Cross-track and depth error",
-        "Distance of the true position to the commanded leg, counted only on legs after the first dive, and true depth minus "
-        "commanded depth. These are what the scores above are computed from.",
+        "Distance of the true position to the commanded leg, counted only on legs after the first dive, and true "
+        "depth minus commanded depth: what the scores above are computed from.",
         motion.tracking,
         (("score/cross_track", "autopilot/setpoint"),),
         ("score/cross_track", "autopilot/setpoint", "truth/eta", "autopilot/mode"),
@@ -66,8 +66,8 @@ CATALOGUE = (
     Entry(
         "velocity",
         "Body velocities",
-        "Velocity over ground in the body frame (forward, right, down) and angular rates. Look for oscillation, and for an "
-        "estimate that follows the truth late.",
+        "Velocity over ground in the body frame (forward, right, down) and angular rates. Look for oscillation, and"
+        " for an estimate that follows the truth late.",
         motion.velocity,
         (("truth/nu", "autopilot/nu"),),
         ("truth/nu", "autopilot/nu", "autopilot/mode"),
@@ -75,9 +75,10 @@ CATALOGUE = (
     Entry(
         "forces",
         "Thruster forces and wanted wrench",
-        "Left: force of each thruster between its limits. Right: the wrench that the controller asked for, at the centre of "
-        "the body frame; orange marks where a limit cut it. A force that rests on a limit means that the mission asks for "
-        "more than the vehicle has; a force that fills its range is noise fed back into the thrusters.",
+        "Left: force of each thruster between its limits. Right: the wrench that the controller asked for, at the "
+        "origin of the body frame, without the components it never used; orange marks where a limit cut it. A force"
+        " that rests on a limit means that the mission asks for more than the vehicle has; a force that fills its "
+        "range is noise fed back into the thrusters.",
         effort.forces,
         (("truth/thrust", "autopilot/tau"),),
         ("truth/thrust", "autopilot/tau", "autopilot/saturated", "autopilot/mode"),
@@ -85,9 +86,9 @@ CATALOGUE = (
     Entry(
         "errors",
         "Errors of the estimate",
-        "Estimate minus truth, with the band in which the observer expects 99.7 % of its errors. Errors that leave the band "
-        "mean that the observer is surer than it may be; a band much wider than the errors, that it makes too little of "
-        "what it measures.",
+        "Estimate minus truth, with the band in which the observer expects 99.7 % of its errors. Errors that leave "
+        "the band mean that the observer is surer than it may be; a band much wider than the errors, that it makes "
+        "too little of what it measures.",
         consistency.errors,
         (("truth/eta",), ("truth/nu",), ("autopilot/eta",), ("autopilot/nu",)),
         ("autopilot/std", "autopilot/mode"),
@@ -95,9 +96,10 @@ CATALOGUE = (
     Entry(
         "consistency",
         "Consistency of the observer",
-        "Normalised squared errors of the estimate (NEES) and of the innovations of each sensor (NIS). An honest observer "
-        "stays about the dashed line and inside the blue range; above it the observer is overconfident, below it too "
-        "cautious. The range is for a single value of NEES, and for the innovations of one window of NIS.",
+        "Normalised squared errors of the estimate (NEES) with their mean over the last 60 s, and of the "
+        "innovations of each sensor (NIS) in windows of 10 s or longer. An honest observer stays about the dashed "
+        "line and inside the blue range; above it the observer is overconfident, below it too cautious. The range "
+        "is that of a single value of NEES, and of a whole window of NIS.",
         consistency.consistency,
         (("score/nees", "autopilot/nis"),),
         ("score/nees", "autopilot/nis", "autopilot/nis_dof", "autopilot/mode"),
@@ -105,9 +107,9 @@ CATALOGUE = (
     Entry(
         "disturbance",
         "Disturbance and its estimate",
-        "Force and moment that waves and tether exert (grey, and black without what is faster than 20 s), and the slowly "
-        "varying bias that the observer estimates. The bias also takes up what the observer's model lacks: current, net "
-        "buoyancy, wrong damping or thrust; a difference is therefore not an error by itself.",
+        "Force (world axes) and moment (body axes) that waves, drift and tether exert, with the mean over 20 s, and"
+        " the slowly varying bias that the observer estimates. The bias also takes up what the observer's model "
+        "lacks: current, net buoyancy, wrong damping or thrust; a difference is therefore not an error by itself.",
         effort.disturbance,
         (("truth/external_wrench", "autopilot/bias"),),
         ("truth/external_wrench", "autopilot/bias", "truth/eta", "autopilot/mode"),

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rovtwin.core.log import Log
-from rovtwin.report.flight import Flight, at
+from rovtwin.report.flight import Flight
 from rovtwin.report.html import save, write_page
-from rovtwin.report.path import draw_path, legend_entries
-from rovtwin.report.style import GREY, SERIES, SMALL, WIDTH, dress, legend_above, line, new_figure, note
+from rovtwin.report.path import aspect, draw_path, legend_entries
+from rovtwin.report.style import GREY, SERIES, WIDTH, dress, legend_above, line, name_panel, new_figure, note
 from rovtwin.report.tables import Table
 from rovtwin.report.verdict import scores, verdict
 
@@ -81,12 +81,13 @@ def paths(flights: Mapping[str, Flight]) -> Figure:
     """Paths over ground, side by side at the same scale."""
     columns = min(len(flights), 3)
     rows = -(-len(flights) // columns)
-    figure = new_figure(height=0.7 + 3.9 * rows * min(1.0, 2 / columns))
+    tallest = max(aspect(flight) for flight in flights.values())
+    figure = new_figure(height=float(np.clip(rows * (tallest * (WIDTH / columns - 0.6) + 0.5) + 0.8, 3.0, 9.0)))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     entries: dict[str, Any] = {}
     for axes, (label, flight) in zip(grid, flights.items(), strict=False):
         draw_path(axes, flight)
-        axes.set_title(label, fontsize=SMALL + 1, loc="left")
+        name_panel(axes, label)
         if flight.wave_direction is not None:
             note(axes, f"waves run to {np.degrees(flight.wave_direction) % 360:03.0f}°")
         entries |= {str(one.get_label()): one for one in legend_entries(flight)}
@@ -104,14 +105,12 @@ def errors(flights: Mapping[str, Flight]) -> Figure:
     dress(down, "Depth error [m]", "Time [s]")
     deepest = []
     for colour, flight in zip(_colours(flights), flights.values(), strict=False):
-        track, truth, setpoint = (flight.get(n) for n in ("score/cross_track", "truth/eta", "autopilot/setpoint"))
-        if track is not None:
-            valid = track["valid"] > 0.5 if "valid" in track.channel.fields else np.ones(len(track), bool)
-            line(across, track.t, np.where(valid, track["distance"], np.nan), color=colour)
-        if truth is not None and setpoint is not None:
-            error = truth["z"] - at(setpoint, truth.t)[:, 2]
-            line(down, truth.t, error, color=colour)
-            deepest.append(error[(truth.t > flight.first_dive_end) & np.isfinite(error)])
+        if flight.cross_track is not None:
+            line(across, *flight.cross_track, color=colour)
+        if flight.depth_error is not None:
+            t, error = flight.depth_error
+            line(down, t, error, color=colour)
+            deepest.append(error[(t > flight.first_dive_end) & np.isfinite(error)])
     for axes in (across, down):
         axes.axhline(0.0, color=GREY, linewidth=0.8)
     most = max((float(np.abs(e).max()) for e in deepest if e.size), default=1.0)
@@ -142,9 +141,20 @@ def _colours(flights: Mapping[str, Flight]) -> list[str]:
 
 
 _FIGURES = (
-    ("paths", "Paths over ground", "The same mission in each run, at the same scale. Look at how far truth leaves the legs, "
-     "and at where the waves push it.", paths, ()),
-    ("errors", "Cross-track and depth error", "Truth against the commanded path over time; gaps are turns and dives. A "
-     "longer line is a run that needed more time.", errors, ()),
+    (
+        "paths",
+        "Paths over ground",
+        "The same mission in each run, at the same scale. Look at how far truth leaves the legs, and to which side.",
+        paths,
+        (),
+    ),
+    (
+        "errors",
+        "Cross-track and depth error",
+        "Truth against the commanded path over time; gaps are turns and dives. A longer line is a run that took "
+        "longer.",
+        errors,
+        (),
+    ),
     ("effort", "Thruster effort", "What each run asked of its thrusters.", effort, ("truth/thrust",)),
-)  # fmt: skip
+)

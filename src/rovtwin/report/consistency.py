@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from scipy.special import chdtri
 
 from rovtwin.report.flight import Flight
 from rovtwin.report.panels import panels
-from rovtwin.report.style import BAND, BLACK, GREY, ORANGE, limits, line, note
+from rovtwin.report.style import BAND, BLACK, GREY, ORANGE, limits, line, name_panel, note
 
 _ERRORS = (
     ("North [m]", "East [m]", "Depth [m]"),
@@ -18,13 +18,13 @@ _ERRORS = (
     ("Surge [m/s]", "Sway [m/s]", "Heave [m/s]"),
     ("Roll rate [deg/s]", "Pitch rate [deg/s]", "Yaw rate [deg/s]"),
 )
-_NEES = {"position": (2, "NEES, position [-]"), "pose_velocity": (12, "NEES, pose, velocity [-]")}
+_NEES = {"position": (2, "horizontal position"), "pose_velocity": (12, "pose and velocity")}
 _EXPECTED: dict[str, Any] = {"color": ORANGE, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 5}
 
 
 def errors(flight: Flight) -> Figure:
     """Estimate minus truth with the observer's own 3-sigma band."""
-    sheet = panels(flight, _ERRORS, height=1.3)
+    sheet = panels(flight, _ERRORS, height=1.3, shaded=False)
     assert flight.error is not None
     t, error = flight.error
     std = flight.get("autopilot/std")
@@ -62,21 +62,23 @@ def consistency(flight: Flight) -> Figure:
     """NEES against truth, and NIS of each sensor, with the 95 % range that chi-square gives to an honest observer."""
     nees, sensors = flight.get("score/nees"), _nis_sensors(flight)
     fields = [f for f in (nees.channel.fields if nees is not None else ()) if f in _NEES]
-    labels = [_NEES[f][1] for f in fields] + [f"NIS, {name} [-]" for name, _, _ in sensors]
+    labels = ["NEES [-]"] * len(fields) + ["NIS per dof [-]"] * len(sensors)
     rows = [labels[i : i + 2] for i in range(0, len(labels), 2)]
-    odd = len(rows[-1]) == 1
-    rows = [*rows[:-1], [rows[-1][0], ""]] if odd else rows
-    sheet = panels(flight, rows, height=1.55)
-    flat = list(sheet.axes.ravel())
+    odd = len(labels) % 2 == 1 and len(labels) > 1
     if odd:
-        flat[-1].set_axis_off()
-        flat[-3].tick_params(labelbottom=True) if len(flat) > 2 else None
+        rows[-1].append("")
+    sheet = panels(flight, rows, height=1.4, shaded=False)
+    flat: list[Axes] = list(sheet.axes.ravel())
+    if odd:
+        sheet.figure.delaxes(flat[-1])
+        flat[-3].tick_params(labelbottom=True)
     for axes, field in zip(flat, fields, strict=False):
         assert nees is not None
-        _nees(axes, nees.t, nees[field], _NEES[field][0])
-    for axes, (_, totals, counts) in zip(flat[len(fields) :], sensors, strict=False):
+        _nees(axes, nees.t, nees[field], *_NEES[field])
+    for axes, (name, totals, counts) in zip(flat[len(fields) :], sensors, strict=False):
         _nis(axes, flight["autopilot/nis"].t, totals, counts)
-    sheet.entry("value", color=GREY, linewidth=0.8)
+        name_panel(axes, name)
+    sheet.entry("at one time", color=GREY, linewidth=0.8)
     sheet.entry("mean over a window", color=BLACK, linewidth=1.3)
     sheet.entry("expected", **_EXPECTED)
     sheet.entry("95 % range (χ²)", **(BAND | {"linewidth": 7.0}))
@@ -89,23 +91,23 @@ def chi_square_range(freedom: Any, share: float = 0.95) -> tuple[np.ndarray, np.
     return chdtri(freedom, 1 - tail), chdtri(freedom, tail)
 
 
-def _nees(axes: Axes, t: np.ndarray, values: np.ndarray, freedom: int) -> None:
-    low, high = chi_square_range(freedom)
-    axes.axhspan(float(low), float(high), **BAND)
+def _nees(axes: Axes, t: np.ndarray, values: np.ndarray, freedom: int, name: str) -> None:
+    low, high = (float(bound) for bound in chi_square_range(freedom))
+    axes.axhspan(low, high, **BAND)
     axes.axhline(freedom, **_EXPECTED)
     positive = np.where(values > 0, values, np.nan)
     line(axes, t, positive, color=GREY, linewidth=0.6, points=1000)
     line(axes, t, _running_mean(t, values), color=BLACK, linewidth=1.3)
-    later = t > t[0] + 0.02 * (t[-1] - t[0])
-    _log_axis(axes, positive[later], [float(low), float(high)])
+    _log_axis(axes, positive[t > t[0] + 0.02 * (t[-1] - t[0])], [low, high])
+    name_panel(axes, name)
     if np.isfinite(values).any():
         inside = _share((values >= low) & (values <= high), values)
         note(axes, f"mean {np.nanmean(values):.3g}, expected {freedom}; {100 * inside:.0f} % in range")
 
 
-def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray) -> None:
-    """NIS per innovation in windows; the range narrows with the number of innovations in a window."""
-    cells = 150
+def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray, window: float = 10.0) -> None:
+    """NIS per scalar innovation in windows [s]; the range narrows with the number of innovations in a window."""
+    cells = int(np.clip((t[-1] - t[0]) / window, 1, 150))
     edges = np.linspace(t[0], t[-1] + 1e-9, cells + 1)
     cell = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, cells - 1)
     total, count = np.bincount(cell, totals, cells), np.bincount(cell, counts, cells)
@@ -113,11 +115,11 @@ def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray) -> N
     middle = (edges[:-1] + edges[1:])[some] / 2
     ratio, n = total[some] / count[some], count[some]
     low, high = (bound / n for bound in chi_square_range(n))
-    axes.fill_between(middle, low, high, **(BAND | {"alpha": 0.28}), step="mid")
+    axes.fill_between(middle, low, high, **BAND)
     axes.axhline(1.0, **_EXPECTED)
-    axes.plot(middle, np.where(ratio > 0, ratio, np.nan), color=BLACK, linewidth=1.1, marker=".", markersize=2)
-    _log_axis(axes, ratio, [float(low.min()), float(high.max())])
-    note(axes, f"mean {total.sum() / count.sum():.3g} per innovation, expected 1")
+    axes.plot(middle, np.where(ratio > 0, ratio, np.nan), color=BLACK, linewidth=1.2, marker=".", markersize=2.5)
+    _log_axis(axes, ratio, [min(0.6, float(low.min())), max(1.7, float(high.max()))])
+    note(axes, f"mean {total.sum() / count.sum():.3g}, expected 1")
 
 
 def _nis_sensors(flight: Flight) -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -147,7 +149,14 @@ def _log_axis(axes: Axes, values: np.ndarray, also: list[float]) -> None:
     low, high = min(low, *also) / 1.6, max(high, *also) * 1.6
     axes.set_yscale("log")
     axes.set_ylim(low, high)
-    decades = np.log10(high / low)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if decades > 1.6 else (1.0, 2.0, 5.0), numticks=6))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    wide = np.log10(high / low)
+    steps = (1.0,) if wide > 2.2 else (1.0, 2.0, 5.0) if wide > 0.9 else (0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0)
+    ticks = [s * 10.0**k for k in range(-30, 31) for s in steps if low <= s * 10.0**k <= high]
+    ticks = ticks[:: -(-len(ticks) // 6)] if len(ticks) > 6 else ticks
+    axes.yaxis.set_major_locator(FixedLocator(ticks))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(_power))
+
+
+def _power(value: float, _: int | None) -> str:
+    return f"{value:g}" if 1e-3 <= value < 1e4 else f"$10^{{{np.log10(value):.0f}}}$"

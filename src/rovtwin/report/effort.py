@@ -3,77 +3,104 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.log import Series
 from rovtwin.core.numerics import jax
 from rovtwin.report.flight import Flight, at
 from rovtwin.report.panels import TIME, panels
 from rovtwin.report.style import (
-    BLACK, BLUE, ESTIMATE, FONT, GREY, LIMIT, ORANGE, WIDTH, dress, legend_above, limits, line, new_figure, note, ribbon, shade,
-)  # fmt: skip
+    BLACK,
+    BLUE,
+    ESTIMATE,
+    FONT,
+    GREY,
+    LIMIT,
+    ORANGE,
+    WIDTH,
+    dress,
+    legend_above,
+    limits,
+    line,
+    name_panel,
+    new_figure,
+    note,
+    ribbon,
+)
 from rovtwin.report.vehicle import force_limits, thruster_names
 
+_WRENCH_NAMES = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
 _WRENCH = ("$X$ [N]", "$Y$ [N]", "$Z$ [N]", "$K$ [N m]", "$M$ [N m]", "$N$ [N m]")
 
 
 def forces(flight: Flight) -> Figure:
     """Force of each thruster between its limits, and the wrench that the controller wanted."""
-    from matplotlib.lines import Line2D
-
     thrust, tau = flight.get("truth/thrust"), flight.get("autopilot/tau")
-    count = 0 if thrust is None else len(thrust.channel.fields)
-    columns = [n for n in (count, 6 if tau is not None else 0) if n]
-    figure = new_figure(height=max(1.05 * max(columns, default=1) + 0.8, 3.0))
+    wanted = [] if tau is None else [k for k in range(6) if np.nanmax(np.abs(tau.values[:, k]), initial=0.0) > 1e-9]
+    columns = [n for n in (0 if thrust is None else len(thrust.channel.fields), len(wanted)) if n]
+    figure = new_figure(height=max(1.0 * max(columns, default=1) + 0.9, 3.0))
     grid = figure.add_gridspec(1, max(len(columns), 1))
+    strip = 0.13 / max(columns, default=1)
     handles: list[Any] = []
     if thrust is not None:
-        axes = _column(figure, grid[0], flight, [f"{n} [N]" for n in thruster_names(flight, thrust.channel.fields)])
-        bounds = force_limits(flight, count)
-        for k, one in enumerate(axes):
-            line(one, thrust.t, thrust.values[:, k], color=BLACK, linewidth=0.7)
-            if bounds is not None:
-                low, high = bounds[0][k], bounds[1][k]
-                one.axhline(low, **LIMIT)
-                one.axhline(high, **LIMIT)
-                pad = 0.12 * max(high - low, 1e-6)
-                one.set_ylim(low - pad, high + pad)
-        handles.append(Line2D([], [], color=BLACK, linewidth=0.9, label="Thruster force"))
-        if bounds is not None:
-            handles.append(Line2D([], [], **LIMIT, label="Limits"))
-    if tau is not None:
-        axes = _column(figure, grid[len(columns) - 1], flight, list(_WRENCH))
-        cut = flight.get("autopilot/saturated")
-        for k, one in enumerate(axes):
-            line(one, tau.t, tau.values[:, k], color=BLUE, linewidth=0.7)
-            one.set_ylim(*limits(tau.values[:, k], share=0.9995, least=0.05))
-            if cut is not None:
-                _saturated(one, cut.t, cut.values[:, k] > 0.5)
-        handles.append(Line2D([], [], color=BLUE, linewidth=0.9, label="Wanted wrench"))
-        if cut is not None and (cut.values > 0.5).any():
-            handles.append(Line2D([], [], color=ORANGE, linewidth=3, label="cut by a limit"))
+        axes = _column(figure, grid[0, 0], flight, strip, ["[N]"] * columns[0])
+        handles += _thrusters(axes, flight, thrust)
+    if tau is not None and wanted:
+        axes = _column(figure, grid[0, -1], flight, strip, [_WRENCH[k] for k in wanted])
+        handles += _wrench(axes, flight, tau, wanted)
     legend_above(figure, handles)
     return figure
 
 
-def _column(figure: Figure, cell: Any, flight: Flight, labels: list[str]) -> list[Any]:
-    strip = [0.13] if flight.phases else []
-    grid = cell.subgridspec(len(strip) + len(labels), 1, height_ratios=strip + [1.0] * len(labels))
-    axes = [figure.add_subplot(grid[k]) for k in range(len(strip) + len(labels))]
-    for one, label in zip(axes[len(strip) :], labels, strict=True):
+def _thrusters(axes: list[Axes], flight: Flight, thrust: Series) -> list[Any]:
+    bounds = force_limits(flight, len(axes))
+    for k, (one, name) in enumerate(zip(axes, thruster_names(flight, thrust.channel.fields), strict=True)):
+        line(one, thrust.t, thrust.values[:, k], color=BLACK, linewidth=0.7)
+        name_panel(one, name.replace("_", " "))
+        if bounds is not None:
+            low, high = bounds[0][k], bounds[1][k]
+            one.axhline(low, **LIMIT)
+            one.axhline(high, **LIMIT)
+            pad = 0.12 * max(high - low, 1e-6)
+            one.set_ylim(low - pad, high + pad)
+    shown = [Line2D([], [], color=BLACK, linewidth=0.9, label="Thruster force")]
+    return shown if bounds is None else [*shown, Line2D([], [], **LIMIT, label="its limits")]
+
+
+def _wrench(axes: list[Axes], flight: Flight, tau: Series, wanted: list[int]) -> list[Any]:
+    cut = flight.get("autopilot/saturated")
+    for one, k in zip(axes, wanted, strict=True):
+        line(one, tau.t, tau.values[:, k], color=BLUE, linewidth=0.7)
+        name_panel(one, _WRENCH_NAMES[k])
+        one.set_ylim(*limits(tau.values[:, k], share=0.9995, least=0.05))
+        if cut is not None:
+            _saturated(one, cut.t, cut.values[:, k] > 0.5)
+    handles = [Line2D([], [], color=BLUE, linewidth=0.9, label="Wanted wrench")]
+    if cut is not None and (cut.values > 0.5).any():
+        handles.append(Line2D([], [], color=ORANGE, linewidth=3, label="cut by a limit"))
+    return handles
+
+
+def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: list[str]) -> list[Axes]:
+    """Panels below each other; the ribbon on top takes the share `strip` of the column, however many panels there are."""
+    grid = cell.subgridspec(len(labels) + 1, 1, height_ratios=[strip * len(labels)] + [1.0] * len(labels))
+    axes = [figure.add_subplot(grid[k + 1]) for k in range(len(labels))]
+    for one, label in zip(axes, labels, strict=True):
         dress(one, label, ticks=4)
-        shade(one, flight.phases)
-    for one in axes:
-        one.sharex(axes[-1]) if one is not axes[-1] else None
-        one.tick_params(labelbottom=one is axes[-1])
+    for one in axes[:-1]:
+        one.sharex(axes[-1])
+        one.tick_params(labelbottom=False)
     axes[-1].set_xlabel(TIME, fontsize=FONT)
     axes[-1].set_xlim(*flight.span)
-    if strip:
-        ribbon(axes[0], flight.phases, WIDTH / 2 - 0.6)
-    return axes[len(strip) :]
+    if flight.phases:
+        ribbon(figure.add_subplot(grid[0], sharex=axes[-1]), flight.phases, WIDTH / 2 - 0.6)
+    return axes
 
 
-def _saturated(axes: Any, t: np.ndarray, cut: np.ndarray) -> None:
+def _saturated(axes: Axes, t: np.ndarray, cut: np.ndarray) -> None:
     """A bar at the foot of the panel where a limit cut the wrench, and its share of the time."""
     edges = np.flatnonzero(np.diff(np.r_[False, cut, False].astype(int)))
     if not edges.size:

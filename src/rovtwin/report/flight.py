@@ -116,7 +116,8 @@ class Flight:
         """Way-points with at least x and y."""
         found = self.json("mission")
         found = found.get("waypoints", []) if isinstance(found, Mapping) else found
-        return [w for w in found or [] if isinstance(w, Mapping) and _number(w.get("x")) and _number(w.get("y"))]
+        known = found if isinstance(found, list) else []
+        return [dict(w) for w in known if isinstance(w, Mapping) and _number(w.get("x")) and _number(w.get("y"))]
 
     @cached_property
     def current(self) -> np.ndarray | None:
@@ -132,7 +133,24 @@ class Flight:
         """Where the waves run to, clockwise from north [rad]; None without waves."""
         waves = self.json("waves")
         direction = waves.get("direction_rad") if isinstance(waves, Mapping) else None
-        return float(direction) if _number(direction) else None
+        return float(direction) if isinstance(direction, int | float) and _number(direction) else None
+
+    @cached_property
+    def cross_track(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Time and distance to the commanded path [m], NaN where it does not count, shapes (N,)."""
+        series = self.get("score/cross_track")
+        if series is None or "distance" not in series.channel.fields:
+            return None
+        counts = series["valid"] > 0.5 if "valid" in series.channel.fields else np.ones(len(series), bool)
+        return series.t, np.where(counts, series["distance"], np.nan)
+
+    @cached_property
+    def depth_error(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Time and true (without truth: estimated) minus commanded depth [m], shapes (N,)."""
+        pose, setpoint = self.get("truth/eta") or self.get("autopilot/eta"), self.get("autopilot/setpoint")
+        if pose is None or setpoint is None:
+            return None
+        return pose.t, pose["z"] - at(setpoint, pose.t)[:, 2]
 
     @cached_property
     def error(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -165,7 +183,13 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 def at(series: Series, t: np.ndarray, angles: slice = slice(0, 0)) -> np.ndarray:
-    """Values at other times by linear interpolation, NaN outside of the series; columns `angles` are unwrapped first."""
+    """Values at other times by linear interpolation, NaN outside of the series.
+
+    Args:
+        series: The values.
+        t: Times [s], shape (M,).
+        angles: Columns that are unwrapped first.
+    """
     values = np.array(series.values)
     values[:, angles] = unwrapped(values[:, angles])
     return np.column_stack([np.interp(t, series.t, column, left=np.nan, right=np.nan) for column in values.T])

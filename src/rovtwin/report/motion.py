@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from rovtwin.report.flight import POSES, VELOCITIES, Flight, at, beside, unwrapped
+from rovtwin.report.flight import POSES, VELOCITIES, Flight, beside, unwrapped
 from rovtwin.report.panels import panels
 from rovtwin.report.style import BLACK, ESTIMATE, GREY, LIMIT, REFERENCE, TRUTH, limits, line, note
 
@@ -96,45 +96,34 @@ def tracking(flight: Flight) -> Figure:
 
 def _cross_track(axes: Axes, flight: Flight) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.8)
-    series = flight.get("score/cross_track")
-    if series is None:
+    if (found := flight.cross_track) is None:
         note(axes, "not in this log")
         return
-    valid = _valid(series)
-    distance = np.where(valid, series["distance"], np.nan)
-    line(axes, series.t, distance, color=BLACK, linewidth=1.1)
-    radius = {float(w["acceptance"]) for w in flight.waypoints if w.get("acceptance")}
-    if len(radius) == 1:
-        (r,) = radius
-        for side in (-r, r) if np.nanmin(distance, initial=0.0) < 0 else (r,):
-            axes.axhline(side, **LIMIT)
-    if valid.any():
-        rms, most = np.sqrt(np.nanmean(distance**2)), np.nanmax(np.abs(distance))
-        note(
-            axes,
-            f"on legs: rms {rms:.2f} m, largest {most:.2f} m"
-            + (f"; dashed: acceptance {r:g} m" if len(radius) == 1 else ""),
-        )
-
-
-def _valid(series) -> np.ndarray:  # noqa: ANN001
-    flag = series["valid"] > 0.5 if "valid" in series.channel.fields else np.ones(len(series), bool)
-    return flag & np.isfinite(series["distance"])
+    t, distance = found
+    line(axes, t, distance, color=BLACK, linewidth=1.1)
+    text = "never on a leg"
+    if np.isfinite(distance).any():
+        most = float(np.nanmax(np.abs(distance)))
+        text = f"on legs: rms {np.sqrt(np.nanmean(distance**2)):.2f} m, largest {most:.2f} m"
+        axes.set_ylim(*limits(distance, np.zeros(1), share=1.0, least=0.02))
+    radii = {float(w["acceptance"]) for w in flight.waypoints if w.get("acceptance")}
+    if len(radii) == 1:
+        (radius,) = radii
+        axes.axhline(radius, **LIMIT)
+        axes.axhline(-radius, **LIMIT)
+        text += f"; dashed: acceptance {radius:g} m"
+    note(axes, text)
 
 
 def _depth_error(axes: Axes, flight: Flight) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.8)
-    truth = flight.get("truth/eta") or flight.get("autopilot/eta")
-    setpoint = flight.get("autopilot/setpoint")
-    if truth is None or setpoint is None:
+    if (found := flight.depth_error) is None:
         note(axes, "not in this log")
         return
-    error = truth["z"] - at(setpoint, truth.t)[:, 2]
-    line(axes, truth.t, error, color=BLACK, linewidth=1.1)
-    later = error[(truth.t > flight.first_dive_end) & np.isfinite(error)]
+    t, error = found
+    line(axes, t, error, color=BLACK, linewidth=1.1)
+    later = error[(t > flight.first_dive_end) & np.isfinite(error)]
     if later.size:
-        note(
-            axes,
-            f"after the first dive: rms {np.sqrt(np.mean(later**2)):.3f} m, largest {np.abs(later).max():.3f} m; positive: too deep",
-        )
+        rms, most = np.sqrt(np.mean(later**2)), np.abs(later).max()
+        note(axes, f"after the first dive: rms {rms:.3f} m, largest {most:.3f} m; positive: too deep")
         axes.set_ylim(*limits(later, share=1.0, least=0.01, symmetric=True))

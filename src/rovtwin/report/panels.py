@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rovtwin.report.flight import Flight
-from rovtwin.report.style import WIDTH, dress, legend_above, new_figure, ribbon, shade
+from rovtwin.report.style import WIDTH, dress, legend_above, new_figure, phase_patch, ribbon, shade
 
 TIME = "Time [s]"
 
@@ -22,11 +22,13 @@ class Panels:
         figure: The figure.
         axes: Panels, shape (rows, columns).
         handles: What the legend holds.
+        phases: Phases that the legend has to name, because the ribbon has no room for them.
     """
 
     figure: Figure
     axes: np.ndarray
-    handles: list[Line2D] = field(default_factory=list)
+    handles: list[Artist] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
 
     def entry(self, label: str, **style: object) -> None:
         """One line of the legend."""
@@ -34,39 +36,31 @@ class Panels:
 
     def done(self, columns: int = 6) -> Figure:
         """The figure with its legend."""
-        legend_above(self.figure, self.handles, columns)
+        legend_above(self.figure, [*self.handles, *map(phase_patch, self.phases)], columns)
         return self.figure
 
 
-def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25, shared_y: bool = False) -> Panels:
+def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25, shaded: bool = True) -> Panels:
     """Empty panels over time.
 
     Args:
         flight: Gives phases and the span of time.
         labels: Label of each panel's vertical axis, by rows.
         height: Of one panel [inch].
-        shared_y: Whether the panels of a row share their vertical axis.
+        shaded: Whether the phases also show behind the data, not only in the ribbon.
     """
     rows, columns = len(labels), len(labels[0])
     strip = [0.13 / height] if flight.phases else []
     figure = new_figure(height=height * rows + 0.75)
-    grid = figure.subplots(
-        len(strip) + rows, columns, sharex=True, sharey="row" if shared_y else False, squeeze=False,
-        height_ratios=strip + [1.0] * rows,
-    )  # fmt: skip
+    grid = figure.subplots(len(strip) + rows, columns, sharex=True, squeeze=False, height_ratios=strip + [1.0] * rows)
     body = grid[len(strip) :]
     for row, names in zip(body, labels, strict=True):
         for axes, label in zip(row, names, strict=True):
             dress(axes, label)
-            shade(axes, flight.phases)
-    for axes in grid[0] if strip else []:
-        ribbon(axes, flight.phases, width=(WIDTH - 0.6 * columns) / columns)
+            shade(axes, flight.phases) if shaded else None
+    width = (WIDTH - 0.6 * columns) / columns
+    unnamed = [ribbon(axes, flight.phases, width) for axes in (grid[0] if strip else [])]
     for axes in body[-1]:
         axes.set_xlabel(TIME, fontsize=9)
     body[0, 0].set_xlim(*flight.span)
-    return Panels(figure, body)
-
-
-def time_only(axes: Axes) -> None:
-    """Take the label of a panel that stays empty."""
-    axes.set_axis_off()
+    return Panels(figure, body, phases=sorted(unnamed[0]) if unnamed else [])

@@ -18,7 +18,7 @@ FIXES: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 2.4, "lines
 
 def path(flight: Flight) -> Figure:
     """Mission, truth, estimate, reference and fixes seen from above, with the heading of waves and current."""
-    figure = new_figure(height=5.4)
+    figure = new_figure(height=float(np.clip(5.1 * aspect(flight) + 0.65, 3.2, 7.5)))
     axes, key = figure.subplots(1, 2, width_ratios=[1, 0.3])
     draw_path(axes, flight)
     _key(key, flight)
@@ -40,8 +40,9 @@ def draw_path(axes: Axes, flight: Flight) -> None:
             axes.plot(line[:, 1], line[:, 0], **style)
     main = flight.get("truth/eta") or flight.get("autopilot/eta")
     if main is not None:
-        _course(axes, main)
-    _frame(axes, flight)
+        _course(axes, main, flight)
+    low, high = _extent(flight)
+    axes.set(xlim=(low[1], high[1]), ylim=(low[0], high[0]))
 
 
 _LINES = (("truth/eta", TRUTH), ("autopilot/eta", ESTIMATE), ("autopilot/reference", REFERENCE))
@@ -49,6 +50,12 @@ _LINES = (("truth/eta", TRUTH), ("autopilot/eta", ESTIMATE), ("autopilot/referen
 
 def _horizontal(series: Series, points: int = 3000) -> np.ndarray:
     return series.values[:: max(1, len(series) // points), :2]
+
+
+def aspect(flight: Flight) -> float:
+    """Height of the picture over its width."""
+    low, high = _extent(flight)
+    return float((high - low)[0] / (high - low)[1])
 
 
 def _legs(flight: Flight) -> list[tuple[float, float, float, float]]:
@@ -86,13 +93,13 @@ def _label_side(flight: Flight, k: int) -> tuple[float, float]:
     away = np.zeros(2)
     for j in neighbours:
         d = points[k] - points[j]
-        away += d / max(float(np.hypot(*d)), 1e-9)
-    size = float(np.hypot(*away))
+        away += d / max(float(np.linalg.norm(d)), 1e-9)
+    size = float(np.linalg.norm(away))
     away = away / size if size > 0.2 else np.array([0.7, 0.7])
     return float(14 * away[0]), float(14 * away[1])
 
 
-def _course(axes: Axes, series: Series) -> None:
+def _course(axes: Axes, series: Series, flight: Flight) -> None:
     """Start, end, arrows along the way, and the time at some of them."""
     xy = series.values[:, [1, 0]]
     good = np.flatnonzero(np.isfinite(xy).all(axis=1))
@@ -101,33 +108,43 @@ def _course(axes: Axes, series: Series) -> None:
     style: dict[str, Any] = {"markeredgecolor": BLACK, "markersize": 7, "linestyle": "none", "zorder": 9}
     axes.plot(*xy[good[0]], marker="o", markerfacecolor="white", **style)
     axes.plot(*xy[good[-1]], marker="s", markerfacecolor=BLACK, **style)
-    travelled = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy[good][:: max(1, len(good) // 2000)], axis=0).T))]
+    index = good[:: max(1, len(good) // 2000)]
+    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(xy[index], axis=0), axis=1))]
     if travelled[-1] < 1.0:
         return
-    index = good[:: max(1, len(good) // 2000)]
     step = _round_step(float(series.t[index[-1]] - series.t[index[0]]) / 8)
-    marks = np.arange(np.ceil((series.t[index[0]] + 1e-9) / step), np.floor(series.t[index[-1]] / step) + 1) * step
-    for t in marks:
-        i = int(np.searchsorted(series.t[index], t))
-        _arrow(axes, xy[index], travelled, min(i, len(index) - 1), f"{t:g} s")
+    first, last = float(series.t[index[0]]), float(series.t[index[-1]])
+    for t in (k * step for k in range(int(first // step) + 1, int(last // step) + 1)):
+        i = min(int(np.searchsorted(series.t[index], t)), len(index) - 1)
+        if not _crowded(flight, xy[index[i]]):
+            _arrow(axes, xy[index], travelled, i, f"{t:g} s")
+
+
+def _crowded(flight: Flight, point: np.ndarray) -> bool:
+    """Whether a way-point's number is so near that a label would lie on it."""
+    low, high = _extent(flight)
+    near = 0.06 * float((high - low).max())
+    return any(np.hypot(float(w["y"]) - point[0], float(w["x"]) - point[1]) < near for w in flight.waypoints)
 
 
 def _arrow(axes: Axes, xy: np.ndarray, travelled: np.ndarray, i: int, label: str) -> None:
-    ahead = min(int(np.searchsorted(travelled, travelled[i] + 0.35)), len(xy) - 1)
-    behind = max(int(np.searchsorted(travelled, travelled[i] - 0.15)) - 1, 0)
+    ahead = min(int(np.searchsorted(travelled, travelled[i] + 1.0)), len(xy) - 1)
+    behind = max(int(np.searchsorted(travelled, travelled[i] - 0.4)) - 1, 0)
     course = xy[ahead] - xy[behind]
     if np.hypot(*course) < 0.1:
         return
     course = course / np.hypot(*course)
     axes.annotate(
         "", xy[i] + 0.01 * course, xy[i] - 0.01 * course, zorder=7,
-        arrowprops={"arrowstyle": "-|>,head_width=0.28,head_length=0.55", "color": BLACK, "linewidth": 0, "shrinkA": 0, "shrinkB": 0},
+        arrowprops={"arrowstyle": "-|>,head_width=0.36,head_length=0.7", "color": BLACK, "linewidth": 0}
+        | {"shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip
     across = np.array([course[1], -course[0]])
     across = across if across[1] > 0.3 or (abs(across[1]) <= 0.3 and across[0] > 0) else -across
     axes.annotate(
-        label, xy[i], 13 * across * np.array([1.25, 0.9]), textcoords="offset points", ha="center", va="center",
-        fontsize=TINY, color="#444444", zorder=8, bbox={"facecolor": "white", "alpha": 0.65, "pad": 0.6, "linewidth": 0},
+        label, xy[i], (16 * float(across[0]), 12 * float(across[1])), textcoords="offset points", ha="center",
+        va="center", fontsize=TINY, color="#444444", zorder=8,
+        bbox={"facecolor": "white", "alpha": 0.65, "pad": 0.6, "linewidth": 0},
     )  # fmt: skip
 
 
@@ -136,18 +153,16 @@ def _round_step(wanted: float) -> float:
     return float(steps[min(int(np.searchsorted(steps, wanted)), len(steps) - 1)])
 
 
-def _frame(axes: Axes, flight: Flight) -> None:
-    """Limits from what matters (mission and lines), so that an outlying fix does not shrink the picture."""
+def _extent(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (north, east) of what matters, mission and lines, so that an outlying fix does not shrink the picture."""
     parts = [_horizontal(flight[name]) for name, _ in _LINES if flight.has(name)]
-    parts += [np.array([[float(w["x"]), float(w["y"])] for w in flight.waypoints]).reshape(-1, 2)]
-    points = np.concatenate(parts)
+    points = np.concatenate([*parts, np.array([[w["x"], w["y"]] for w in flight.waypoints], float).reshape(-1, 2)])
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
-        return
+        points = np.zeros((1, 2))
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.08 * max(float((high - low).max()), 1.0) + 0.2
-    axes.set_xlim(low[1] - margin, high[1] + margin)
-    axes.set_ylim(low[0] - margin, high[0] + margin)
+    return low - margin, high + margin
 
 
 def _key(axes: Axes, flight: Flight) -> None:
@@ -196,7 +211,8 @@ def legend_entries(flight: Flight) -> list[Any]:
     labels = {"truth/eta": "Truth", "autopilot/eta": "Estimate", "autopilot/reference": "Reference"}
     entries += [Line2D([], [], **style, label=labels[name]) for name, style in _LINES if flight.has(name)]
     if flight.fixes is not None:
-        entries.append(Line2D([], [], **(FIXES | {"markersize": 5}), label="Position fixes"))
+        style: dict[str, Any] = {**FIXES, "markersize": 5}
+        entries.append(Line2D([], [], **style, label="Position fixes"))
     for marker, face, label in (("o", "white", "Start"), ("s", BLACK, "End")):
         entries.append(
             Line2D([], [], marker=marker, markerfacecolor=face, markeredgecolor=BLACK, linestyle="none", label=label)

@@ -1,7 +1,7 @@
 """How figures look: one palette, sizes in print, axes, phase shading, and thinning of long series.
 
-Figures are made with matplotlib's objects (`Figure`, never `pyplot`) and without touching `rcParams`: there is no global
-state, so that reports can be drawn in any thread.
+Figures are made with matplotlib's objects (`Figure`, never `pyplot`) and without touching `rcParams`: there is no
+global state, so that reports can be drawn in any thread.
 
 The colours are those of Okabe and Ito (2008), Color Universal Design, told apart with every kind of colour vision. One
 meaning keeps one colour and one line style in all figures, so that they also read in black and white.
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from rovtwin.report.flight import Interval
@@ -23,8 +24,9 @@ FONT, SMALL, TINY = 9.0, 8.0, 7.0  # axis labels; ticks, legends and titles; lab
 BLACK, BLUE, ORANGE, GREEN = "#1a1a1a", "#0072B2", "#D55E00", "#009E73"
 PURPLE, SKY, YELLOW, GREY = "#CC79A7", "#56B4E9", "#E69F00", "#8c8c8c"
 
-TRUTH: dict[str, Any] = {"color": BLACK, "linewidth": 1.7, "alpha": 0.85, "zorder": 3}
-ESTIMATE: dict[str, Any] = {"color": BLUE, "linewidth": 0.9, "zorder": 4}
+# The estimate lies under the truth and is wider: where both agree, a blue edge still shows.
+TRUTH: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "zorder": 4}
+ESTIMATE: dict[str, Any] = {"color": BLUE, "linewidth": 1.5, "alpha": 0.8, "zorder": 3}
 REFERENCE: dict[str, Any] = {"color": ORANGE, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 5}
 LIMIT: dict[str, Any] = {"color": PURPLE, "linewidth": 1.0, "linestyle": (0, (6, 2, 1, 2)), "zorder": 2.5}
 BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.18, "linewidth": 0.0, "zorder": 2}
@@ -68,6 +70,11 @@ def note(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize=TINY, color="#444444", loc="right", pad=2)
 
 
+def name_panel(axes: Axes, text: str) -> None:
+    """What a panel shows, above its left end, where its axis' label has no room for it."""
+    axes.set_title(text, fontsize=SMALL, loc="left", pad=2)
+
+
 def legend_above(figure: Figure, handles: Sequence[Any], columns: int = 6) -> None:
     """One legend for the whole figure, above it, where it covers nothing."""
     if handles:
@@ -92,25 +99,43 @@ def shade(axes: Axes, phases: Sequence[Interval]) -> None:
         )
 
 
-def ribbon(axes: Axes, phases: Sequence[Interval], width: float) -> None:
-    """Names of the phases in a strip over the panels below; `width` of the strip [inch] decides which names fit."""
+def ribbon(axes: Axes, phases: Sequence[Interval], width: float) -> set[str]:
+    """Names of the phases in a strip over the panels below.
+
+    Args:
+        axes: The strip.
+        phases: What to draw.
+        width: Of the strip [inch]; it decides which names fit.
+
+    Returns:
+        The phases that take a part of the time worth naming, but whose name found no room anywhere.
+    """
     axes.set(ylim=(0, 1), yticks=[])
     axes.tick_params(bottom=False, labelbottom=False)
     axes.spines[:].set_visible(False)
     if not phases:
-        return
+        return set()
     span = phases[-1].end - phases[0].start
     for name in {interval.phase for interval in phases}:
         bars = [(p.start, p.end - p.start) for p in phases if p.phase == name]
         axes.broken_barh(
             bars, (0, 1), facecolors=PHASE_COLOURS.get(name, "#ececec"), edgecolors="#999999", linewidth=0.4
         )
+    named = {"go"}
     for p in phases:
         room = 72 * width * (p.end - p.start) / max(span, 1e-9)
         words = [f"{p.phase} {p.waypoint + 1}", f"{p.waypoint + 1}"] if p.phase in ("go", "hold") else [p.phase]
         fitting = [word for word in words if 0.62 * TINY * len(word) + 2 < room]
         if fitting:
-            axes.text((p.start + p.end) / 2, 0.47, fitting[0], ha="center", va="center", fontsize=TINY, color="#333333")
+            named.add(p.phase)
+            axes.text((p.start + p.end) / 2, 0.45, fitting[0], ha="center", va="center", fontsize=TINY, color="#333333")
+    share = {p.phase: sum(q.end - q.start for q in phases if q.phase == p.phase) / max(span, 1e-9) for p in phases}
+    return {phase for phase, part in share.items() if part > 0.015} - named
+
+
+def phase_patch(name: str) -> Patch:
+    """The colour of a phase, for a legend."""
+    return Patch(facecolor=PHASE_COLOURS.get(name, "#ececec"), edgecolor="#999999", linewidth=0.4, label=name)
 
 
 def thin(t: np.ndarray, y: np.ndarray, points: int = 1400) -> tuple[np.ndarray, np.ndarray]:

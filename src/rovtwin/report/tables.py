@@ -57,7 +57,7 @@ def provenance_table(flight: Flight) -> Table:
 
 
 def vehicle_tables(flight: Flight) -> list[Table]:
-    """The vehicle's table as its command prints it, one table for scalars and vectors and one for each matrix or list."""
+    """The vehicle's table as its command gives it: scalars and vectors, then each matrix and each list of parts."""
     found = flight.json("vehicle_table")
     if not isinstance(found, Mapping):
         return []

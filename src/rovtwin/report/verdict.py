@@ -33,11 +33,11 @@ class Verdict:
 # key: name, unit, factor from SI, digits, what it means
 _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "duration_s": ("Duration", "s", 1, 0, "from arming to the end"),
-    "cross_track_rms_m": ("Cross-track error, rms", "m", 1, 3, "true distance to the commanded path, on legs after the first dive"),
-    "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "the same"),
+    "cross_track_rms_m": ("Cross-track error, rms", "m", 1, 3, "true distance to the commanded path, on legs"),
+    "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "after the first dive"),
     "depth_rms_m": ("Depth error, rms", "m", 1, 4, "truth against command, after the first dive"),
     "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),
-    "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 3, "2 is expected of an honest observer; after the first 60 s"),
+    "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 3, "2 is expected of an honest observer"),
     "effort": ("Effort", "N² s", 1, 0, "integral of the summed squared thruster forces"),
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
     "thruster_activity": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
@@ -112,7 +112,7 @@ def _about_position(summary: Mapping[str, Any]) -> str:
     ratio = float(np.sqrt(np.mean(np.square(error)) / np.mean(np.square(bound))))
     against = f"the steady-state bound for this vehicle, sensors and disturbance is {_format(bound, 1, 2, ' and ')} m"
     if ratio < 0.8:
-        return f"{text}; {against}, so this run was luckier than the average one, or less disturbed than the bound assumes."
+        return f"{text}; {against}: this run was luckier than the average, or less disturbed than the bound assumes."
     if ratio < 1.3:
         return f"{text}; {against}, so the observer makes about the best of what it is given."
     return f"{text}; {against}, so the error is {ratio:.1f} times as large as it needs to be."
