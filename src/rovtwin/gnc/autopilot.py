@@ -54,6 +54,7 @@ class Autopilot(Block):
         mission: Mission,
         gains: Gains = "table_7_1",
         saturation: Saturation = "scale",
+        obey_speed: bool = False,
         supervisor: Supervisor | None = None,
     ) -> "Autopilot":
         """The thesis's autopilot, the baseline that others must beat.
@@ -64,6 +65,7 @@ class Autopilot(Block):
             mission: Way-points.
             gains: The thesis's tables as printed, or from the model by pole placement.
             saturation: What allocation does at the thrusters' limits.
+            obey_speed: Whether the reference model keeps to the way-points' speeds; the thesis's does not.
             supervisor: Limits; None is the default ones.
         """
         makers = {
@@ -77,7 +79,7 @@ class Autopilot(Block):
             observer=observer,
             supervisor=supervisor or Supervisor(),
             guidance=Guidance(),
-            reference=ReferenceModel.thesis(),
+            reference=ReferenceModel.thesis(obey_speed),
             control=makers[gains](),
             allocation=Allocation.of(model, saturation=saturation),
             mission=mission,

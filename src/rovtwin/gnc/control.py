@@ -82,7 +82,7 @@ class Pid(Block):
 
     @classmethod
     def table_3_2(cls) -> "Pid":
-        """The thesis's gains of the free-running tests, table 3.2: depth and heading are held, all else is left free."""
+        """The thesis's gains of the free-running tests, table 3.2: depth and heading are held, the rest is free."""
         limit = np.array([0.0, 0.0, 22.0, 0.0, 0.0, 5.5])
         return cls(
             K_p=[0.0, 0.0, 30.0, 0.0, 0.0, 1.2],
@@ -98,11 +98,12 @@ class Pid(Block):
         model: Model,
         bandwidth: Any = (0.5, 0.5, 0.6, 1.0, 1.0, 0.8),
         damping_ratio: Any = 1.0,
+        integral: Any = 0.1,
         speed: Any = 0.0,
     ) -> "Pid":
         """Gains from the model: the error of each axis moves as a second-order system of chosen frequency.
 
-        K_p = m w^2 - g, K_d = 2 zeta w m - d, K_i = w/10 m w^2, with m, d and g the diagonals of inertia, linearised
+        K_p = m w^2 - g, K_d = 2 zeta w m - d, K_i = 0.1 w m w^2, with m, d and g the diagonals of inertia, linearised
         damping and restoring stiffness. Where the water alone damps or stiffens more than asked for, the gain is
         zero, never negative. Axes along which thrusters can do little get no gain.
 
@@ -110,6 +111,8 @@ class Pid(Block):
             model: The vehicle.
             bandwidth: Natural frequency w of each axis [rad/s], shape (6,).
             damping_ratio: zeta, scalar or shape (6,).
+            integral: Share of w that the integral's rate is, scalar or shape (6,); 0 is no integral. The 0.1 of the
+                algorithm makes a step overshoot by a fifth: let the reference model keep errors small.
             speed: |nu| at which damping is linearised [m/s, rad/s], scalar or shape (6,).
 
         Reference: Fossen (2021), algorithm 15.1 and eqs. 15.74-15.76.
@@ -119,7 +122,7 @@ class Pid(Block):
         able = as_array(reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5)
         return cls(
             K_p=able * jnp.maximum(m * w**2 - g, 0.0),
-            K_i=able * 0.1 * m * w**3,
+            K_i=able * as_array(integral) * m * w**3,
             K_d=able * jnp.maximum(2.0 * zeta * w * m - d, 0.0),
             **_limits(model),
         )

@@ -103,11 +103,11 @@ class Guidance(Block):
         """Set-point of the current phase, shape (6,)."""
         phase, behind = memory.phase, estimate.eta[:2] - memory.leg_start
         # Cross-track error and the heading that brings it to zero: thesis 2.44, 2.45.
-        e = -behind[0] * jnp.sin(leg.bearing) + behind[1] * jnp.cos(leg.bearing)
-        chi = wrap(leg.bearing + jnp.arctan(-e / self.look_ahead))
+        e = -behind[0] * jnp.sin(leg.alpha) + behind[1] * jnp.cos(leg.alpha)
+        chi = wrap(leg.alpha + jnp.arctan(-e / self.look_ahead))
 
-        along = jnp.where(leg.steered, chi, leg.bearing)
-        heading = jnp.where(phase == TURN, leg.bearing, jnp.where(phase == GO, along, memory.eta[5]))
+        along = jnp.where(leg.steered, chi, leg.heading)
+        heading = jnp.where(phase == TURN, leg.heading, jnp.where(phase == GO, along, memory.eta[5]))
         at_start = (phase == DIVE) | (phase == TURN)
         position = jnp.where(at_start, memory.leg_start, leg.end[:2])
         return _level(jnp.concatenate([position, leg.end[2:]]), heading)
@@ -117,7 +117,7 @@ class Guidance(Block):
         eta, phase = input.estimate.eta, memory.phase
         away = eta[:2] - leg.end[:2]
         deep = (phase == DIVE) & (jnp.abs(eta[2] - leg.end[2]) < self.depth_tolerance)
-        turned = (phase == TURN) & (jnp.abs(wrap(leg.bearing - eta[5])) < self.heading_tolerance)
+        turned = (phase == TURN) & (jnp.abs(wrap(leg.heading - eta[5])) < self.heading_tolerance)
         reached = (phase == GO) & (away @ away < leg.acceptance**2)
         over = (phase == HOLD) & ((memory.ticks + 1) * dt >= leg.hold_time)
         switch = over & (memory.waypoint + 1 < input.mission.count)
@@ -141,12 +141,22 @@ class Guidance(Block):
 
 
 class _Leg(eqx.Module):
-    """The way-point aimed at: position (3,), radius, time, heading to turn to, and whether LOS may steer from it."""
+    """The way-point aimed at and the way to it.
+
+    Attributes:
+        end: Its position [m], shape (3,).
+        speed, acceptance, hold_time: As in the mission.
+        alpha: Direction of the leg [rad], thesis 2.43; of a leg too short to have one, the last heading.
+        heading: To turn to before going [rad].
+        steered: Whether the line of sight gives the heading on the way, bool.
+    """
 
     end: Array
+    speed: Array
     acceptance: Array
     hold_time: Array
-    bearing: Array
+    alpha: Array
+    heading: Array
     steered: Array
 
 
@@ -164,8 +174,8 @@ def _leg(memory: GuidanceMemory, mission: Mission) -> _Leg:
     north, east = jnp.where(short, 1.0, along[0]), jnp.where(short, 0.0, along[1])
     alpha = jnp.where(short, memory.eta[5], jnp.arctan2(east, north))
     fixed = jnp.any(chosen & mission.fixed_heading)
-    bearing = jnp.where(fixed, row(mission.heading), alpha)
-    return _Leg(end, acceptance, row(mission.hold_time), bearing, ~fixed & ~short)
+    heading = jnp.where(fixed, row(mission.heading), alpha)
+    return _Leg(end, row(mission.speed), acceptance, row(mission.hold_time), alpha, heading, ~fixed & ~short)
 
 
 def _begin(memory: GuidanceMemory, estimate: Estimate, running: Array) -> GuidanceMemory:
@@ -185,9 +195,13 @@ def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Array) -> Setp
     # A finished mission stays finished, whatever the operator asks for but an abort.
     phase = jnp.where(memory.phase == FINISHED, FINISHED, phase)
     phase = jnp.where(mode.mode == MODE_ABORTED, ABORTED, phase)
+    going = phase == GO
+
+    # The way-point's speed along its leg, seen from the wanted heading. The thesis's reference model ignores it.
+    crab, speed = leg.alpha - eta[5], jnp.where(going, leg.speed, 0.0)
+    nu = jnp.concatenate([jnp.stack([speed * jnp.cos(crab), speed * jnp.sin(crab)]), jnp.zeros(4)])
     start = jnp.concatenate([memory.leg_start, leg.end[2:]])
-    # The thesis asks for poses, not for speeds: the vehicle is to stop at every set-point.
-    return Setpoint(eta, jnp.zeros(6), start, leg.end, phase == GO, memory.waypoint, phase, mode.reason)
+    return Setpoint(eta, nu, start, leg.end, going, memory.waypoint, phase, mode.reason)
 
 
 def _level(position: Array, heading: Array) -> Array:

@@ -13,22 +13,26 @@ _ANGLES = jnp.array([False, False, False, True, True, True])
 class ReferenceModel(Block):
     """eta_ref / eta_d = w^2 / (s^2 + 2 delta w s + w^2) for each DOF in n; memory is the last Reference.
 
-    The response to a set-point that holds over a tick is exact at any dt. Angles go the short way round.
+    The response to a set-point that holds over a tick is exact at any dt. Angles go the short way round. A limit on
+    the speed cuts eta_dot, as in Fossen (2021), sec. 12.1.1; x and y are cut by one factor, so that the path between
+    two way-points stays straight.
 
     Attributes:
         damping_ratio: delta, shape (6,).
         frequency: w [rad/s], shape (6,).
         speed_limit: Largest |eta_dot| [m/s, rad/s], shape (6,); inf is none.
+        obey_speed: Whether the horizontal speed is kept to the set-point's, where that is not zero.
     """
 
     damping_ratio: Array = eqx.field(converter=as_array)
     frequency: Array = eqx.field(converter=as_array)
     speed_limit: Array = eqx.field(converter=as_array)
+    obey_speed: bool = eqx.field(static=True, default=False)
 
     @classmethod
-    def thesis(cls) -> "ReferenceModel":
-        """delta = 1, w = 1.5 rad/s, no speed limit."""
-        return cls(jnp.full(6, 1.0), jnp.full(6, 1.5), jnp.full(6, jnp.inf))
+    def thesis(cls, obey_speed: bool = False) -> "ReferenceModel":
+        """delta = 1, w = 1.5 rad/s; the thesis has no speed limit, so that way-points' speeds count for nothing."""
+        return cls(jnp.full(6, 1.0), jnp.full(6, 1.5), jnp.full(6, jnp.inf), obey_speed)
 
     def init(self, key: Array, start: Start) -> Reference:
         euler = euler_from_quaternion(start.attitude)
@@ -41,15 +45,23 @@ class ReferenceModel(Block):
         c, s, decay = _transition(damping, w, dt)
         # State of the filter relative to the set-point: [-ahead, eta_dot], decaying as exp(A dt).
         travelled = ahead - decay * ((c + damping * s) * ahead - s * memory.eta_dot)
-        speed = decay * ((c - damping * s) * memory.eta_dot + w**2 * s * ahead)
+        free = decay * ((c - damping * s) * memory.eta_dot + w**2 * s * ahead)
 
-        held = jnp.clip(speed, -self.speed_limit, self.speed_limit)
-        travelled = jnp.where(held == speed, travelled, 0.5 * dt * (memory.eta_dot + held))
+        eta_dot = self._limited(free, input.nu)
+        cut = eta_dot != free
+        travelled = jnp.where(cut, 0.5 * dt * (memory.eta_dot + eta_dot), travelled)
+        eta_ddot = jnp.where(cut, 0.0, w**2 * (ahead - travelled) - 2.0 * damping * eta_dot)
         eta = memory.eta + travelled
-        eta = jnp.where(_ANGLES, wrap(eta), eta)
-        eta_ddot = w**2 * (ahead - travelled) - 2.0 * damping * held
-        reference = Reference(eta, held, jnp.where(held == speed, eta_ddot, 0.0))
+        reference = Reference(jnp.where(_ANGLES, wrap(eta), eta), eta_dot, eta_ddot)
         return reference, reference
+
+    def _limited(self, rate: Array, nu: Array) -> Array:
+        if self.obey_speed:
+            wanted, speed = jnp.sum(nu[:2] ** 2), jnp.sum(rate[:2] ** 2)
+            over = (wanted > 0.0) & (speed > wanted)
+            share = jnp.sqrt(jnp.where(over, wanted, 1.0) / jnp.where(over, speed, 1.0))
+            rate = rate * jnp.where(jnp.arange(6) < 2, share, 1.0)
+        return jnp.clip(rate, -self.speed_limit, self.speed_limit)
 
 
 def _difference(to: Array, since: Array) -> Array:
