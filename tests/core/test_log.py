@@ -119,7 +119,8 @@ def test_a_block_larger_than_a_chunk(tmp_path: Path) -> None:
         writer.write_many("truth/position", t, values)
     series = Log.read(tmp_path / "run.mcap")["truth/position"]
     assert series.values.tobytes() == values.tobytes() and np.abs(series.t - t).max() <= 0.5e-9 + 1e-12
-    assert info(tmp_path / "run.mcap").rows[0].messages == len(t)
+    row = info(tmp_path / "run.mcap").rows[0]
+    assert (row.messages, row.first, row.last) == (len(t), 0.0, series.t[-1]) and row.rate == pytest.approx(500.0)
 
 
 def test_wall_clock_time_is_only_in_the_metadata(log: Log, tmp_path: Path) -> None:
