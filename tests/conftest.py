@@ -1,0 +1,33 @@
+"""What all tests share: hypothesis profiles and the reference data beside the repository."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, Phase, settings
+
+# JAX compiles inside the first example, so a deadline per example means nothing. Every run draws the same examples;
+# `HYPOTHESIS_PROFILE=explore` draws many new ones. Most examples are seeds, which have no simplest form: no shrinking.
+settings.register_profile(
+    "same", deadline=None, max_examples=40, derandomize=True, phases=(Phase.explicit, Phase.generate)
+)
+settings.register_profile(
+    "explore", deadline=None, max_examples=400, suppress_health_check=[HealthCheck.too_slow], print_blob=True
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+SHARED = Path(__file__).parents[1] / ".." / "shared"
+
+
+def shared_folder(*parts: str) -> Path:
+    """A folder of the reference material kept beside the repository; the test is skipped where there is none."""
+    folder = SHARED.joinpath(*parts)
+    if not folder.is_dir():
+        pytest.skip(f"no {'/'.join(parts)} beside the repository: reference material is not shipped")
+    return folder.resolve()
+
+
+@pytest.fixture(scope="session")
+def fossen_folder() -> Path:
+    """Results of Fossen's MSS toolbox, cross-checked against PythonVehicleSimulator."""
+    return shared_folder("reference", "fossen")
