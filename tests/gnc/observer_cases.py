@@ -48,29 +48,33 @@ def _coupling():
 
 
 @eqx.filter_jit
-def truth(model: Model, start: State, u, wrench_n, wrench_b):
-    """States and accelerations after each tick: commands u (n, k), disturbance force in n and moment in b, (n, 3)."""
+def truth(model: Model, start: State, u, force_n, moment_b, extra=None):
+    """[eta, nu] and specific force after each tick, (n, 12) and (n, 3).
+
+    Commands u (n, k), disturbance force in n and moment in b, (n, 3) each, any other wrench in b (n, 6).
+    """
     calm = Environment.calm()
+    extra = jnp.zeros((u.shape[0], 6)) if extra is None else extra
 
     def tick(state, inputs):
-        command, force, moment = inputs
+        command, force, moment, more = inputs
+
+        def disturbed(state):
+            force_b = rotation_from_quaternion(state.attitude).T @ force
+            return eqx.tree_at(lambda e: e.wrench, calm, jnp.concatenate([force_b, moment]) + more)
 
         def fine(state, _):
-            force_b = rotation_from_quaternion(state.attitude).T @ force
-            environment = eqx.tree_at(lambda e: e.wrench, calm, jnp.concatenate([force_b, moment]))
-            return plant_step(model, state, Command(command), environment, DT / 4), None
+            return plant_step(model, state, Command(command), disturbed(state), DT / 4), None
 
         state, _ = jax.lax.scan(fine, state, None, length=4)
-        force_b = rotation_from_quaternion(state.attitude).T @ force
-        environment = eqx.tree_at(lambda e: e.wrench, calm, jnp.concatenate([force_b, moment]))
         tau = model.thrusters.configuration @ state.thrust
-        nu_dot = acceleration(model, state.attitude, state.nu, tau, environment)
+        nu_dot = acceleration(model, state.attitude, state.nu, tau, disturbed(state))
         R_nb = rotation_from_quaternion(state.attitude)
         specific = nu_dot[:3] + jnp.cross(state.nu[3:], state.nu[:3]) - 9.81 * R_nb[2]
         eta = jnp.concatenate([state.position, euler_from_quaternion(state.attitude)])
         return state, (jnp.concatenate([eta, state.nu]), specific)
 
-    return jax.lax.scan(tick, start, (u, wrench_n, wrench_b))[1]
+    return jax.lax.scan(tick, start, (u, force_n, moment_b, extra))[1]
 
 
 def at(model, position=(0.0, 0.0, 0.5), euler=(0.0, 0.0, 0.0), nu=None):

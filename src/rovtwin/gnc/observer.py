@@ -143,29 +143,28 @@ class _Prior(eqx.Module):
         """Scalar measurements of all readings in a slot, and how many were rejected in a row after them."""
         states, rows = SENSORS[name], slot.valid.shape[0]
         here = slice(states[0], states[-1] + 1)
-        z, used = self._to_now(name, slot, here), slot.valid
+        z, variance = self._now(name, slot, here)
+        used = slot.valid
         if name in self.tuning.gate:
-            S = self.P[here, here] + self.tuning.measurement_variance[name] * jnp.eye(len(states))
             believed = []
             for row in range(rows):
-                outlier = (squared_norm(z[row] - self.x[here], S) > self.tuning.gate[name]) & (
-                    rejected < self.tuning.patience
-                )
+                S = self.P[here, here] + jnp.diag(variance[row])
+                outlier = squared_norm(z[row] - self.x[here], S) > self.tuning.gate[name]
+                outlier = outlier & (rejected < self.tuning.patience)
                 believed.append(used[row] & ~outlier)
                 rejected = jnp.where(used[row], jnp.where(outlier, rejected + 1, 0), rejected)
             used = jnp.stack(believed)
-        each = len(states)
-        variance = jnp.broadcast_to(self.tuning.measurement_variance[name], (rows * each,))
         i = jnp.tile(jnp.array(states), rows)
-        return _Scalars(i, z.reshape(-1), variance, jnp.repeat(used, each)), rejected
+        return _Scalars(i, z.reshape(-1), variance.reshape(-1), jnp.repeat(used, len(states))), rejected
 
-    def _to_now(self, name: str, slot: Slot, here: slice) -> Array:
-        """Readings moved on by the state's rate from when they were taken to now, shape (capacity, n)."""
+    def _now(self, name: str, slot: Slot, here: slice) -> tuple[Array, Array]:
+        """Readings moved on by the state's rate from when they were taken to now, and their variance; (capacity, n)."""
+        R = self.tuning.measurement_variance[name]
         if name == "accelerometer":
-            return self.previous[here] + slot.value * self.dt
+            return self.previous[here] + slot.value * self.dt, jnp.full(slot.value.shape, R)
         age = self.now - slot.t_valid
-        age = jnp.where((age > 0.0) & (age <= self.tuning.max_age), age, 0.0)
-        return slot.value + age[:, None] * self.rate[here]
+        age = jnp.where((age > 0.0) & (age <= self.tuning.max_age), age, 0.0)[:, None]
+        return slot.value + age * self.rate[here], R + age * self.tuning.process_variance[here]
 
 
 def _update(
