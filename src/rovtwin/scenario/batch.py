@@ -11,6 +11,7 @@ from rovtwin.scenario.fly import Recorder, summarise
 from rovtwin.scenario.loop import advance_batch, stack, start_batch
 from rovtwin.scenario.run import CHUNK, ticks_in, until_the_end
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.score import nees_interval
 
 
 def score_batch(
@@ -48,6 +49,29 @@ def score_batch(
     return [
         {"seed": seed} | summarise(recorder.flown(), run, interrupted=False)
         for seed, run, recorder in zip(seeds, runs, recorders, strict=True)
+    ]
+
+
+def table_row(runs: list[dict[str, Any]]) -> list[str]:
+    """A row of the table of scores: completed, cross-track (or station), depth, time, error, bound, NEES, saturation,
+    effort; means over the runs, the largest of the maxima.
+
+    NEES stands with the interval of its mean over these runs if the filter were consistent.
+    """
+    done = sum(run["completed"] for run in runs)
+    path = "cross_track" if any(run["cross_track_rms_m"] is not None for run in runs) else "station"
+    largest = [run[f"{path}_max_m"] for run in runs if run[f"{path}_max_m"] is not None]
+    low, high = nees_interval(runs)
+    return [
+        f"{done}/{len(runs)}",
+        f"{mean_over(runs, f'{path}_rms_m'):.2f} / {max(largest, default=float('nan')):.2f}",
+        f"{mean_over(runs, 'depth_rms_m'):.3f}",
+        f"{mean_over(runs, 'duration_s'):.0f}",
+        f"{mean_over(runs, 'position_error_rms_m'):.3f}",
+        f"{mean_over(runs, 'bound_position_m'):.3f}",
+        f"{mean_over(runs, 'nees_position_mean'):.3g} ({low:.2f}–{high:.2f})",
+        f"{100 * mean_over(runs, 'saturated_share'):.0f} %",
+        f"{mean_over(runs, 'effort_n2s'):.0f}",
     ]
 
 

@@ -30,7 +30,7 @@ from rovtwin.simulation.sensors import Sensor, table_5_7
 from rovtwin.simulation.twin import Twin
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
-from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary
+from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 
 DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
 
@@ -87,7 +87,7 @@ def compose(scenario: Scenario) -> Composed:
     Raises:
         ConfigError: The vehicle cannot be used, or does not fit the scenario.
     """
-    vehicle = load_vehicle(scenario.vehicle)
+    vehicle = vehicle_of(scenario)
     model = vehicle.model()
     key_plant, key_run = jax.random.split(jax.random.key(scenario.seed))
     sensors = sensors_of(scenario)
@@ -106,6 +106,13 @@ def compose(scenario: Scenario) -> Composed:
         vehicle_table=summary(vehicle),
         scenario=scenario,
     )
+
+
+def vehicle_of(scenario: Scenario) -> Vehicle:
+    """The vehicle that the scenario names, or describes itself."""
+    if isinstance(scenario.vehicle, str):
+        return load_vehicle(scenario.vehicle)
+    return vehicle_from_dict(scenario.vehicle, f"{scenario.name}: vehicle")
 
 
 def _field_name(name: str) -> str:
@@ -191,7 +198,7 @@ def autopilot_of(section: AutopilotSection, model: Model, mission: MissionSectio
     return replace(
         thesis,
         guidance=Guidance(look_ahead=section.guidance.lookahead),
-        reference=ReferenceModel(damping, frequency, jnp.full(6, jnp.inf)),
+        reference=ReferenceModel(damping, frequency, jnp.full(6, jnp.inf), section.reference.obey_speed),
     )
 
 

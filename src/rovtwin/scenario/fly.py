@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-import rovtwin
+from rovtwin import __version__
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
@@ -217,7 +217,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
 def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
     """What a log must say to be replayed and judged; wall-clock time is added by the log itself."""
     return {
-        "version": rovtwin.__version__,
+        "version": __version__,
         "scenario": dump_scenario(scenario_to_replay(scenario, composed)),
         "name": scenario.name,
         "seed": str(scenario.seed),

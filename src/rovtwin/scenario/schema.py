@@ -164,6 +164,7 @@ class ReferenceSection(Strict):
 
     damping: Positive = 1.0
     frequency: Positive = Field(1.5, description="[rad/s]")
+    obey_speed: bool = Field(False, description="keep to the way-points' speeds; the thesis's reference does not")
 
 
 class GuidanceSection(Strict):
@@ -196,7 +197,7 @@ class Waypoint(Strict):
 
     position: Vector3 = Field(description="north, east, down [m]")
     acceptance: Positive = Field(0.2, description="radius [m]")
-    speed: Positive = Field(0.3, description="wanted speed on the leg [m/s]; the thesis's guidance has none and ignores it")
+    speed: Positive = Field(0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
     hold_time: NonNegative = Field(0.0, description="time to stay [s]")
     heading_deg: Degrees | None = Field(None, description="heading to keep; default along the leg")
 
@@ -229,9 +230,11 @@ class LogSection(Strict):
     sensors: bool = Field(True, description="log every sensor reading")
 
 
-PRESETS = {
+PRESETS: dict[str, dict[str, Any]] = {
     "thesis": {},
     "thesis_as_printed": {"observer": {"tuning": "as_printed"}},
+    # The same blocks with gains from the vehicle's own model and a reference that it can follow.
+    "thesis_placed": {"controller": {"gains": "pole_placement"}, "reference": {"obey_speed": True}},
 }
 
 

@@ -1,0 +1,5 @@
+"""`python -m rovtwin.cli`."""
+
+from rovtwin.cli import main
+
+main()

@@ -1,0 +1,109 @@
+"""Scenario and mission files: shipped ones, overrides, mistakes."""
+
+import pytest
+import yaml
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.files import dump_scenario, list_missions, list_scenarios, load_mission, load_scenario
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.seeds import parse_seeds
+
+
+def test_all_reference_scenarios_but_the_airy_sea_are_shipped():
+    assert set(list_scenarios()) == {
+        "lawnmower_calm", "lawnmower_waves", "lawnmower_mismatch", "lawnmower_hard", "lawnmower_dropout",
+        "square", "station_keeping",
+    }  # fmt: skip
+    assert {"lawnmower", "square", "station"} <= set(list_missions())
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_shipped_scenarios_load_also_with_a_dvl_and_survive_writing(name):
+    plain, dvl = load_scenario(name), load_scenario(f"{name}_dvl")
+    assert plain.name == name and not plain.sensors.dvl
+    assert dvl.name == f"{name}_dvl" and dvl.sensors.dvl
+    assert plain.vehicle == "double_blueye" and plain.start.position == [0.0, 0.0, 0.5]
+    assert plain.rates.physics == 500 and plain.rates.control == 50 and plain.duration == 1500
+    assert Scenario.model_validate(yaml.safe_load(dump_scenario(plain))) == plain
+
+
+def test_missions_are_those_of_the_thesis():
+    table_8_3 = [[6, 0, 3], [6, 3, 3], [0, 3, 3], [0, 6, 3], [6, 6, 3], [6, 9, 3], [0, 9, 3]]
+    assert [w.position for w in load_mission("lawnmower").waypoints] == table_8_3
+    assert [w.position for w in load_mission("square").waypoints] == [[3, 0, 3], [3, 3, 3], [0, 3, 3], [0, 0, 3]]
+    assert {w.acceptance for w in load_mission("lawnmower").waypoints} == {0.2}
+
+
+def test_overrides_reach_every_depth_and_short_forms():
+    scenario = load_scenario(
+        "lawnmower_calm",
+        ["world.current=[0.1,0,0]", "sensors.position_outliers=5e-2", "autopilot.controller.gains=pole_placement",
+         "mission=square", "world.waves.drift=0.1", "world.mismatch=true"],
+        seed=7,
+    )  # fmt: skip
+    assert scenario.world.current.velocity == [0.1, 0, 0]
+    assert scenario.sensors.position_outliers == 0.05
+    assert scenario.autopilot.controller.gains == "pole_placement"
+    assert scenario.mission.name == "square" and scenario.seed == 7
+    assert scenario.world.waves is not None and scenario.world.waves.drift == 0.1
+    assert scenario.world.mismatch is not None and scenario.world.mismatch.damping == 0.25
+
+
+def test_a_preset_can_be_named_and_then_changed():
+    scenario = load_scenario("square", ["autopilot=thesis_as_printed", "autopilot.controller.gains=table_3_2"])
+    assert scenario.autopilot.observer.tuning == "as_printed"
+    assert scenario.autopilot.controller.gains == "table_3_2"
+    assert load_scenario("square", ["sensors=as_printed"]).sensors.preset == "as_printed"
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("wrold.current=1", "wrold: no such key. Did you mean 'world'?"),
+        ("world.curent=1", "world.curent: no such key. Did you mean 'current'?"),
+        ("world.waves.drift=-1", "world.waves.drift: found -1, expected a number of at least 0"),
+        ("world.waves.drift=.nan", "world.waves.drift: found nan, expected a finite number"),
+        ("world.current=[1,2]", "world.current: found 2 values, expected 3"),
+        ("world.current={type: sheared, depths: [5, 0], velocities: [[0,0,0],[0,0,0]]}", "do not increase"),
+        ("world.current={type: sheared, depths: [0, 5], velocities: [[0,0,0]]}", "expected 2"),
+        ("world.current={type: gauss_markov, sigma: [-1,0,0], time_constant: 10}", "cannot be negative"),
+        ("mission.waypoints=[]", "mission.waypoints: found 0 values, expected 1"),
+        ("mission=lawnmover", "lawnmover: no such mission"),
+        ("seed", "expected key=value"),
+        ("seed=-1", "seed: found -1"),
+        ("seed=[", "not YAML"),
+        ("autopilot=pid", "no autopilot 'pid'"),
+        ("autopilot.observer.tuning=printed", "expected 'consistent' or 'as_printed'"),
+        ("sensors.latency={gyros: 1}", "no sensor 'gyros'"),
+        ("sensors.position_blackouts=[[140, 80]]", "begins before it ends"),
+        ("rates.control=60", "control rate 60 Hz does not divide the physics rate 500 Hz"),
+        ("start.heading_deg=720", "start.heading_deg"),
+        ("duration=0", "duration: found 0, expected a number greater than 0"),
+    ],
+)  # fmt: skip
+def test_a_bad_override_is_named_with_what_was_expected(override, expected):
+    with pytest.raises(ConfigError) as error:
+        load_scenario("lawnmower_calm", [override])
+    assert expected in str(error.value)
+
+
+def test_a_missing_scenario_names_a_near_one():
+    with pytest.raises(ConfigError, match="lawnmower_clam: no such scenario.*Did you mean 'lawnmower_calm'"):
+        load_scenario("lawnmower_clam")
+
+
+def test_missions_and_vehicles_are_found_beside_the_scenario_file(tmp_path, monkeypatch):
+    (tmp_path / "my_mission.yaml").write_text("waypoints: [{position: [1, 2, 3]}]")
+    (tmp_path / "my_vehicle.yaml").write_text("name: mine")
+    (tmp_path / "my.yaml").write_text("mission: my_mission.yaml\nvehicle: my_vehicle.yaml")
+    monkeypatch.chdir("/")
+    scenario = load_scenario(tmp_path / "my.yaml")
+    assert scenario.mission.waypoints[0].position == [1, 2, 3]
+    assert scenario.vehicle == str(tmp_path / "my_vehicle.yaml")
+
+
+def test_seeds():
+    assert parse_seeds("1-3,7") == [1, 2, 3, 7]
+    for bad in ("", "a", "1-", "-3", "5-1"):
+        with pytest.raises(ConfigError, match="expected"):
+            parse_seeds(bad)

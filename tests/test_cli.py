@@ -1,0 +1,209 @@
+"""The command line as a user meets it: help, JSON, exit codes, and every kind of bad input as a table."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import rovtwin.cli
+from rovtwin.core.log import Log
+
+
+def run(capsys, *words: str) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command, in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["rovtwin", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            rovtwin.cli.main()
+    out, err = capsys.readouterr()
+    return int(stopped.value.code or 0), out, err
+
+
+SHORT = ("--set", "duration=12", "--no-report")
+
+
+@pytest.fixture(scope="module")
+def short_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "short"
+    code = subprocess.run(
+        [sys.executable, "-m", "rovtwin.cli", "fly", "lawnmower_waves", *SHORT, "--out", folder, "--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert code.returncode == 1, code.stderr
+    return folder, json.loads(code.stdout)
+
+
+def test_fly_says_all_that_a_script_needs(short_run):
+    folder, said = short_run
+    assert said["run_dir"] == str(folder)
+    assert said["completed"] is False and said["reason"] == "not finished after 12 s"
+    assert {"duration_s", "cross_track_rms_m", "cross_track_max_m", "depth_rms_m", "position_error_rms_m",
+            "nees_position_mean"} <= set(said)  # fmt: skip
+    assert len(said["position_error_rms_m"]) == 2
+    assert Path(said["files"]["log.mcap"]).is_file() and Path(said["files"]["scenario.yaml"]).is_file()
+
+
+def test_log_commands(short_run, tmp_path, capsys):
+    folder, _ = short_run
+    code, out, _ = run(capsys, "log", "info", folder / "log.mcap", "--json")
+    rows = {row["name"]: row for row in json.loads(out)["rows"]}
+    assert code == 0 and rows["sensor/gyro"]["messages"] == 1200 and rows["truth/eta"]["frame"] == "n"
+    assert run(capsys, "log", "info", folder / "log.mcap")[0] == 0
+    assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "run.nc")[0] == 0
+    assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "csv")[0] == 0
+    whole = (folder / "log.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    assert run(capsys, "log", "info", tmp_path / "cut.mcap")[0] == 2
+    assert run(capsys, "log", "repair", tmp_path / "cut.mcap")[0] == 0
+    assert len(Log.read(tmp_path / "cut.repaired.mcap")["truth/eta"]) > 10
+
+
+def test_report_of_a_log(short_run, tmp_path, capsys):
+    folder, _ = short_run
+    code, out, _ = run(capsys, "report", folder / "log.mcap", "--out", tmp_path, "--json")
+    assert code == 0 and Path(json.loads(out)["report"]).stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("scenario", "list"), ("scenario", "show", "square"), ("scenario", "check", "square_dvl"), ("scenario", "schema"),
+     ("vehicle", "list"), ("vehicle", "show", "double_blueye"), ("vehicle", "check", "bluerov2"), ("vehicle", "schema"),
+     ("--version",), ("--help",), ("fly", "--help"), ("log", "--help")],
+)  # fmt: skip
+def test_looking_is_done(words, capsys):
+    code, out, _ = run(capsys, *words)
+    assert code == 0 and out.strip()
+
+
+@pytest.mark.parametrize("words", [("scenario", "list"), ("vehicle", "list"), ("vehicle", "show", "bluerov2_heavy"),
+                                   ("vehicle", "check", "double_blueye"), ("scenario", "show", "square")])  # fmt: skip
+def test_json_is_one_object_on_standard_output(words, capsys):
+    code, out, _ = run(capsys, *words, "--json")
+    assert code == 0 and isinstance(json.loads(out), dict)
+
+
+VEHICLE = """
+name: mine
+parts:
+  - name: hull
+    mass: {mass}
+    center_of_gravity: [0, 0, 0.02]
+    inertia: {inertia}
+    volume: 0.0098
+    shape: {{box: [0.5, 0.3, 0.3]}}
+    {extra}
+"""
+
+SCENARIO = "vehicle: {vehicle}\nmission: square\n{extra}"
+
+
+def files(folder: Path) -> dict[str, Path]:
+    """Bad files of every kind."""
+    texts = {
+        "negative_mass.yaml": VEHICLE.format(mass=-9, inertia="[0.2, 0.2, 0.2]", extra=""),
+        "nan_mass.yaml": VEHICLE.format(mass=".nan", inertia="[0.2, 0.2, 0.2]", extra=""),
+        "bad_inertia.yaml": VEHICLE.format(mass=9.8, inertia="[0.2, 0.2, -0.2]", extra=""),
+        "no_triangle.yaml": VEHICLE.format(mass=9.8, inertia="[0.1, 0.1, 0.9]", extra=""),
+        "unknown_key.yaml": VEHICLE.format(mass=9.8, inertia="[0.2, 0.2, 0.2]", extra="coloour: red"),
+        "not_yaml.yaml": "name: [mine",
+        "empty.yaml": "",
+        "list.yaml": "- 1\n- 2",
+        "twice.yaml": "name: a\nname: b",
+        "scenario_unknown.yaml": SCENARIO.format(vehicle="double_blueye", extra="wrold: {}"),
+        "scenario_vehicle.yaml": SCENARIO.format(vehicle="double_bluey", extra=""),
+        "scenario_nan.yaml": SCENARIO.format(vehicle="double_blueye", extra="duration: .nan"),
+        "scenario_degrees.yaml": SCENARIO.format(vehicle="double_blueye", extra="start: {heading_deg: 1000}"),
+        "mission_far.yaml": "waypoints: [{position: [0, 0]}]",
+        "mission_text.yaml": "waypoints: [{position: [a, b, c]}]",
+        "empty.mcap": "",
+        "not.mcap": "PK\x03\x04 something else altogether, long enough to have had an index",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return {name: folder / name for name in texts}
+
+
+BAD = [
+    (("vehicle", "check", "negative_mass.yaml"), "mass"),
+    (("vehicle", "check", "nan_mass.yaml"), "finite"),
+    (("vehicle", "check", "bad_inertia.yaml"), "inertia"),
+    (("vehicle", "check", "no_triangle.yaml"), "inertia"),
+    (("vehicle", "check", "unknown_key.yaml"), "coloour: no such key"),
+    (("vehicle", "check", "not_yaml.yaml"), "not YAML"),
+    (("vehicle", "check", "empty.yaml"), "empty"),
+    (("vehicle", "check", "list.yaml"), "expected"),
+    (("vehicle", "check", "twice.yaml"), "given twice"),
+    (("vehicle", "check", "nowhere.yaml"), "no such"),
+    (("vehicle", "show", "double_bluey"), "double_blueye"),
+    (("scenario", "check", "scenario_unknown.yaml"), "Did you mean 'world'"),
+    (("scenario", "check", "scenario_vehicle.yaml"), "double_blueye"),
+    (("scenario", "check", "scenario_nan.yaml"), "duration"),
+    (("scenario", "check", "scenario_degrees.yaml"), "heading_deg"),
+    (("scenario", "check", "empty.yaml"), "empty"),
+    (("fly", "lawnmower_clam"), "Did you mean 'lawnmower_calm'"),
+    (("fly", "lawnmower_sea"), "no such scenario"),
+    (("fly", "square", "--set", "mission=mission_far.yaml"), "position"),
+    (("fly", "square", "--set", "mission=mission_text.yaml"), "position"),
+    (("fly", "square", "--set", "world.current=[.nan,0,0]"), "finite"),
+    (("fly", "square", "--set", "vehicle=negative_mass.yaml"), "mass"),
+    (("fly", "square", "--set", "sensors.latency={dvl: 1}"), "DVL"),
+    (("fly",), "SCENARIO"),
+    (("fly", "square", "--seed", "minus"), "seed"),
+    (("score", "square", "--seeds", "x"), "seeds"),
+    (("log", "info", "nowhere.mcap"), "nowhere.mcap"),
+    (("log", "info", "empty.mcap"), "empty"),
+    (("log", "info", "not.mcap"), "not an MCAP"),
+    (("log", "export", "not.mcap", "out.nc"), "not an MCAP"),
+    (("log", "repair", "empty.mcap"), "empty.mcap"),
+    (("report", "not.mcap"), "not an MCAP"),
+    (("flyy",), "flyy"),
+]
+
+
+@pytest.mark.parametrize(("words", "expected"), BAD, ids=[" ".join(words) for words, _ in BAD])
+def test_bad_input_is_one_message_and_exit_code_2(words, expected, tmp_path, monkeypatch, capsys):
+    files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    code, out, err = run(capsys, *words)
+    assert code == 2
+    assert expected in " ".join(err.split()) and "Traceback" not in err
+    assert out == ""
+    assert sorted(tmp_path.iterdir()) == before, "bad input must leave nothing behind"
+
+
+def test_bad_input_with_json_is_an_object_too(capsys):
+    code, out, err = run(capsys, "fly", "lawnmower_clam", "--json")
+    assert code == 2 and "no such scenario" in json.loads(out)["error"] and "no such scenario" in err
+
+
+def test_help_answers_at_once():
+    """Under half a second on a quiet machine; user time is what the program itself costs."""
+    before = os.times().children_user
+    subprocess.run([sys.executable, "-m", "rovtwin.cli", "--help"], check=True, capture_output=True)
+    assert os.times().children_user - before < 0.5
+
+
+def test_ctrl_c_ends_with_a_readable_log_and_a_report(tmp_path):
+    folder = tmp_path / "interrupted"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rovtwin.cli", "fly", "lawnmower_waves", "--realtime", "--out", folder, "--json"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 120
+    while not (folder / "log.mcap").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(4.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    said = json.loads(out)
+    assert process.returncode == 1 and "Traceback" not in err
+    assert said["reason"] == "interrupted" and said["interrupted"] is True
+    log = Log.read(folder / "log.mcap")
+    assert log["truth/eta"].t[-1] == pytest.approx(said["duration_s"], abs=0.11)
+    assert (folder / "report.html").stat().st_size > 10_000
