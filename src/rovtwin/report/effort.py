@@ -85,7 +85,7 @@ def _wrench(axes: list[Axes], flight: Flight, tau: Series, wanted: list[int]) ->
 
 
 def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: list[str]) -> list[Axes]:
-    """Panels below each other; the ribbon on top takes the share `strip` of the column, however many panels there are."""
+    """Panels below each other; the ribbon on top takes the share `strip` of the column, whatever their number."""
     grid = cell.subgridspec(len(labels) + 1, 1, height_ratios=[strip * len(labels)] + [1.0] * len(labels))
     axes = [figure.add_subplot(grid[k + 1]) for k in range(len(labels))]
     for one, label in zip(axes, labels, strict=True):

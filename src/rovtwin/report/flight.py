@@ -94,9 +94,9 @@ class Flight:
         """First and last time of what is drawn [s]."""
         names = ("truth/eta", "autopilot/eta", "autopilot/mode", "autopilot/reference")
         series = [self[name] for name in names if self.has(name)]
-        if not series:
-            return self.log.start, self.log.end
-        return min(float(s.t[0]) for s in series), max(float(s.t[-1]) for s in series)
+        start = min((float(s.t[0]) for s in series), default=self.log.start)
+        end = max((float(s.t[-1]) for s in series), default=self.log.end)
+        return start, max(end, start + 1e-3)
 
     def json(self, key: str) -> Any:
         """A metadata entry that holds JSON; None when it is missing or cannot be read."""

@@ -152,13 +152,13 @@ def thin(t: np.ndarray, y: np.ndarray, points: int = 1400) -> tuple[np.ndarray, 
     if len(t) <= points:
         return t, y
     size = -(-2 * len(t) // points)
-    rows = len(t) // size
-    body = y[: rows * size].reshape(rows, size)
+    rows = -(-len(t) // size)
+    body = np.full(rows * size, np.nan)
+    body[: len(t)] = y
+    body = body.reshape(rows, size)
     gap = np.isnan(body)
-    first = np.arange(rows) * size
     picked = np.stack([np.where(gap, np.inf, body).argmin(1), np.where(gap, -np.inf, body).argmax(1)], axis=1)
-    rest = np.arange(rows * size, len(t))  # the bin that is not full
-    index = np.concatenate([(first[:, None] + np.sort(picked, axis=1)).ravel(), rest])
+    index = (np.arange(rows)[:, None] * size + np.sort(picked, axis=1)).ravel()
     return t[index], y[index]
 
 

@@ -37,7 +37,7 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "after the first dive"),
     "depth_rms_m": ("Depth error, rms", "m", 1, 4, "truth against command, after the first dive"),
     "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),
-    "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 3, "2 is expected of an honest observer"),
+    "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 2, "2 is expected of an honest observer"),
     "effort": ("Effort", "N² s", 1, 0, "integral of the summed squared thruster forces"),
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
     "thruster_activity": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
@@ -63,6 +63,7 @@ def scores(summary: Mapping[str, Any]) -> list[Score]:
         if (found := _numbers(summary.get(key))) is not None:
             other, label = _BESIDE.get(key, ("", ""))
             beside = _numbers(summary.get(other))
+            beside = beside[:1] if beside and len(set(beside)) == 1 else beside
             text = f"{label} {_format(beside, factor, digits, ' to ' if 'range' in label else ', ')}" if beside else ""
             rows.append(Score(name, _format(found, factor, digits), unit, text, meaning))
     return rows
@@ -115,7 +116,7 @@ def _about_position(summary: Mapping[str, Any]) -> str:
         return f"{text}; {against}: this run was luckier than the average, or less disturbed than the bound assumes."
     if ratio < 1.3:
         return f"{text}; {against}, so the observer makes about the best of what it is given."
-    return f"{text}; {against}, so the error is {ratio:.1f} times as large as it needs to be."
+    return f"{text}; {against}, the error, start included, is {ratio:.1f} times the bound."
 
 
 def _about_nees(summary: Mapping[str, Any]) -> str:

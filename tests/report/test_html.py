@@ -1,0 +1,203 @@
+import json
+import re
+import time
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from tests.report.synthetic import synthetic
+
+from rovtwin.core.log import Channel, Log
+from rovtwin.report import write_comparison, write_report
+from rovtwin.report.flight import Flight
+from rovtwin.report.verdict import scores, verdict
+
+
+class Page(HTMLParser):
+    """Links, texts and open tags of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.texts, self.tags, self.open = [], [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for key, value in attrs if key in ("src", "href", "srcset", "action", "data")]
+        if tag not in ("meta", "img", "br", "link", "input"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", " ".join(self.texts))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return Page(write_report(synthetic(dt=0.2), folder).read_text())
+
+
+def test_page_needs_no_network(page, folder):
+    outside = [link for link in page.links if not link.startswith(("data:image/png;base64,", "#", "figures/"))]
+    assert outside == []
+    assert "script" not in page.tags and "link" not in page.tags
+    source = (folder / "report.html").read_text()
+    assert "@import" not in source and "url(" not in source and "http" not in re.sub(r"base64,[^\"]*", "", source)
+
+
+def test_page_is_well_formed(page):
+    assert page.open == []
+
+
+def test_links_lead_somewhere(page, folder):
+    source = (folder / "report.html").read_text()
+    for link in page.links:
+        if link.startswith("figures/"):
+            assert (folder / link).is_file()
+        if link.startswith("#"):
+            assert f'id="{link[1:]}"' in source
+
+
+def test_figures_as_png_and_svg_of_moderate_size(folder, page):
+    png, svg = sorted((folder / "figures").glob("*.png")), sorted((folder / "figures").glob("*.svg"))
+    assert [p.stem for p in png] == [p.stem for p in svg] and len(png) == 8
+    assert all(p.stat().st_size < 1e6 for p in (*png, *svg))
+    assert (folder / "report.html").stat().st_size < 5e6
+    assert all(p.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" for p in png)
+    assert all("<svg" in p.read_text()[:2000] for p in svg)
+
+
+def test_page_says_what_happened(page):
+    assert "Completed in 188 s" in page.text
+    assert "rovtwin fly" in page.text and "scenario.yaml" in page.text
+    assert "What this report lacks" not in page.text
+    assert "port_surge" in page.text and "lawnmower_waves" in page.text
+
+
+def test_rates_are_counted(page):
+    # acoustic: 1 Hz; its nominal rate is the same, its delay 50 ms
+    assert re.search(r"acoustic x, y \[m\] \d+ 1 1 1 50\.0", page.text)
+    assert re.search(r"pressure depth \[m\] \d+ 42 42 0\.0238 0\.0", page.text)
+
+
+def test_same_report_from_a_log_file(tmp_path):
+    log = synthetic(dt=1.0)
+    again = write_report(Log.read(log.write(tmp_path / "log.mcap")), tmp_path)
+    text = Page(again.read_text()).text
+    assert "Completed in 1" in text and "Figure 8." in text
+
+
+def test_names_are_escaped(tmp_path):
+    evil = '<script>alert("x")</script>'
+    channel = Channel("truth/eta", ("x", "y", "z", "phi", "theta", "psi"), "m", "n")
+    summary = {"completed": False, "phase": "aborted", "reason": evil}
+    table = {"name": evil, evil: 1, "parts": [{evil: evil}]}
+    mission = [{"x": 0, "y": 0, "z": 0, "hold_time": evil}]
+    metadata = {"name": evil, "scenario": evil, "seed": evil, "summary": json.dumps(summary)}
+    metadata |= {"vehicle_table": json.dumps(table), "mission": json.dumps(mission)}
+    t = np.arange(5.0)
+    log = Log.from_arrays([channel], {"truth/eta": (t, np.ones((5, 6)) * t[:, None])}, metadata)
+    path = write_report(log, tmp_path)
+    assert evil not in path.read_text()
+    assert Page(path.read_text()).text.count(evil) >= 6
+    path = write_comparison({evil: log}, [(evil, evil, evil, evil)], tmp_path / "b", title=evil)
+    assert evil not in path.read_text()
+
+
+def test_report_of_nearly_nothing(tmp_path):
+    log = Log.from_arrays([Channel("truth/eta", ("x", "y", "z", "phi", "theta", "psi"), "m", "n")], {})
+    text = Page(write_report(log, tmp_path).read_text()).text
+    assert "no channel that a figure could be made of" in text
+    assert "has no truth/eta or autopilot/eta" in text and "Scenario: the log's metadata has none" in text
+
+
+# The verdict
+
+
+def with_summary(**summary):
+    log = synthetic(dt=1.0)
+    series = {name: (log[name].t, log[name].values) for name in log.channels}
+    return Flight(Log.from_arrays(log.channels.values(), series, {"summary": json.dumps(summary)}))
+
+
+def test_verdict_names_the_reason():
+    found = verdict(with_summary(completed=False, phase="aborted", reason="estimate lost", duration_s=61.2))
+    assert found.good is False and found.headline == "Aborted after 61 s: estimate lost"
+
+
+def test_verdict_of_a_run_that_ran_out_of_time():
+    found = verdict(with_summary(completed=False, phase="go", reason="", duration_s=1500.0))
+    assert found.good is False and found.headline == "Not completed: stopped after 1500 s in phase “go”"
+
+
+def test_verdict_without_summary_is_read_from_the_phases():
+    found = verdict(with_summary())
+    assert found.good is True and found.headline.startswith("Completed in ") and found.scores == []
+
+
+@pytest.mark.parametrize(
+    ("mean", "words"),
+    [(95.0, "overconfident, its errors are 6.9 times"), (2.1, "as sure of itself as it may be"), (0.2, "too cautious")],
+)
+def test_nees_in_words(mean, words):
+    sentences = verdict(with_summary(nees_position_mean=mean, nees_position_interval=[1.3, 2.9])).sentences
+    assert any(words in s for s in sentences)
+
+
+@pytest.mark.parametrize(("error", "words"), [(0.11, "about the best"), (0.33, "3.0 times the bound")])
+def test_bound_in_words(error, words):
+    found = verdict(with_summary(position_error_rms_m=[error, error], bound_position_m=0.11))
+    assert any(words in s for s in found.sentences)
+    assert found.scores[0].beside == "bound 0.110"
+
+
+def test_scores_pass_over_what_is_no_number():
+    rows = scores({"duration_s": "long", "effort": None, "saturated_share": 0.25, "depth_rms_m": float("nan")})
+    assert {row.name: row.value for row in rows} == {
+        "Depth error, rms": "not a number",
+        "Share of time saturated": "25.0",
+    }
+
+
+# Comparison
+
+
+def test_comparison(tmp_path):
+    logs = {"Calm water": synthetic(dt=0.5, waves=False), "Waves": synthetic(dt=0.5, speed=0.2)}
+    rows = [("It completes the mission", "yes", "yes", "no", "thesis 8.3")]
+    path = write_comparison(logs, rows, tmp_path, title="Demo", reports={"Waves": "waves/report.html"})
+    page = Page(path.read_text())
+    assert page.open == [] and "waves/report.html" in page.links
+    assert all(word in page.text for word in ("Calm water", "It completes the mission", "thesis 8.3", "Scores"))
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {
+        f"{name}.{kind}" for name in ("paths", "errors", "effort") for kind in ("png", "svg")
+    }
+
+
+def test_comparison_checks_its_rows(tmp_path):
+    with pytest.raises(ValueError, match="expected statement, published, 1 measured, note"):
+        write_comparison({"a": synthetic(dt=1.0)}, [("too", "short")], tmp_path)
+    with pytest.raises(ValueError, match="no runs"):
+        write_comparison({}, [], tmp_path)
+
+
+@pytest.mark.slow
+def test_long_run_stays_small_and_quick(tmp_path):
+    log = synthetic(dt=0.02, speed=0.022)  # 1500 s at 50 Hz
+    assert log.duration > 1450
+    start = time.process_time()
+    path = write_report(log, tmp_path)
+    assert time.process_time() - start < 20
+    assert path.stat().st_size < 5e6
+    assert max(p.stat().st_size for p in (tmp_path / "figures").iterdir()) < 1e6
