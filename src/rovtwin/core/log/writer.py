@@ -144,6 +144,21 @@ class LogWriter:
         with self._condition:
             self._wait(self._added)
 
+    def annotate(self, metadata: Mapping[str, Any]) -> None:
+        """Add to the provenance what is known only now, such as a verdict; a key given before is replaced.
+
+        Raises:
+            LogError: The log is closed, or the file can't be written.
+        """
+        if self._closing.is_set():
+            raise LogError(f"{self.path}: the log is closed, nothing can be written to it. Write inside the `with` block")
+        self.flush()
+        with self._file_lock:
+            try:
+                self._file.metadata(METADATA_NAME, as_text(metadata))
+            except OSError as error:
+                raise self._broken(error) from error
+
     def close(self) -> None:
         """Write the index and close the file; closing twice does nothing.
 
