@@ -1,0 +1,67 @@
+"""What flows: slots and how a link's readings get into them."""
+
+import numpy as np
+
+from rovtwin.core import flow
+from rovtwin.core.flow import Environment, Measurement, Slot, pack
+from rovtwin.core.numerics import jax, jnp
+
+EMPTY = {"gyro": Slot.empty(3, 3), "pressure": Slot.empty(1, 1)}
+
+
+def reading(sensor: str, k: int, size: int = 3) -> Measurement:
+    return Measurement(sensor, np.full(size, float(k)), 0.01 * k)
+
+
+def test_pack_keeps_order_time_and_structure():
+    packed = pack([reading("gyro", 1), reading("pressure", 7, 1), reading("gyro", 2)], EMPTY)
+    assert jax.tree.structure(packed) == jax.tree.structure(EMPTY)
+    for a, b in zip(jax.tree.leaves(packed), jax.tree.leaves(EMPTY), strict=True):
+        assert a.shape == b.shape and a.dtype == b.dtype
+    np.testing.assert_array_equal(packed["gyro"].valid, [True, True, False])
+    np.testing.assert_array_equal(packed["gyro"].value[:2], [[1, 1, 1], [2, 2, 2]])
+    np.testing.assert_allclose(packed["gyro"].t_valid[:2], [0.01, 0.02])
+    np.testing.assert_array_equal(packed["pressure"].value, [[7]])
+
+
+def test_pack_absent_is_not_valid_and_finite():
+    for slot in pack([], EMPTY).values():
+        assert not slot.valid.any()
+        assert np.isfinite(slot.value).all() and np.isfinite(slot.t_valid).all()
+
+
+def test_pack_keeps_the_newest_of_too_many():
+    packed = pack([reading("gyro", k) for k in range(5)], EMPTY)
+    np.testing.assert_array_equal(packed["gyro"].value[:, 0], [2, 3, 4])
+    assert packed["gyro"].valid.all()
+
+
+def test_pack_leaves_out_sensors_it_does_not_know():
+    assert set(pack([reading("sonar", 1)], EMPTY)) == set(EMPTY)
+
+
+def test_empty_slot():
+    slot = Slot.empty(2, 4)
+    assert slot.value.shape == (2, 4) and slot.value.dtype == float
+    assert slot.valid.shape == (2,) and slot.valid.dtype == bool and slot.t_valid.shape == (2,)
+
+
+def test_calm_water_stands_still():
+    for leaf, shape in zip(jax.tree.leaves(Environment.calm()), ((3,), (3,), (3,), (6,)), strict=True):
+        assert leaf.shape == shape and not leaf.any()
+
+
+def test_names_and_numbers_agree():
+    """Phases and reasons are numbers in the loop and names in logs."""
+    for name in flow.PHASES:
+        assert flow.PHASES[getattr(flow, name.upper())] == name
+    for name in flow.REASONS[1:]:
+        assert flow.REASONS[getattr(flow, name.upper().replace(" ", "_"))] == name
+    assert flow.REASONS[flow.NO_REASON] == ""
+
+
+def test_all_are_pytrees_of_arrays():
+    command = flow.Command(jnp.zeros(3))
+    doubled = jax.jit(lambda c: jax.tree.map(lambda x: 2 * x + 1, c))(command)
+    assert isinstance(doubled, flow.Command)
+    np.testing.assert_array_equal(doubled.u, np.ones(3))

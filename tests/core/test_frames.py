@@ -1,0 +1,234 @@
+"""Rotations: the axioms of the group, every way round between the three forms, and the thesis's printed mistake."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rovtwin.core import frames
+from rovtwin.core.numerics import jax, jnp
+
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+EULER = np.array([0.3, 0.4, 0.5])
+
+
+def random_quaternions(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
+    q = np.random.default_rng(seed).normal(size=(*shape, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def random_euler(count: int, seed: int = 0, pitch: float = np.pi / 2 - 0.05) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1, 1, (count, 3)) * np.array([np.pi, pitch, np.pi])
+
+
+def batched(function, shape: tuple[int, ...]):
+    """The function of single items over a batch of this shape."""
+    for _ in shape:
+        function = jax.vmap(function)
+    return jax.jit(function)
+
+
+def same_rotation(a, b, atol=1e-14):
+    """q and -q are one rotation."""
+    np.testing.assert_allclose(np.abs(np.sum(np.asarray(a) * np.asarray(b), axis=-1)), 1.0, atol=atol)
+
+
+# -- the group
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (3, 2)])
+def test_quaternions_are_a_group(shape):
+    a, b, c = (random_quaternions(shape, seed) for seed in range(3))
+    multiply, conjugate = batched(frames.quaternion_multiply, shape), batched(frames.quaternion_conjugate, shape)
+    one = np.broadcast_to(IDENTITY, (*shape, 4))
+    np.testing.assert_allclose(np.linalg.norm(multiply(a, b), axis=-1), 1.0, atol=1e-14)  # closed
+    np.testing.assert_allclose(multiply(multiply(a, b), c), multiply(a, multiply(b, c)), atol=1e-14)
+    np.testing.assert_allclose(multiply(a, one), a, atol=1e-15)
+    np.testing.assert_allclose(multiply(one, a), a, atol=1e-15)
+    np.testing.assert_allclose(multiply(a, conjugate(a)), one, atol=1e-14)
+    np.testing.assert_allclose(multiply(conjugate(a), a), one, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(), (7,), (3, 2)])
+def test_matrices_follow_quaternions(shape):
+    """R is a homomorphism into SO(3): orthogonal, right-handed, R(ab) = R(a) R(b), R(-q) = R(q)."""
+    a, b = random_quaternions(shape, 1), random_quaternions(shape, 2)
+    matrix, multiply = batched(frames.rotation_from_quaternion, shape), batched(frames.quaternion_multiply, shape)
+    A, B = np.asarray(matrix(a)), np.asarray(matrix(b))
+    np.testing.assert_allclose(A @ np.swapaxes(A, -1, -2), np.broadcast_to(np.eye(3), A.shape), atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(A), 1.0, atol=1e-14)
+    np.testing.assert_allclose(matrix(multiply(a, b)), A @ B, atol=1e-14)
+    np.testing.assert_allclose(matrix(-a), A, atol=1e-15)
+
+
+def test_normalise():
+    q = random_quaternions((), 3)
+    np.testing.assert_allclose(frames.quaternion_normalise(jnp.asarray(3.7 * q)), q, atol=1e-15)
+
+
+def test_quaternion_turns_as_said():
+    """Hamilton, b to n: heading east (psi = 90 degrees), forward is east and starboard is south."""
+    q = jnp.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+    R_nb = np.asarray(frames.rotation_from_quaternion(q))
+    np.testing.assert_allclose(R_nb @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(R_nb @ [0, 1, 0], [-1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(frames.rotate_to_body(q, jnp.array([0.0, 1.0, 0.0])), [1, 0, 0], atol=1e-15)
+
+
+def test_euler_angles_have_the_usual_signs():
+    """Nose up is positive pitch, starboard down positive roll, towards east positive yaw."""
+    forward, starboard = np.array([1, 0, 0]), np.array([0, 1, 0])
+    roll, pitch, yaw = (np.asarray(frames.rotation_from_euler(0.1 * jnp.eye(3)[i])) for i in range(3))
+    assert (roll @ starboard)[2] > 0 and (pitch @ forward)[2] < 0 and (yaw @ forward)[1] > 0
+
+
+# -- round trips
+
+
+def test_euler_quaternion_matrix_and_back():
+    euler = random_euler(200)
+    q = np.asarray(jax.vmap(frames.quaternion_from_euler)(euler))
+    R = np.asarray(jax.vmap(frames.rotation_from_euler)(euler))
+    np.testing.assert_allclose(jax.vmap(frames.rotation_from_quaternion)(q), R, atol=1e-14)
+    same_rotation(jax.vmap(frames.quaternion_from_rotation)(R), q)
+    np.testing.assert_allclose(jax.vmap(frames.euler_from_quaternion)(q), euler, atol=1e-12)
+    np.testing.assert_allclose(jax.vmap(frames.euler_from_quaternion)(-q), euler, atol=1e-12)
+
+
+def test_matrix_to_quaternion_near_every_half_turn():
+    """Where the trace is -1 the naive formula divides by zero; the sign of the answer is fixed by w >= 0."""
+    rng = np.random.default_rng(5)
+    axes = np.concatenate([np.eye(3), rng.normal(size=(20, 3))])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    for angle in (np.pi, np.pi - 1e-9, np.pi - 1e-4, 0.0, 1e-9):
+        q = np.concatenate([np.full((len(axes), 1), np.cos(angle / 2)), np.sin(angle / 2) * axes], axis=1)
+        back = np.asarray(jax.vmap(frames.quaternion_from_rotation)(jax.vmap(frames.rotation_from_quaternion)(q)))
+        same_rotation(back, q)
+        assert (back[:, 0] >= 0).all()
+
+
+def test_pitch_near_ninety_degrees():
+    """Angles lose their meaning one by one there, the rotation does not; at the pole itself nothing is NaN."""
+    for distance in (1e-3, 1e-5, 1e-7, 0.0):
+        for sign in (1, -1):
+            euler = jnp.array([0.3, sign * (np.pi / 2 - distance), -1.1])
+            q = frames.quaternion_from_euler(euler)
+            angles = frames.euler_from_quaternion(q)
+            assert np.isfinite(angles).all()
+            # arcsin near 1 resolves half the digits.
+            np.testing.assert_allclose(angles[1], euler[1], atol=5e-8)
+            if distance > 1e-6:
+                again = frames.rotation_from_euler(angles)
+                np.testing.assert_allclose(again, frames.rotation_from_quaternion(q), atol=1e-7)
+
+
+def test_thesis_matrix_is_no_rotation():
+    """Errata 1: (2.4) as printed has theta and phi swapped in four places; determinant 0.955. Ours is a rotation."""
+    (cf, ct, cp), (sf, st_, sp) = np.cos(EULER), np.sin(EULER)
+    ours = np.asarray(frames.rotation_from_euler(jnp.asarray(EULER)))
+    mended = [
+        [cp * ct, -sp * cf + cp * st_ * sf, sp * sf + cp * cf * st_],
+        [sp * ct, cp * cf + sf * st_ * sp, -cp * sf + st_ * sp * cf],
+        [-st_, ct * sf, ct * cf],
+    ]
+    np.testing.assert_allclose(ours, mended, atol=1e-15)
+    np.testing.assert_allclose(ours @ ours.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(ours) == pytest.approx(1.0, abs=1e-15)
+    # The same angles about single axes, multiplied: R = R_z(psi) R_y(theta) R_x(phi).
+    R_x = np.array([[1, 0, 0], [0, cf, -sf], [0, sf, cf]])
+    R_y = np.array([[ct, 0, st_], [0, 1, 0], [-st_, 0, ct]])
+    R_z = np.array([[cp, -sp, 0], [sp, cp, 0], [0, 0, 1]])
+    np.testing.assert_allclose(ours, R_z @ R_y @ R_x, atol=1e-15)
+    printed = np.array(
+        [
+            [cp * ct, -sp * ct + cp * st_ * sf, sp * st_ + cp * ct * sf],
+            [sp * ct, cp * ct + sp * st_ * sf, -cp * st_ + sp * st_ * cf],
+            [-st_, ct * sf, ct * cf],
+        ]
+    )
+    assert np.linalg.det(printed) == pytest.approx(0.955, abs=1e-3)
+    assert np.linalg.norm(printed @ printed.T - np.eye(3)) > 0.1
+
+
+# -- rates
+
+
+def test_rates_are_those_of_the_angles():
+    """Theta_dot = T(Theta) omega and q_dot against a small turn R exp(S(omega) h)."""
+    h = 1e-6
+    for euler, omega in zip(random_euler(50, 1, 1.2), np.random.default_rng(2).normal(size=(50, 3)), strict=True):
+        q = frames.quaternion_from_euler(jnp.asarray(euler))
+
+        def turned(sign, q=q, omega=omega):
+            size = np.linalg.norm(omega) * h
+            axis = sign * omega / np.linalg.norm(omega)
+            small = jnp.asarray(np.concatenate([[np.cos(size / 2)], np.sin(size / 2) * axis]))
+            return frames.quaternion_multiply(q, small)
+
+        rate = (frames.euler_from_quaternion(turned(1)) - frames.euler_from_quaternion(turned(-1))) / (2 * h)
+        np.testing.assert_allclose(frames.euler_rate_matrix(jnp.asarray(euler)) @ omega, rate, rtol=1e-6, atol=1e-6)
+        q_rate = (turned(1) - turned(-1)) / (2 * h)
+        np.testing.assert_allclose(frames.quaternion_rate(q, jnp.asarray(omega)), q_rate, atol=1e-8)
+
+
+def test_gradients_are_finite():
+    """Also at level, at the half turn of yaw and with the arcsin near its end."""
+    for euler in ([0.0, 0, 0], [0, 0, np.pi], [0.2, 1.57, 0.1], [np.pi, 0, 0]):
+        slope = jax.jacobian(lambda e: frames.euler_from_quaternion(frames.quaternion_from_euler(e)))(jnp.array(euler))
+        np.testing.assert_allclose(slope, np.eye(3), atol=1e-6)
+
+
+# -- small things
+
+
+@given(st.lists(st.floats(-10, 10), min_size=6, max_size=6))
+def test_skew_and_cross_are_the_cross_product(numbers):
+    a, b = np.array(numbers[:3]), np.array(numbers[3:])
+    np.testing.assert_allclose(frames.cross(jnp.asarray(a), jnp.asarray(b)), np.cross(a, b), atol=1e-12)
+    S = np.asarray(frames.skew(jnp.asarray(a)))
+    np.testing.assert_array_equal(S, -S.T)
+    np.testing.assert_allclose(S @ b, np.cross(a, b), atol=1e-12)
+
+
+@given(st.floats(-50, 50))
+def test_wrap(angle):
+    wrapped = float(frames.wrap(jnp.asarray(angle)))
+    assert -np.pi <= wrapped < np.pi
+    turns = (angle - wrapped) / (2 * np.pi)
+    assert turns == pytest.approx(round(turns), abs=1e-9)
+
+
+def test_wrap_at_the_seam():
+    np.testing.assert_allclose(frames.wrap(jnp.array([np.pi, -np.pi, 3 * np.pi])), -np.pi)
+    np.testing.assert_allclose(
+        frames.wrap(jnp.deg2rad(jnp.array([[190.0, -190.0], [359.0, 720.0]]))),
+        np.deg2rad([[-170.0, 170.0], [-1.0, 0.0]]),
+        atol=1e-14,
+    )
+    assert float(jax.grad(frames.wrap)(2.0)) == 1.0
+
+
+# -- other people's frames
+
+
+def test_ned_enu_and_frd_flu_are_involutions():
+    a = jnp.array([1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(frames.ned_to_enu(a), [2, 1, -3])
+    np.testing.assert_array_equal(frames.frd_to_flu(a), [1, -2, -3])
+    np.testing.assert_array_equal(frames.enu_to_ned(frames.ned_to_enu(a)), a)
+    np.testing.assert_array_equal(frames.ned_to_enu(frames.ned_to_enu(a)), a)
+    np.testing.assert_array_equal(frames.flu_to_frd(frames.frd_to_flu(a)), a)
+
+
+def test_attitude_in_enu_flu():
+    """A vector may go body -> world by either road; facing north is yaw 90 degrees in ENU; and back again."""
+    for q in random_quaternions((30,), 8):
+        q = jnp.asarray(q)
+        other = frames.attitude_ned_frd_to_enu_flu(q)
+        v = jnp.array([0.3, -0.5, 0.8])  # in FRD
+        by_ned = frames.ned_to_enu(frames.rotation_from_quaternion(q) @ v)
+        by_enu = frames.rotation_from_quaternion(other) @ frames.frd_to_flu(v)
+        np.testing.assert_allclose(by_enu, by_ned, atol=1e-14)
+        same_rotation(frames.attitude_enu_flu_to_ned_frd(other), q)
+    north = frames.euler_from_quaternion(frames.attitude_ned_frd_to_enu_flu(jnp.asarray(IDENTITY)))
+    np.testing.assert_allclose(north, [0, 0, np.pi / 2], atol=1e-12)

@@ -1,0 +1,49 @@
+"""JAX as it must be configured, in this process and in a fresh one."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+
+from rovtwin.core.numerics import as_array, cache_folder, jax, jnp
+
+
+def test_double_precision():
+    assert jnp.zeros(1).dtype == np.float64
+    assert jnp.asarray(1.0).dtype == np.float64
+    assert float(jnp.asarray(1.0) + 1e-15) != 1.0
+
+
+def test_as_array_makes_numbers_differentiable():
+    for value in (1, 1.0, [1, 2], ((1, 2), (3, 4)), np.arange(3), np.float32(1)):
+        array = as_array(value)
+        assert array.dtype == np.float64 and array.shape == np.shape(value)
+    assert float(jax.grad(lambda x: as_array(x) ** 2)(3.0)) == 6.0
+
+
+def test_cache_folder_can_be_chosen(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROVTWIN_CACHE", str(tmp_path))
+    assert cache_folder() == tmp_path
+    monkeypatch.delenv("ROVTWIN_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_folder() == tmp_path / "xdg" / "rovtwin"
+
+
+def test_fresh_process_is_configured_before_jax_starts(tmp_path):
+    """XLA reads its flags once: importing any module that computes must be enough, and what is compiled is kept."""
+    script = """
+import os
+from rovtwin.vehicle import dynamics
+import jax
+print(jax.config.jax_enable_x64, jax.config.read("jax_cpu_enable_async_dispatch"), os.environ["PJRT_NPROC"])
+print(os.environ.get("XLA_FLAGS", ""))
+print(jax.config.jax_compilation_cache_dir)
+"""
+    environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "PJRT_NPROC")}
+    environment |= {"ROVTWIN_CACHE": str(tmp_path), "JAX_PLATFORMS": "cpu"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    settings, flags, folder = done.stdout.splitlines()
+    assert settings == "True False 1"
+    assert ("xla_cpu_small_while_loop_byte_threshold" in flags) == (sys.version_info < (3, 12))
+    assert folder.startswith(str(tmp_path))
