@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rovtwin.vehicle.files import list_library
+    from rovtwin.vehicle.findings import check
     from rovtwin.vehicle.model import Model
+    from rovtwin.vehicle.show import render, summary
     from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict, vehicle_schema
 
 _HOME = {
     "Model": "model",
     "Vehicle": "vehicle",
+    "check": "findings",
     "list_library": "files",
     "load_vehicle": "vehicle",
+    "render": "show",
+    "summary": "show",
     "vehicle_from_dict": "vehicle",
     "vehicle_schema": "vehicle",
 }
@@ -24,8 +29,11 @@ _HOME = {
 __all__ = [
     "Model",
     "Vehicle",
+    "check",
     "list_library",
     "load_vehicle",
+    "render",
+    "summary",
     "vehicle_from_dict",
     "vehicle_schema",
 ]

@@ -1,0 +1,133 @@
+"""What to know about a vehicle file that is valid: things that are legal and still surprise in the water."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.vehicle.assembly import bodies
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.schema import Thruster
+from rovtwin.vehicle.trim import AXES, SPEED_LIMIT, hang, reach, stability, steady_speed
+from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
+
+SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
+
+
+def check(name_or_path: str | Path) -> list[str]:
+    """One line per finding about a vehicle file that can be used.
+
+    Raises:
+        ConfigError: It cannot be used; a line per mistake.
+    """
+    vehicle = load_vehicle(name_or_path)
+    return findings(vehicle, vehicle.model())
+
+
+def findings(vehicle: Vehicle, model: Model) -> list[str]:
+    """The same for a vehicle already loaded."""
+    return [*_about_parts(vehicle), *_about_thrusters(vehicle, model), *_about_floating(model), *_about_speed(model)]
+
+
+def uncontrollable(T: np.ndarray) -> list[str]:
+    """Directions that no combination of thrusters reaches, for an allocation matrix T, shape (6, n)."""
+    if T.shape[1] == 0:
+        return [f"{axis} ({symbol})" for axis, symbol in zip(AXES, SYMBOLS, strict=True)]
+    # Directions with tau' T = 0; reduced to echelon form, so that single axes stand alone.
+    U, s, _ = np.linalg.svd(T)
+    rank = int((s > 1e-9 * s[0]).sum())
+    return [_named(row) for row in _echelon(U[:, rank:].T)]
+
+
+def _echelon(rows: np.ndarray) -> np.ndarray:
+    rows, used = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if used == len(rows):
+            break
+        pivot = used + int(np.abs(rows[used:, column]).argmax())
+        if abs(rows[pivot, column]) < 1e-9:
+            continue
+        rows[[used, pivot]] = rows[[pivot, used]]
+        rows[used] /= rows[used, column]
+        for other in range(len(rows)):
+            if other != used:
+                rows[other] -= rows[other, column] * rows[used]
+        used += 1
+    return rows
+
+
+def _named(direction: np.ndarray) -> str:
+    scaled = direction / np.abs(direction).max()
+    parts = [(f, a, s) for f, a, s in zip(scaled, AXES, SYMBOLS, strict=True) if abs(f) > 1e-6]
+    if len(parts) == 1:
+        return f"{parts[0][1]} ({parts[0][2]})"
+    return " ".join(f"{f:+.2g} {s}" for f, _, s in parts)
+
+
+def _about_parts(vehicle: Vehicle) -> Iterator[str]:
+    for name, body in bodies(vehicle.file, vehicle.name):
+        if body.mass and body.inertia is None and body.shape is None and body.rigid_body is None:
+            yield f"{name}: {body.mass:g} kg counted as a point: neither 'inertia' nor 'shape' is given"
+    if vehicle.file.hydrodynamics is None or vehicle.file.hydrodynamics.added_mass is None:
+        yield "added mass is the sum over the parts' shapes, each alone in the water: their interaction is not in it"
+    mass, displaced = vehicle.assembly.solid.mass, vehicle.assembly.density * vehicle.assembly.volume
+    if not vehicle.file.restoring and abs(displaced - mass) > 0.2 * mass:
+        yield (
+            f"the parts displace {displaced:.3g} kg of water and weigh {mass:.3g} kg: is a volume missing? "
+            "A vehicle trimmed to float says 'restoring: {buoyancy: neutral}'"
+        )
+
+
+def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
+    T = np.asarray(model.thrusters.configuration)
+    if T.shape[1] == 0:
+        yield "no thrusters: it drifts"
+        return
+    missing = uncontrollable(T)
+    if missing:
+        rank = 6 - len(missing)
+        yield f"allocation has rank {rank} of 6: no thruster reaches {', '.join(missing)}"
+    for mounted in vehicle.assembly.thrusters:
+        item = mounted.item
+        if not isinstance(item, Thruster):
+            continue
+        if item.health < 1:
+            yield f"thruster '{mounted.name}' has {100 * item.health:.0f} % of its force left (health)"
+        if isinstance(item.direction, list) and abs(np.linalg.norm(item.direction) - 1) > 1e-3:
+            yield f"thruster '{mounted.name}': direction {item.direction} is not a unit vector and was normalised"
+
+
+def _about_floating(model: Model) -> Iterator[str]:
+    floating = hang(model)
+    limits = reach(model)[2]
+    net = floating.net_buoyancy
+    if abs(net) > 1e-6 * float(model.weight):
+        way, limit = ("floats", limits[1]) if net > 0 else ("sinks", -limits[0])
+        share = f", {100 * abs(net) / limit:.0f} % of the heave thrust" if limit > 0 else ""
+        yield f"{way} with {abs(net):.3g} N{share}; without thrust it drifts {steady_speed(model, 2, -net):.2f} m/s"
+    for i, axis in enumerate(("roll", "pitch")):
+        if floating.stiffness[i] <= 0:
+            yield (
+                f"{axis} has no righting moment ({floating.stiffness[i]:.3g} N m/rad): CG must be below CB (z is down)"
+                "; raise the buoyancy or lower the weight"
+            )
+        elif abs(floating.trim[i]) > np.radians(2):
+            yield f"{axis} trim {np.degrees(floating.trim[i]):.1f} deg: CG and CB are not above each other"
+
+
+def _about_speed(model: Model) -> Iterator[str]:
+    steady = stability(model)
+    top = steady_speed(model, 0, reach(model)[0, 1])
+    seen = min(top if np.isfinite(top) else SPEED_LIMIT, SPEED_LIMIT)
+    if 0 < steady.pitch_depth_held < seen:
+        yield (
+            f"pitch diverges above {steady.pitch_depth_held:.2f} m/s when depth is held (Munk moment: heave added mass "
+            f"exceeds surge by {steady.munk_pitch:.3g} kg); top speed is {top:.2f} m/s"
+        )
+    if steady.pitch_free < seen:
+        yield f"left free, pitch and heave grow above {steady.pitch_free:.2f} m/s"
+    if steady.yaw_free < seen:
+        yield f"left free, it does not keep its course above {steady.yaw_free:.2f} m/s: heading needs control"
+    for i, axis in enumerate(AXES):
+        if not np.isfinite(steady_speed(model, i, 1.0)):
+            yield f"{axis} has no damping at all"

@@ -1,0 +1,201 @@
+"""How a vehicle hangs and swings in the water: trim, stiffness, natural periods, stability at speed.
+
+A body with more added mass in heave than in surge is turned across its path when it moves (Munk moment). In pitch the
+righting moment B x BG works against it. Two speeds matter:
+
+- with depth held (an autopilot keeps the path level, so w = u theta) pitch diverges above
+  u = sqrt(k_theta / (A33 - A11)): the static criterion;
+- left free, the vehicle heaves along with its pitch and the motion stays stable longer: eigenvalues tell.
+
+Reference: Fossen (2021), ch. 4 and 6; Munk (1924), NACA report 184.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.flow import Environment
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.vehicle.dynamics import acceleration, damping_wrench
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import force_limits
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+SPEED_LIMIT = 3.0  # stability is looked for up to here [m/s]
+LONGITUDINAL = (0, 2, 4, 7)  # u, w, q, theta in the state of `linearised`
+LATERAL = (1, 3, 5, 6)  # v, p, r, phi
+
+
+@dataclass(frozen=True)
+class Hang:
+    """How the vehicle rests in still water, thrusters off.
+
+    Attributes:
+        stiffness: Righting moment per angle about level, roll and pitch [N m/rad], shape (2,).
+        metacentric_height: BG, how far CB is above CG along z [m].
+        trim: Roll and pitch at which it comes to rest [rad], shape (2,); NaN where weight and buoyancy give no moment.
+        net_buoyancy: B - W, positive floats [N].
+        periods: Undamped natural periods in roll and pitch [s], shape (2,); NaN where there is no righting moment.
+    """
+
+    stiffness: np.ndarray
+    metacentric_height: float
+    trim: np.ndarray
+    net_buoyancy: float
+    periods: np.ndarray
+
+
+def hang(model: Model) -> Hang:
+    """Still water: trim, stiffness and natural periods."""
+    r_g, r_b = np.asarray(model.center_of_gravity), np.asarray(model.center_of_buoyancy)
+    W, B = float(model.weight), float(model.buoyancy)
+    lever = W * r_g - B * r_b
+    size = float(np.linalg.norm(lever))
+    # At rest the lever points down, as a plumb line does.
+    down = lever / size if size > 1e-9 * W else np.full(3, np.nan)
+    trim = np.array([np.arctan2(down[1], down[2]), -np.arcsin(down[0])])
+    k = np.full(2, lever[2])
+    M = np.asarray(model.mass)
+    G = np.zeros((6, 6))
+    G[3, 3], G[4, 4] = k
+    squares, vectors = _eigen(np.linalg.solve(M, G))
+    periods = np.full(2, np.nan)
+    for square, vector in zip(squares.real, vectors.real.T, strict=True):
+        if square > 1e-12:
+            axis = 0 if abs(vector[3]) >= abs(vector[4]) else 1
+            periods[axis] = 2 * np.pi / np.sqrt(square)
+    return Hang(k, float(r_g[2] - r_b[2]), trim, B - W, periods)
+
+
+def linearised(model: Model, surge_speed: Array) -> Array:
+    """A, shape (8, 8), of the small motions x = [nu, phi, theta] about level flight at a steady surge speed.
+
+    The thrust that keeps the speed is held: it drops out of the differences.
+    """
+
+    def rate(x: Array) -> Array:
+        zero = jnp.zeros(())
+        q = quaternion_from_euler(jnp.stack([x[6], x[7], zero]))
+        # Level at phi = theta = 0: theta_dot = q, phi_dot = p to first order.
+        nu_dot = acceleration(model, q, x[:6], jnp.zeros(6), Environment.calm())
+        return jnp.concatenate([nu_dot, x[3:5]])
+
+    start = jnp.zeros(8).at[0].set(surge_speed)
+    return jax.jacfwd(rate)(start)
+
+
+def depth_held(model: Model, A: np.ndarray, surge_speed: float) -> np.ndarray:
+    """A of the same motions when a heave force keeps the depth: w = u theta, shape (8, 8)."""
+    push = np.concatenate([np.asarray(model.mass_inverse)[:, 2], np.zeros(2)])
+    kept = np.zeros(8)
+    kept[2], kept[7] = 1.0, -surge_speed
+    return (np.eye(8) - np.outer(push, kept) / (kept @ push)) @ A
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Up to which surge speed small motions die out; inf: everywhere up to SPEED_LIMIT.
+
+    Attributes:
+        munk_pitch: Heave less surge added mass, A33 - A11 [kg]: what turns the nose away when positive.
+        munk_yaw: Sway less surge added mass, A22 - A11 [kg]; nothing rights a vehicle in yaw.
+        pitch_static: sqrt(k_theta / (A33 - A11)) [m/s].
+        pitch_depth_held: Lowest speed at which pitch grows while depth is held [m/s].
+        pitch_free: Lowest speed at which pitch and heave grow when left free [m/s].
+        yaw_free: Lowest speed at which yaw, sway and roll grow when left free [m/s].
+    """
+
+    munk_pitch: float
+    munk_yaw: float
+    pitch_static: float
+    pitch_depth_held: float
+    pitch_free: float
+    yaw_free: float
+
+
+def stability(model: Model) -> Stability:
+    """Stability of straight level flight, thrust held."""
+    M = np.asarray(model.added_mass)
+    munk = M.diagonal()[1:3] - M[0, 0]
+    stiffness = float(hang(model).stiffness[1])
+    static = float(np.sqrt(max(stiffness, 0.0) / munk[1])) if munk[1] > 0 else np.inf
+    speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
+    at = jax.jit(linearised)
+    slow, fast = (np.asarray(at(model, jnp.asarray(u))) for u in (0.5, 1.5))
+
+    def free(u: np.ndarray) -> np.ndarray:
+        # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed.
+        return slow + (u[:, None, None] - 0.5) * (fast - slow)
+
+    def held(u: np.ndarray) -> np.ndarray:
+        return np.stack([depth_held(model, A, speed) for A, speed in zip(free(u), u, strict=True)])
+
+    return Stability(
+        float(munk[1]),
+        float(munk[0]),
+        static,
+        _first_unstable(held, LONGITUDINAL, speeds),
+        _first_unstable(free, LONGITUDINAL, speeds),
+        _first_unstable(free, LATERAL, speeds),
+    )
+
+
+def _eigen(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Complex eigenvalues and eigenvectors."""
+    values, vectors = np.linalg.eig(A)
+    return np.asarray(values, dtype=complex), np.asarray(vectors, dtype=complex)
+
+
+def growth(A: np.ndarray, states: tuple[int, ...]) -> float:
+    """Largest real part [1/s] of the eigenvalues whose motion is mostly in some of the states."""
+    values, vectors = _eigen(A)
+    share = np.abs(vectors) ** 2
+    mine = share[list(states)].sum(axis=0) >= 0.5 * share.sum(axis=0)
+    return float(values.real[mine].max()) if mine.any() else -np.inf
+
+
+def _first_unstable(matrices: Callable[[np.ndarray], np.ndarray], states: tuple[int, ...], speeds: np.ndarray) -> float:
+    """The lowest speed at which something grows: a grid, refined twice around the first unstable one."""
+    # Damping of zero and what the depth constraint removes leave eigenvalues that are zero but for rounding.
+    neutral = 1e-7
+    high = np.inf
+    for _ in range(3):
+        rates = np.array([growth(A, states) for A in matrices(speeds)])
+        unstable = np.flatnonzero(rates > neutral)
+        if not unstable.size:
+            return high
+        first = int(unstable[0])
+        high = float(speeds[first])
+        low = float(speeds[first - 1]) if first else 0.0
+        speeds = np.linspace(low, high, speeds.size + 1)[1:]
+    return high
+
+
+def reach(model: Model) -> np.ndarray:
+    """Largest forces and moments of all thrusters together, shape (6, 2): negative and positive [N, N m].
+
+    Each direction by itself: what the same thrusters do elsewhere is not balanced.
+    """
+    low, high = (np.asarray(f) for f in force_limits(model.thrusters))
+    T = np.asarray(model.thrusters.configuration)
+    extremes = np.stack([T * low, T * high])
+    return np.stack([extremes.min(axis=0).sum(axis=1), extremes.max(axis=0).sum(axis=1)], axis=1)
+
+
+def steady_speed(model: Model, axis: int, force: float) -> float:
+    """Speed at which damping balances a force along one axis [m/s or rad/s]; inf without damping."""
+    sign = 1.0 if force >= 0 else -1.0
+    unit = np.zeros(6)
+    unit[axis] = 1e-3 * sign
+    small = float(damping_wrench(model, jnp.asarray(unit))[axis]) * sign
+    unit[axis] = sign
+    large = float(damping_wrench(model, jnp.asarray(unit))[axis]) * sign
+    # d(v) = l v + q v^2 at two speeds gives l and q.
+    q = (large - small / 1e-3) / (1 - 1e-3)
+    l = large - q
+    size = abs(force)
+    if q > 1e-12:
+        return float((-l + np.sqrt(l * l + 4 * q * size)) / (2 * q))
+    return size / l if l > 1e-12 else (np.inf if size > 0 else 0.0)
