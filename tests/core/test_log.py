@@ -758,3 +758,15 @@ def test_exports_refuse_to_overwrite(log: Log, tmp_path: Path) -> None:
         with pytest.raises(LogError, match="Create"):
             export(log, tmp_path / "no" / "folder")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["csv", "run.nc"]
+
+
+def test_what_is_known_only_at_the_end_is_in_the_metadata(tmp_path):
+    path = tmp_path / "run.mcap"
+    with LogWriter(path, [Channel("a", ("x",), "m", "n")], {"seed": 1, "verdict": "flying"}) as writer:
+        writer.write("a", 0.0, [1.0])
+        writer.annotate({"verdict": "completed", "figures": {"rms": 0.5}})
+    metadata = Log.read(path).metadata
+    assert metadata["verdict"] == "completed" and metadata["figures"] == '{"rms": 0.5}' and metadata["seed"] == "1"
+    assert info(path).metadata == metadata
+    with pytest.raises(LogError, match="closed"):
+        writer.annotate({"more": 1})

@@ -58,6 +58,7 @@ class LogWriter:
         self.channels = channel_table(channels)
         provenance = text_metadata(metadata or {})
         self._failure: LogError | None = None
+        self._annotations: dict[str, str] = {}
         self._condition = threading.Condition()
         self._pending: list[bytes] = []
         self._pending_size = self._added = self._written = 0
@@ -145,19 +146,17 @@ class LogWriter:
             self._wait(self._added)
 
     def annotate(self, metadata: Mapping[str, Any]) -> None:
-        """Add to the provenance what is known only now, such as a verdict; a key given before is replaced.
+        """Add to the provenance what is known only now, such as a verdict; it is written when the log is closed.
+
+        A key given before is replaced.
 
         Raises:
-            LogError: The log is closed, or the file can't be written.
+            LogError: The log is closed.
         """
-        if self._closing.is_set():
-            raise LogError(f"{self.path}: the log is closed, nothing can be written to it. Write inside the `with` block")
-        self.flush()
-        with self._file_lock:
-            try:
-                self._file.metadata(METADATA_NAME, as_text(metadata))
-            except OSError as error:
-                raise self._broken(error) from error
+        with self._condition:
+            if self._closed:
+                raise LogError(f"{self.path}: the log is closed, nothing can be added. Write inside the `with` block")
+            self._annotations |= as_text(metadata)
 
     def close(self) -> None:
         """Write the index and close the file; closing twice does nothing.
@@ -240,6 +239,8 @@ class LogWriter:
                     self._file.chunk(chunk)
                 self._report(len(blocks))
                 if closed:
+                    if self._annotations:
+                        self._file.metadata(METADATA_NAME, self._annotations)
                     self._file.finish()
                 if closed or time.monotonic() - synced > _SYNC_PERIOD:
                     self._sync()
