@@ -77,15 +77,20 @@ def feel(truth: Array, request, std=0.01) -> AutopilotInput:
     return AutopilotInput({"truth": Slot(value, jnp.ones(1, dtype=bool), jnp.zeros(1))}, jnp.asarray(request))
 
 
-@eqx.filter_jit
 def fly(autopilot, model, start, requests, disturbance=None, offset=None):
     """Truth (n, 12) and outputs of the autopilot over one request per tick, shape (n,).
 
     `disturbance` is a wrench on the vehicle, b (6,); `offset` is added to what the observer is told, shape (n, 12).
     """
-    calm = Environment.calm()
-    environment = calm if disturbance is None else eqx.tree_at(lambda e: e.wrench, calm, disturbance)
-    offset = jnp.zeros((len(requests), 12)) if offset is None else offset
+    # Always arrays: one compilation for each length of flight.
+    disturbance = jnp.zeros(6) if disturbance is None else jnp.asarray(disturbance, dtype=float)
+    offset = jnp.zeros((len(requests), 12)) if offset is None else jnp.asarray(offset)
+    return _fly(autopilot, model, start, jnp.asarray(requests), disturbance, offset)
+
+
+@eqx.filter_jit
+def _fly(autopilot, model, start, requests, disturbance, offset):
+    environment = eqx.tree_at(lambda e: e.wrench, Environment.calm(), disturbance)
 
     def tick(carry, inputs):
         memory, state = carry
