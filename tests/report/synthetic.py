@@ -15,8 +15,8 @@ ACCEPTANCE = 0.2
 POSE, VELOCITY = ("x", "y", "z", "phi", "theta", "psi"), ("u", "v", "w", "p", "q", "r")
 WRENCH = ("X", "Y", "Z", "K", "M", "N")
 THRUSTERS = ("port_surge", "starboard_surge", "port_sway", "starboard_sway", "port_heave", "starboard_heave")
-SENSORS = ("accelerometer", "acoustic", "attitude", "gyro", "pressure")
-NIS_DOF = (3, 2, 3, 3, 1)
+SENSORS = ("accelerometer", "attitude", "gyro", "position", "pressure")
+NIS_DOF = (3, 3, 3, 2, 1)
 
 
 def smooth_noise(rng, n, dt, tau):
@@ -106,7 +106,7 @@ def synthetic(dt=0.1, speed=0.25, seed=1, waves=True, optimism=1.0, metadata=Tru
     off = truth[:, :2] - start
     across = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0] + down
 
-    ticks = {"accelerometer": 0.01, "acoustic": 1.0, "attitude": 0.01, "gyro": 0.01, "pressure": 1 / 42}
+    ticks = {"accelerometer": 0.01, "position": 1.0, "attitude": 0.01, "gyro": 0.01, "pressure": 1 / 42}
     counts = np.column_stack([
         d * (np.floor((t + dt) / ticks[s] + 1e-9) - np.floor(t / ticks[s] + 1e-9))
         for d, s in zip(NIS_DOF, SENSORS, strict=True)
@@ -136,7 +136,7 @@ def synthetic(dt=0.1, speed=0.25, seed=1, waves=True, optimism=1.0, metadata=Tru
     )
     add("autopilot/nu", VELOCITY, velocity, "b", t, estimate[:, 6:])
     add("autopilot/bias", WRENCH, force, "n", t, 0.9 * drift)
-    add("autopilot/std", POSE + VELOCITY, pose + velocity, "", t, std)
+    add("autopilot/std", tuple(f"std_{name}" for name in POSE + VELOCITY), pose + velocity, "", t, std)
     add("autopilot/setpoint", POSE, pose, "n", t, eta_set)
     add("autopilot/reference", POSE, pose, "n", t, reference)
     add("autopilot/leg", ("x0", "y0", "z0", "x1", "y1", "z1"), "m", "n", t, leg)
@@ -155,14 +155,20 @@ def synthetic(dt=0.1, speed=0.25, seed=1, waves=True, optimism=1.0, metadata=Tru
         ("m", "1"),
         "",
         t,
-        np.column_stack([np.where(on_leg, across, 0), on_leg]),
+        np.column_stack([np.where(on_leg, np.abs(across), 0), on_leg]),
     )
     fix_t = np.arange(1.0, t[-1], 1.0)
     fix = np.column_stack([np.interp(fix_t, t, truth[:, k]) for k in range(2)]) + 0.5 * rng.standard_normal(
         (len(fix_t), 2)
     )
     add(
-        "sensor/acoustic", ("x", "y", "t_valid"), ("m", "m", "s"), "n", fix_t, np.column_stack([fix, fix_t - 0.05]), 1.0
+        "sensor/position",
+        ("north", "east", "t_valid"),
+        ("m", "m", "s"),
+        "n",
+        fix_t,
+        np.column_stack([fix, fix_t - 0.05]),
+        1.0,
     )
     deep_t = np.arange(1 / 42, t[-1], 1 / 42)
     depth = np.interp(deep_t, t, truth[:, 2]) + 1e-3 * rng.standard_normal(len(deep_t))
@@ -178,17 +184,17 @@ def _metadata(t, truth, error, nees, across, waves):
         "cross_track_rms_m": float(np.sqrt(np.mean(across**2))), "cross_track_max_m": float(np.abs(across).max()),
         "depth_rms_m": 0.015, "position_error_rms_m": np.sqrt(np.mean(error[:, :2] ** 2, axis=0)).tolist(),
         "nees_position_mean": float(nees[t > min(60, t[-1] / 2), 0].mean()), "nees_position_interval": [1.3, 2.9],
-        "bound_position_m": [0.11, 0.11], "effort": 41234.5, "saturated_share": 0.043, "thruster_activity": 3.21,
+        "bound_position_m": [0.11, 0.11], "effort_n2s": 41234.5, "saturated_share": 0.043, "thruster_activity_n_per_s": 3.21,
     }  # fmt: skip
     vehicle = {
         "name": "double_blueye", "mass": 30.0, "center_of_gravity": [0.0, 0.0, 0.017],
         "rigid_body_mass": (30 * np.eye(6)).tolist(),
         "thrusters": [{"name": name, "force_ahead": 10.0, "force_astern": 10.0} for name in THRUSTERS],
     }  # fmt: skip
-    mission = [{"x": x, "y": y, "z": z, "acceptance": ACCEPTANCE} for x, y, z in WAYPOINTS.tolist()]
+    mission = [{"position": point, "acceptance": ACCEPTANCE, "hold_time": 0.0} for point in WAYPOINTS.tolist()]
     return {
         "version": "0.1.0", "name": "lawnmower_waves", "seed": "1", "platform": "Linux", "python": "3.11",
         "scenario": "vehicle: double_blueye\nworld:\n  current: [0.0, 0.1, 0.0]\nseed: 1\n",
         "summary": json.dumps(summary), "vehicle_table": json.dumps(vehicle), "mission": json.dumps(mission),
-        "waves": json.dumps({"direction_rad": 0.0} if waves else None),
+        "waves": json.dumps({"direction_deg": 0.0} if waves else None),
     }  # fmt: skip

@@ -87,7 +87,7 @@ def test_page_says_what_happened(page):
 
 def test_rates_are_counted(page):
     # acoustic: 1 Hz; its nominal rate is the same, its delay 50 ms
-    assert re.search(r"acoustic x, y \[m\] \d+ 1 1 1 50\.0", page.text)
+    assert re.search(r"position north, east \[m\] \d+ 1 1 1 50\.0", page.text)
     assert re.search(r"pressure depth \[m\] \d+ 42 42 0\.0238 0\.0", page.text)
 
 
@@ -103,7 +103,7 @@ def test_names_are_escaped(tmp_path):
     channel = Channel("truth/eta", ("x", "y", "z", "phi", "theta", "psi"), "m", "n")
     summary = {"completed": False, "phase": "aborted", "reason": evil}
     table = {"name": evil, evil: 1, "parts": [{evil: evil}]}
-    mission = [{"x": 0, "y": 0, "z": 0, "hold_time": evil}]
+    mission = [{"position": [0, 0, 0], "hold_time": evil}]
     metadata = {"name": evil, "scenario": evil, "seed": evil, "summary": json.dumps(summary)}
     metadata |= {"vehicle_table": json.dumps(table), "mission": json.dumps(mission)}
     t = np.arange(5.0)
@@ -163,7 +163,7 @@ def test_bound_in_words(error, words):
 
 
 def test_scores_pass_over_what_is_no_number():
-    rows = scores({"duration_s": "long", "effort": None, "saturated_share": 0.25, "depth_rms_m": float("nan")})
+    rows = scores({"duration_s": "long", "effort_n2s": None, "saturated_share": 0.25, "depth_rms_m": float("nan")})
     assert {row.name: row.value for row in rows} == {
         "Depth error, rms": "not a number",
         "Share of time saturated": "25.0",

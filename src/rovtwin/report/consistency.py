@@ -18,7 +18,7 @@ _ERRORS = (
     ("Surge [m/s]", "Sway [m/s]", "Heave [m/s]"),
     ("Roll rate [deg/s]", "Pitch rate [deg/s]", "Yaw rate [deg/s]"),
 )
-_NEES = {"position": (2, "horizontal position"), "pose_velocity": (12, "pose and velocity")}
+_NEES = {"position": (2, "position (2 dof)"), "pose_velocity": (12, "pose, velocity (12 dof)")}
 _EXPECTED: dict[str, Any] = {"color": ORANGE, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 5}
 
 
@@ -43,14 +43,19 @@ def errors(flight: Flight) -> Figure:
             pick = np.unique(np.linspace(0, len(t) - 1, 700).astype(int))
             axes.fill_between(t[pick], -band[pick], band[pick], **BAND)
             shown.append(np.r_[band[later], -band[later]])
-            text += f", {100 * _share(np.abs(e) <= band, e):.0f} % within 3σ"
+            text += f", {_percent(_share(np.abs(e) <= band, e))} within 3σ"
         note(axes, text)
         axes.set_ylim(*limits(*shown, share=0.998, least=1e-6, symmetric=True))
     return sheet.done()
 
 
 def _short(value: float) -> str:
-    return f"{value:.2g}" if 1e-3 <= value < 100 else f"{value:.1e}"
+    return f"{value:.2g}" if 1e-4 <= value < 100 else f"{value:.1e}"
+
+
+def _percent(share: float) -> str:
+    """A share such that 99.7 % and all of it read differently."""
+    return f"{100 * share:.1f} %" if 0.99 <= share < 1 else f"{100 * share:.0f} %"
 
 
 def _share(hits: np.ndarray, values: np.ndarray) -> float:
@@ -100,9 +105,11 @@ def _nees(axes: Axes, t: np.ndarray, values: np.ndarray, freedom: int, name: str
     line(axes, t, _running_mean(t, values), color=BLACK, linewidth=1.3)
     _log_axis(axes, positive[t > t[0] + 0.02 * (t[-1] - t[0])], [low, high])
     name_panel(axes, name)
-    if np.isfinite(values).any():
-        inside = _share((values >= low) & (values <= high), values)
-        note(axes, f"mean {np.nanmean(values):.3g}, expected {freedom}; {100 * inside:.0f} % in range")
+    finite = values[np.isfinite(values)]
+    if finite.size:
+        inside = float(np.mean((values >= low) & (values <= high)))
+        text = f"mean {finite.mean():.3g}, {_percent(inside)} in range"
+        note(axes, text + (", infinite at times" if np.isinf(values).any() else ""))
 
 
 def _nis(axes: Axes, t: np.ndarray, totals: np.ndarray, counts: np.ndarray, window: float = 10.0) -> None:

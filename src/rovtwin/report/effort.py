@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.log import Series
@@ -28,6 +29,7 @@ from rovtwin.report.style import (
     name_panel,
     new_figure,
     note,
+    phase_patch,
     ribbon,
 )
 from rovtwin.report.vehicle import force_limits, thruster_names
@@ -45,13 +47,14 @@ def forces(flight: Flight) -> Figure:
     grid = figure.add_gridspec(1, max(len(columns), 1))
     strip = 0.13 / max(columns, default=1)
     handles: list[Any] = []
+    unnamed: set[str] = set()
     if thrust is not None:
-        axes = _column(figure, grid[0, 0], flight, strip, ["[N]"] * columns[0])
+        axes, unnamed = _column(figure, grid[0, 0], flight, strip, ["[N]"] * columns[0])
         handles += _thrusters(axes, flight, thrust)
     if tau is not None and wanted:
-        axes = _column(figure, grid[0, -1], flight, strip, [_WRENCH[k] for k in wanted])
+        axes, unnamed = _column(figure, grid[0, -1], flight, strip, [_WRENCH[k] for k in wanted])
         handles += _wrench(axes, flight, tau, wanted)
-    legend_above(figure, handles)
+    legend_above(figure, [*handles, *map(phase_patch, sorted(unnamed))])
     return figure
 
 
@@ -84,8 +87,11 @@ def _wrench(axes: list[Axes], flight: Flight, tau: Series, wanted: list[int]) ->
     return handles
 
 
-def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: list[str]) -> list[Axes]:
-    """Panels below each other; the ribbon on top takes the share `strip` of the column, whatever their number."""
+def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: list[str]) -> tuple[list[Axes], set[str]]:
+    """Panels below each other, and the phases that the ribbon has no room for.
+
+    The ribbon on top takes the share `strip` of the column, whatever the number of panels.
+    """
     grid = cell.subgridspec(len(labels) + 1, 1, height_ratios=[strip * len(labels)] + [1.0] * len(labels))
     axes = [figure.add_subplot(grid[k + 1]) for k in range(len(labels))]
     for one, label in zip(axes, labels, strict=True):
@@ -95,9 +101,10 @@ def _column(figure: Figure, cell: Any, flight: Flight, strip: float, labels: lis
         one.tick_params(labelbottom=False)
     axes[-1].set_xlabel(TIME, fontsize=FONT)
     axes[-1].set_xlim(*flight.span)
-    if flight.phases:
-        ribbon(figure.add_subplot(grid[0], sharex=axes[-1]), flight.phases, WIDTH / 2 - 0.6)
-    return axes
+    axes[-1].xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+    if not flight.phases:
+        return axes, set()
+    return axes, ribbon(figure.add_subplot(grid[0], sharex=axes[-1]), flight.phases, WIDTH / 2 - 0.6)
 
 
 def _saturated(axes: Axes, t: np.ndarray, cut: np.ndarray) -> None:
@@ -133,7 +140,7 @@ def disturbance(flight: Flight) -> Figure:
         t, wrench = true
         slow = _slow(t, wrench)
         sheet.entry("True external wrench", color=GREY, linewidth=0.8)
-        sheet.entry("its mean over 20 s", color=BLACK, linewidth=1.5)
+        sheet.entry("its mean over 20 s", color=BLACK, linewidth=1.2)
     if bias is not None:
         sheet.entry("Estimated bias", **ESTIMATE)
     for k in range(6):
@@ -141,7 +148,7 @@ def disturbance(flight: Flight) -> Figure:
         shown = []
         if true is not None:
             line(axes, t, wrench[:, k], color=GREY, linewidth=0.6, alpha=0.7)
-            line(axes, t, slow[:, k], color=BLACK, linewidth=1.5)
+            line(axes, t, slow[:, k], color=BLACK, linewidth=1.2, zorder=4)
             shown.append(wrench[:, k])
         if bias is not None:
             line(axes, bias.t, bias.values[:, k], **ESTIMATE)

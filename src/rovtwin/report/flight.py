@@ -113,11 +113,10 @@ class Flight:
 
     @cached_property
     def waypoints(self) -> list[dict[str, Any]]:
-        """Way-points with at least x and y."""
+        """Way-points, each with its position as x, y and (if given) z."""
         found = self.json("mission")
-        found = found.get("waypoints", []) if isinstance(found, Mapping) else found
-        known = found if isinstance(found, list) else []
-        return [dict(w) for w in known if isinstance(w, Mapping) and _number(w.get("x")) and _number(w.get("y"))]
+        points = [_waypoint(one) for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
+        return [point for point in points if _number(point.get("x")) and _number(point.get("y"))]
 
     @cached_property
     def current(self) -> np.ndarray | None:
@@ -132,8 +131,12 @@ class Flight:
     def wave_direction(self) -> float | None:
         """Where the waves run to, clockwise from north [rad]; None without waves."""
         waves = self.json("waves")
-        direction = waves.get("direction_rad") if isinstance(waves, Mapping) else None
-        return float(direction) if isinstance(direction, int | float) and _number(direction) else None
+        if not isinstance(waves, Mapping):
+            return None
+        for key, factor in (("direction_rad", 1.0), ("direction_deg", np.pi / 180)):
+            if _number(waves.get(key)):
+                return factor * float(waves[key])
+        return None
 
     @cached_property
     def cross_track(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -217,6 +220,14 @@ def _filled(values: np.ndarray) -> np.ndarray:
         np.where(known, np.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)), 0), axis=0
     )
     return np.nan_to_num(np.take_along_axis(values, index, axis=0))
+
+
+def _waypoint(one: Mapping[str, Any]) -> dict[str, Any]:
+    position = one.get("position")
+    if not isinstance(position, list):
+        return dict(one)
+    rest = {key: value for key, value in one.items() if key != "position"}
+    return dict(zip("xyz", position, strict=False)) | rest
 
 
 def _number(value: Any) -> bool:

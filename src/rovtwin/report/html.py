@@ -61,15 +61,17 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
 
 
 def _everything_left_out(log: Log, flight: Flight) -> list[str]:
-    sections = {
-        "summary": "Scores: the log's metadata has no summary.",
-        "scenario": "Scenario: the log's metadata has none; the run cannot be repeated from this report.",
-        "vehicle_table": "Vehicle: the log's metadata has no table of its model.",
-        "mission": "Mission: the log's metadata has no way-points.",
-    }
-    absent = [line for key, line in sections.items() if not log.metadata.get(key)]
-    sensors = [] if flight.sensors else ["Sensors: the log has no channel sensor/... with readings."]
-    return left_out(log) + absent + sensors
+    sections = (
+        (flight.summary, "Scores: the log's metadata has no summary."),
+        (
+            log.metadata.get("scenario"),
+            "Scenario: the log's metadata has none, so the run cannot be repeated from here.",
+        ),
+        (vehicle_tables(flight), "Vehicle: the log's metadata has no table of its model."),
+        (flight.waypoints, "Mission: the log's metadata has no way-points."),
+        (flight.sensors, "Sensors: the log has no channel sensor/... with readings."),
+    )
+    return left_out(log) + [line for found, line in sections if not found]
 
 
 def save(figure: Figure, folder: Path, name: str, title: str = "", caption: str = "") -> Picture:

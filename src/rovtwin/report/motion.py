@@ -105,12 +105,13 @@ def _cross_track(axes: Axes, flight: Flight) -> None:
     if np.isfinite(distance).any():
         most = float(np.nanmax(np.abs(distance)))
         text = f"on legs: rms {np.sqrt(np.nanmean(distance**2)):.2f} m, largest {most:.2f} m"
-        axes.set_ylim(*limits(distance, np.zeros(1), share=1.0, least=0.02))
+        low, high = limits(distance, np.zeros(1), share=1.0, least=0.02)
+        axes.set_ylim(0.0 if np.nanmin(distance) >= 0 else low, high)
     radii = {float(w["acceptance"]) for w in flight.waypoints if w.get("acceptance")}
     if len(radii) == 1:
         (radius,) = radii
-        axes.axhline(radius, **LIMIT)
-        axes.axhline(-radius, **LIMIT)
+        for side in (-radius, radius):
+            axes.axhline(side, **LIMIT)
         text += f"; dashed: acceptance {radius:g} m"
     note(axes, text)
 

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from rovtwin.report.flight import Flight
 from rovtwin.report.style import WIDTH, dress, legend_above, new_figure, phase_patch, ribbon, shade
@@ -63,4 +64,5 @@ def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25
     for axes in body[-1]:
         axes.set_xlabel(TIME, fontsize=9)
     body[0, 0].set_xlim(*flight.span)
+    body[0, 0].xaxis.set_major_locator(MaxNLocator({1: 9, 2: 6}.get(columns, 4), steps=[1, 2, 2.5, 5, 10]))
     return Panels(figure, body, phases=sorted(unnamed[0]) if unnamed else [])

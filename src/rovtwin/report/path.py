@@ -32,7 +32,8 @@ def draw_path(axes: Axes, flight: Flight) -> None:
     _mission(axes, flight)
     if flight.fixes is not None:
         shown = flight.fixes[:: max(1, len(flight.fixes) // 2000)]
-        axes.plot(shown[:, 1], shown[:, 0], **FIXES, zorder=1.5, rasterized=True)
+        style: dict[str, Any] = {**FIXES, "alpha": float(np.clip(200 / len(shown), 0.2, 0.5))}
+        axes.plot(shown[:, 1], shown[:, 0], **style, zorder=1.5, rasterized=True)
     for name, style in _LINES:
         series = flight.get(name)
         if series is not None:
@@ -74,6 +75,8 @@ def _legs(flight: Flight) -> list[tuple[float, float, float, float]]:
 
 
 def _mission(axes: Axes, flight: Flight) -> None:
+    points = np.array([[w["y"], w["x"]] for w in flight.waypoints], float).reshape(-1, 2)
+    axes.plot(*points.T, color=GREEN, linewidth=0.8, alpha=0.7, zorder=1)
     for x0, y0, x1, y1 in _legs(flight):
         axes.plot([y0, y1], [x0, x1], **MISSION)
     for k, point in enumerate(flight.waypoints):
@@ -112,19 +115,16 @@ def _course(axes: Axes, series: Series, flight: Flight) -> None:
     travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(xy[index], axis=0), axis=1))]
     if travelled[-1] < 1.0:
         return
+    low, high = _extent(flight)
+    room = 0.07 * float((high - low).max())  # [m] between labels, so that none lies on another
     step = _round_step(float(series.t[index[-1]] - series.t[index[0]]) / 8)
     first, last = float(series.t[index[0]]), float(series.t[index[-1]])
+    taken = [np.array([float(w["y"]), float(w["x"])]) for w in flight.waypoints] + [xy[good[0]], xy[good[-1]]]
     for t in (k * step for k in range(int(first // step) + 1, int(last // step) + 1)):
         i = min(int(np.searchsorted(series.t[index], t)), len(index) - 1)
-        if not _crowded(flight, xy[index[i]]):
+        if not any(np.linalg.norm(xy[index[i]] - other) < room for other in taken):
+            taken.append(xy[index[i]])
             _arrow(axes, xy[index], travelled, i, f"{t:g} s")
-
-
-def _crowded(flight: Flight, point: np.ndarray) -> bool:
-    """Whether a way-point's number is so near that a label would lie on it."""
-    low, high = _extent(flight)
-    near = 0.06 * float((high - low).max())
-    return any(np.hypot(float(w["y"]) - point[0], float(w["x"]) - point[1]) < near for w in flight.waypoints)
 
 
 def _arrow(axes: Axes, xy: np.ndarray, travelled: np.ndarray, i: int, label: str) -> None:

@@ -36,14 +36,16 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "cross_track_rms_m": ("Cross-track error, rms", "m", 1, 3, "true distance to the commanded path, on legs"),
     "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "after the first dive"),
     "depth_rms_m": ("Depth error, rms", "m", 1, 4, "truth against command, after the first dive"),
+    "station_rms_m": ("Distance to the station, rms", "m", 1, 3, "while holding it"),
+    "station_max_m": ("Distance to the station, largest", "m", 1, 3, "while holding it"),
     "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),
     "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 2, "2 is expected of an honest observer"),
-    "effort": ("Effort", "N² s", 1, 0, "integral of the summed squared thruster forces"),
+    "effort_n2s": ("Effort", "N² s", 1, 0, "integral of the summed squared thruster forces"),
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
-    "thruster_activity": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
+    "thruster_activity_n_per_s": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
 }  # fmt: skip
 _BESIDE = {
-    "position_error_rms_m": ("bound_position_m", "bound"),
+    "position_error_rms_m": ("bound_position_m", "bound (surge, sway)"),
     "nees_position_mean": ("nees_position_interval", "95 % range"),
 }
 
@@ -63,7 +65,7 @@ def scores(summary: Mapping[str, Any]) -> list[Score]:
         if (found := _numbers(summary.get(key))) is not None:
             other, label = _BESIDE.get(key, ("", ""))
             beside = _numbers(summary.get(other))
-            beside = beside[:1] if beside and len(set(beside)) == 1 else beside
+            label = "bound" if beside and len(beside) == 1 else label
             text = f"{label} {_format(beside, factor, digits, ' to ' if 'range' in label else ', ')}" if beside else ""
             rows.append(Score(name, _format(found, factor, digits), unit, text, meaning))
     return rows
@@ -78,7 +80,10 @@ def _headline(flight: Flight, good: bool | None) -> str:
     summary, (start, end) = flight.summary, flight.span
     seconds = _one(summary.get("duration_s"))
     seconds = end - start if seconds is None else seconds
+    if summary.get("interrupted"):
+        return f"Interrupted after {seconds:.0f} s"
     reason = str(summary.get("reason") or "")
+    reason = "" if reason.startswith("not finished") else reason
     phase = str(summary.get("phase") or (flight.phases[-1].phase if flight.phases else ""))
     if good:
         return f"Completed in {seconds:.0f} s"
