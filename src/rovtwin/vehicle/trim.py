@@ -62,7 +62,7 @@ def hang(model: Model) -> Hang:
     G[3, 3], G[4, 4] = k
     squares, vectors = _eigen(np.linalg.solve(M, G))
     periods = np.full(2, np.nan)
-    for square, vector in zip(squares.real, vectors.real.T, strict=True):
+    for square, vector in zip(np.real(squares), np.real(vectors).T, strict=True):
         if square > 1e-12:
             axis = 0 if abs(vector[3]) >= abs(vector[4]) else 1
             periods[axis] = 2 * np.pi / np.sqrt(square)
@@ -153,7 +153,7 @@ def growth(A: np.ndarray, states: tuple[int, ...]) -> float:
     values, vectors = _eigen(A)
     share = np.abs(vectors) ** 2
     mine = share[list(states)].sum(axis=0) >= 0.5 * share.sum(axis=0)
-    return float(values.real[mine].max()) if mine.any() else -np.inf
+    return float(np.real(values)[mine].max()) if mine.any() else -np.inf
 
 
 def _first_unstable(matrices: Callable[[np.ndarray], np.ndarray], states: tuple[int, ...], speeds: np.ndarray) -> float:
