@@ -41,8 +41,10 @@ def fit_thrust(folder):
         for exponent in np.arange(1.0, 2.001, 0.01):
             error = np.sign(command) * thrust_shape(command, dead_band, exponent) - force / largest
             best = min(best, (float(np.sqrt(np.mean(error**2))), dead_band, exponent))
-    print(f"T200 at {voltage:g} V: {force[-1]:.1f} N ahead, {-force[0]:.1f} N astern; dead band {best[1]:.3f}, "
-          f"exponent {best[2]:.2f}, rms {100 * best[0]:.2f} % of the largest force")
+    print(
+        f"T200 at {voltage:g} V: {force[-1]:.1f} N ahead, {-force[0]:.1f} N astern; dead band {best[1]:.3f}, "
+        f"exponent {best[2]:.2f}, rms {100 * best[0]:.2f} % of the largest force"
+    )
     return best[1], best[2]
 
 
@@ -75,8 +77,10 @@ def fit_decay(axis, quadratic):
         return cosine_fit(*decay(p[0], BG * WEIGHT, p[1], quadratic, angle)) - (half_b, omega)
 
     inertia, linear = least_squares(error, [INERTIA[axis] + 2.0, 2.0], diff_step=1e-3).x
-    print(f"{axis}: D_Q {quadratic:.3g} from the parts; inertia in all {inertia:.3f}, added {inertia - INERTIA[axis]:.3f} "
-          f"kg m2, D_L {linear:.3f} N m s/rad, with BG {BG} m")
+    print(
+        f"{axis}: D_Q {quadratic:.3g} from the parts; inertia in all {inertia:.3f}, added {inertia - INERTIA[axis]:.3f} "
+        f"kg m2, D_L {linear:.3f} N m s/rad, with BG {BG} m"
+    )
 
 
 def fit_yaw(dead_band, exponent, linear):
@@ -84,8 +88,10 @@ def fit_yaw(dead_band, exponent, linear):
     free, _ = nnls(np.stack([YAW_RATE, YAW_RATE**2], axis=1), moment)
     quadratic = float(YAW_RATE**2 @ (moment - linear * YAW_RATE) / np.sum(YAW_RATE**4))
     rms = np.sqrt(np.mean((linear * YAW_RATE + quadratic * YAW_RATE**2 - moment) ** 2))
-    print(f"yaw: moments {np.round(moment, 2)} N m at {YAW_RATE} rad/s; both free: N_r {free[0]:.2f}, N_r|r| {free[1]:.2f}; "
-          f"N_r {linear:.2f} from the parts: N_r|r| {quadratic:.2f}, rms {rms:.2f} N m")
+    print(
+        f"yaw: moments {np.round(moment, 2)} N m at {YAW_RATE} rad/s; both free: N_r {free[0]:.2f}, N_r|r| {free[1]:.2f}; "
+        f"N_r {linear:.2f} from the parts: N_r|r| {quadratic:.2f}, rms {rms:.2f} N m"
+    )
 
 
 def main():
@@ -95,7 +101,9 @@ def main():
     parts = load_vehicle("double_blueye").file.model_copy(update={"hydrodynamics": None})
     total = assemble(parts, "double_blueye without hydrodynamics")
     damping = total.damping()
-    print("parts alone: D_Q", np.round(np.diag(damping.quadratic_ahead), 3), "D_L", np.diag(damping.linear_ahead).round(3))
+    print(
+        "parts alone: D_Q", np.round(np.diag(damping.quadratic_ahead), 3), "D_L", np.diag(damping.linear_ahead).round(3)
+    )
     print("parts alone: inertia about CG", np.diag(total.solid.inertia).round(3))
     fit_decay("roll", damping.quadratic_ahead[3, 3])
     fit_decay("pitch", damping.quadratic_ahead[4, 4])

@@ -7,9 +7,9 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
+from rovtwin.vehicle.fields import inertia_matrix
 from rovtwin.vehicle.hydrodynamics import Damping, DragElements, Solid, added_mass, drag_elements, move_matrix
 from rovtwin.vehicle.rigid_body import HERE, MassProperties, Placement, combine
-from rovtwin.vehicle.schema import inertia_matrix
 
 GRAVITY = 9.81  # as in `model`, which is not imported here: reading a file needs no JAX [m/s2]
 FRESH_WATER = 1000.0  # [kg/m3]
