@@ -175,13 +175,27 @@ def parse(model_class: type[Parsed], data: Any, where: str) -> Parsed:
 def messages(model_class: type[BaseModel], data: Any, error: ValidationError) -> list[str]:
     """One line per mistake: `place: what was found, what was expected. The fix`."""
     by_place: dict[str, list[str]] = {}
+    wrong_kind: set[str] = set()
     for item in error.errors(include_url=False):
         path = _path(data, item["loc"], item["type"])
         said = _say(item, _fields_at(model_class, item["loc"][:-1]), _field_at(model_class, item["loc"]))
-        lines = by_place.setdefault(path, [])
-        if said not in lines:
-            lines.append(said)
-    return [f"{path}: {', or: '.join(said)}" if path else ", or: ".join(said) for path, said in by_place.items()]
+        by_place.setdefault(path, []).append(said)
+        if item["type"].endswith("_type"):
+            wrong_kind.add(path)
+    # In a union the branch that got further is the one that was meant: drop "expected a number" of the others.
+    for path in wrong_kind:
+        if any(other.startswith((f"{path}.", f"{path}[")) for other in by_place):
+            del by_place[path]
+    return [f"{path}: {_joined(said)}" if path else _joined(said) for path, said in by_place.items()]
+
+
+def _joined(said: list[str]) -> str:
+    """What the branches of a union say about one place, as one sentence."""
+    said = list(dict.fromkeys(said))
+    found, expected, _ = said[0].partition(", expected ")
+    if expected and all(s.startswith(found + expected) for s in said):
+        return found + expected + " or ".join(s.removeprefix(found + expected) for s in said)
+    return ", or: ".join(said)
 
 
 def _path(data: Any, loc: tuple[int | str, ...], kind: str) -> str:
