@@ -129,9 +129,10 @@ def _euler_rate_slope(euler: Array, omega: Array) -> Array:
 def discrete_step(
     model: Model, x: Array, tau: Array, tau_middle: Array, bias_decay: Array, dt: float
 ) -> tuple[Array, Array]:
-    """f_k(x) by the midpoint rule and Phi = df_k/dx to second order in dt, shapes (18,) and (18, 18).
+    """f_k(x) by the midpoint rule, shape (18,), and the transition matrix of half the step, shape (18, 18).
 
-    The thesis's (2.42) differentiates the already discrete f_k inside I + T df_k/dx; meant is this.
+    Phi = df_k/dx is the half step's matrix twice, to second order in dt; the thesis's (2.42) differentiates the already
+    discrete f_k inside I + T df_k/dx, which counts the identity twice.
 
     Args:
         model: The vehicle.
@@ -142,6 +143,6 @@ def discrete_step(
         dt: Step [s].
     """
     middle = x + 0.5 * dt * state_rate(model, x, tau, bias_decay)
-    A = dt * state_jacobian(model, middle, bias_decay)
     after = x + dt * state_rate(model, middle, tau_middle, bias_decay)
+    A = 0.5 * dt * state_jacobian(model, middle, bias_decay)
     return after, jnp.eye(STATES) + A + 0.5 * product(A, A)

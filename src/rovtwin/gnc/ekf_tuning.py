@@ -39,7 +39,7 @@ class EkfTuning(eqx.Module):
         thrust_noise: White noise of each thruster's force as a share of the force [sqrt(s)].
         gate: By sensor name, the squared normalised innovation (summed over the axes) beyond which a reading counts
             as an outlier; sensors that are not named are not gated.
-        patience: After so many rejected readings of a sensor in a row the next is believed: it is the filter that errs.
+        patience: After so many readings of a sensor beyond its gate in a row, the next are believed: the filter errs.
         max_age: Readings are compared with the state when they were taken, as far back as this [s]; a stamp further
             off, or ahead of the filter's clock, is not believed and the reading counts as new.
         pseudo_velocity: Whether the accelerometer enters as (7.7).
@@ -123,6 +123,15 @@ class EkfTuning(eqx.Module):
         for name, value in std.items():
             if not (np.isfinite(value) and value > 0):
                 raise ConfigError(f"sensor_std: {name}: found {value}, expected a positive standard deviation")
+        _check_sizes(
+            force_walk=force_walk,
+            moment_walk=moment_walk,
+            velocity_noise=velocity_noise,
+            rate_noise=rate_noise,
+            thrust_noise=thrust_noise,
+            initial_force=initial_force,
+            max_age=max_age,
+        )
         noise = np.r_[np.zeros(6), np.full(3, velocity_noise), np.full(3, rate_noise)]
         walk = np.r_[np.full(3, force_walk), np.full(3, moment_walk)]
         return cls(
@@ -151,3 +160,9 @@ def _check_names(where: str, given: Mapping[str, object]) -> None:
     for name in given:
         if name not in SENSORS:
             raise ConfigError(f"{where}: no sensor {name!r}; the filter knows {', '.join(SENSORS)}")
+
+
+def _check_sizes(**given: float) -> None:
+    for name, value in given.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ConfigError(f"{name}: found {value}, expected a number of at least 0")

@@ -44,7 +44,7 @@ class EkfMemory(eqx.Module):
         P: Its covariance, shape (18, 18).
         thrust: Force of each thruster as the model predicts it [N], shape (n,).
         ticks: Number of ticks so far, int; time is `ticks * dt`.
-        rejected: Readings rejected in a row, per sensor in the order of SENSORS, shape (6,), int.
+        rejected: Readings beyond the gate in a row, per sensor in the order of SENSORS, shape (6,), int.
     """
 
     x: Array
@@ -102,10 +102,13 @@ class Ekf(Block):
             halfway = lag(thrusters, before, target, 0.5 * dt)
             after = lag(thrusters, halfway, target, 0.5 * dt)
         T = thrusters.configuration
-        x, Phi = discrete_step(self.model, memory.x, T @ before, T @ halfway, tuning.bias_decay, dt)
-        P = product(product(Phi, memory.P), Phi.T) + dt * jnp.diag(tuning.process_variance)
+        x, half = discrete_step(self.model, memory.x, T @ before, T @ halfway, tuning.bias_decay, dt)
         scatter = self.model.mass_inverse @ (T * (tuning.thrust_noise * halfway))
-        P = P + jnp.pad(dt * product(scatter, scatter.T), ((6, 6), (6, 6)))
+        noise = jnp.diag(tuning.process_variance) + jnp.pad(product(scatter, scatter.T), ((6, 6), (6, 6)))
+        # The noise comes in the middle of the step: what shakes nu has moved eta by the end of it. All of it after the
+        # step, as in (2.41), the compass would seem to tell moments from noise, and b would be overconfident.
+        P = product(product(half, memory.P), half.T) + dt * noise
+        P = product(product(half, P), half.T)
         return x, 0.5 * (P + P.T), after
 
 
@@ -150,8 +153,7 @@ class _Prior(eqx.Module):
             for row in range(rows):
                 S = self.P[here, here] + jnp.diag(variance[row])
                 outlier = squared_norm(z[row] - self.x[here], S) > self.tuning.gate[name]
-                outlier = outlier & (rejected < self.tuning.patience)
-                believed.append(used[row] & ~outlier)
+                believed.append(used[row] & ~(outlier & (rejected < self.tuning.patience)))
                 rejected = jnp.where(used[row], jnp.where(outlier, rejected + 1, 0), rejected)
             used = jnp.stack(believed)
         i = jnp.tile(jnp.array(states), rows)
