@@ -245,7 +245,9 @@ class Sensor(Block):
         value = value + jnp.where(odd < self.outlier, outlier, 0.0)
         if self.kind == "attitude":
             value = wrap(value)
-        dark = ((self.blackouts[:, 0] <= t) & (t < self.blackouts[:, 1])).any()
+        # A thousandth of a step keeps rounding from deciding which side of an edge a reading is on.
+        begin, end = self.blackouts[:, 0] - 1e-3 * dt, self.blackouts[:, 1] - 1e-3 * dt
+        dark = ((begin <= t) & (t < end)).any()
         valid = (lost >= self.dropout) & ~dark
         # A reading that never was must not leak out through its filler.
         value = jnp.where(valid, value, 0.0)

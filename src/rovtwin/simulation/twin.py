@@ -92,7 +92,7 @@ class Twin(Block):
             return (TwinMemory(state, world, sensors), TwinOutput(state, nu_dot, environment, measurements)), None
 
         nothing = TwinOutput(memory.state, jnp.zeros(6), Environment.calm(), self.empty())
-        (memory, output), _ = jax.lax.scan(substep, (memory, nothing), jnp.arange(self.substeps))
+        (memory, output), _ = jax.lax.scan(jax.checkpoint(substep), (memory, nothing), jnp.arange(self.substeps))
         return memory, output
 
     def _nu_dot(self, k: Array, j: Array, state: State, environment: Environment, last: Array, h: float) -> Array:

@@ -1,0 +1,52 @@
+"""A perturbed plant: each coefficient its own draw, masses and thrust by their factors, everything else as it was."""
+
+import numpy as np
+from tests.simulation.helper import vehicle
+
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.simulation.mismatch import DAMPING, lifted, perturbed
+from rovtwin.vehicle.thrusters import static_force
+
+MODEL = vehicle()
+KEY = jax.random.key(4)
+
+
+def ratios(plant):
+    diagonals = [np.diag(getattr(plant, name)) / np.diag(getattr(MODEL, name)) for name in DAMPING]
+    return np.concatenate(diagonals)
+
+
+def test_every_damping_coefficient_has_its_own_draw():
+    plant = perturbed(MODEL, KEY)
+    factors = ratios(plant)
+    assert len(np.unique(factors)) == 24
+    assert factors.min() >= 0.75 and factors.max() <= 1.25
+    assert not np.asarray(plant.linear_damping_ahead)[~np.eye(6, dtype=bool)].any()
+    many = np.stack([ratios(perturbed(MODEL, key)) for key in jax.random.split(KEY, 30)])
+    assert many.min() < 0.76 and many.max() > 1.24
+    assert abs(many.mean() - 1.0) < 4 * 0.5 / np.sqrt(12 * many.size)
+    np.testing.assert_array_equal(ratios(perturbed(MODEL, KEY)), factors)
+
+
+def test_masses_and_thrust_by_their_factors():
+    plant = perturbed(MODEL, KEY)
+    for name in ("rigid_body_mass", "added_mass", "mass", "weight", "buoyancy", "displaced_mass"):
+        np.testing.assert_allclose(getattr(plant, name), 1.1 * getattr(MODEL, name), rtol=1e-14)
+    np.testing.assert_allclose(plant.mass_inverse @ plant.mass, np.eye(6), atol=1e-12)
+    u = jnp.array([1.0, -1.0, 0.5, -0.5, 0.1, 0.0])
+    np.testing.assert_allclose(static_force(plant.thrusters, u), 0.9 * static_force(MODEL.thrusters, u), rtol=1e-14)
+    for name in ("center_of_gravity", "center_of_buoyancy"):
+        np.testing.assert_array_equal(getattr(plant, name), getattr(MODEL, name))
+
+
+def test_factors_of_one_change_nothing():
+    plant = perturbed(MODEL, KEY, damping=0.0, mass=1.0, thrust=1.0)
+    for a, b in zip(jax.tree.leaves(plant), jax.tree.leaves(MODEL), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-14)
+
+
+def test_lifted_has_so_much_more_buoyancy():
+    plant = lifted(MODEL, 2.0)
+    assert float(plant.buoyancy - MODEL.buoyancy) == 2.0
+    np.testing.assert_allclose(plant.displaced_mass, plant.buoyancy / 9.81)
+    np.testing.assert_array_equal(plant.weight, MODEL.weight)

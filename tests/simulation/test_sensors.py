@@ -1,0 +1,239 @@
+"""Sensors: when they read, what they read, and how wrong they are."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.simulation.helper import mean_interval, state, variance_interval
+
+from rovtwin.core.block import Start
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.simulation.sensors import KINDS, Sensor, SensorInput, table_5_7
+
+START, DT = Start.at(), 0.002
+SOMEWHERE = state((4.0, -2.0, 3.0), (0.9, 0.1, -0.3, 0.3), (0.3, -0.1, 0.05, 0.1, 0.2, -0.15))
+SOMEWHERE = type(SOMEWHERE)(
+    SOMEWHERE.position, SOMEWHERE.attitude / jnp.linalg.norm(SOMEWHERE.attitude), SOMEWHERE.nu, SOMEWHERE.thrust
+)
+NU_DOT = jnp.array([0.2, 0.1, -0.3, 0.05, -0.02, 0.4])
+
+
+def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
+    """What a sensor delivers in each physics step: value (steps, n), valid (steps,), t_valid (steps,)."""
+
+    def run(key):
+        def one(memory, k):
+            return sensor.step(memory, SensorInput(seen, NU_DOT, k), DT)
+
+        return jax.lax.scan(one, sensor.init(key, START), jnp.arange(first, first + steps))[1]
+
+    slot = jax.jit(run)(jax.random.key(seed))
+    return np.asarray(slot.value)[:, 0], np.asarray(slot.valid)[:, 0], np.asarray(slot.t_valid)[:, 0]
+
+
+def ideal(sensor, seen=SOMEWHERE):
+    return np.asarray(KINDS[sensor.kind][1](sensor, SensorInput(seen, NU_DOT, jnp.array(0))))
+
+
+@pytest.mark.parametrize("rate", [1.0, 7.0, 10.0, 42.0, 100.0, 333.333, 500.0])
+def test_rate_is_exact_over_a_thousand_seconds(rate):
+    sensor = Sensor("pressure", rate)
+    k = jnp.arange(500_000)
+    ticks = np.asarray(sensor.ticks(k))
+    assert ticks.sum() == round(rate * 1000)
+    ends = np.flatnonzero(ticks) + 1
+    spacing = np.diff(ends)
+    assert set(spacing) <= {int(500 // rate), int(-(-500 // rate))}
+    # Reading m is taken in the first step that ends at or after m / rate: never early, less than a step late.
+    m = np.arange(1, len(ends) + 1)
+    late = ends * sensor.rate - m * sensor.physics_rate
+    assert late.min() >= 0 and late.max() < sensor.rate
+    if rate == int(rate):
+        assert np.all(ticks.reshape(1000, 500).sum(1) == rate)
+    assert np.cumsum(ticks)[12345] == sensor.readings_before(12346)
+
+
+def test_capacity_is_the_most_that_comes_in_a_window():
+    for rate, steps in ((42.0, 10), (100.0, 10), (333.0, 10), (1.0, 10), (42.0, 12), (42.0, 7)):
+        sensor = Sensor("pressure", rate)
+        ticks = np.asarray(sensor.ticks(jnp.arange(50_000)))
+        assert np.convolve(ticks, np.ones(steps)).max() == sensor.capacity(steps)
+
+
+def test_a_narrow_integer_clock_does_not_overflow():
+    sensor = Sensor("pressure", 42.0)
+    k = jnp.array([51_200_000, 200_000_000], dtype=jnp.int32)
+    np.testing.assert_array_equal(sensor.readings_before(k), [int(x) * 21 // 250 for x in np.asarray(k, dtype=int)])
+
+
+def test_absent_between_ticks_and_never_the_same_twice():
+    sensor = Sensor("pressure", 42.0, noise=1e-3)
+    value, valid, t_valid = record(sensor, 5000)
+    np.testing.assert_array_equal(valid, np.asarray(sensor.ticks(jnp.arange(5000))))
+    assert valid.sum() == 420
+    assert len(np.unique(value[valid])) == 420
+    assert not value[~valid].any() and not t_valid[~valid].any()
+    np.testing.assert_allclose(t_valid[valid], (np.flatnonzero(valid) + 1) * DT, rtol=1e-15)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_and_bias_of_every_kind(kind):
+    n = KINDS[kind][0]
+    sigma, bias = np.array([0.01, 0.02, 0.03])[:n], np.array([0.1, -0.2, 0.05])[:n]
+    sensor = Sensor(kind, 500.0, noise=sigma, bias=bias)
+    value, valid, _ = record(sensor, 6000)
+    assert valid.all() and value.shape == (6000, n)
+    z = (value - ideal(sensor) - bias) / sigma
+    low, high = variance_interval(6000)
+    assert np.all(np.abs(z.mean(0)) < mean_interval(6000))
+    assert np.all((z.var(0, ddof=1) > low) & (z.var(0, ddof=1) < high))
+    assert np.all(np.abs((z[1:] * z[:-1]).mean(0)) < mean_interval(6000))  # white in time
+    for i in range(n):
+        assert stats.kstest(z[:, i], "norm").pvalue > 1e-4
+        for j in range(i):
+            assert abs((z[:, i] * z[:, j]).mean()) < mean_interval(6000)  # axes on their own
+
+
+def test_bias_walk_grows_with_the_square_root_of_time():
+    n, intensity = 3000, 0.02
+    sensor = Sensor("gyro", 100.0, bias_walk=intensity)
+
+    def run(key):
+        def one(memory, k):
+            return sensor.step(memory, SensorInput(SOMEWHERE, NU_DOT, k), DT)
+
+        return jax.lax.scan(one, sensor.init(key, START), jnp.arange(500))[1].value[:, 0]
+
+    value = np.asarray(jax.jit(jax.vmap(run))(jax.random.split(jax.random.key(2), n)))
+    low, high = variance_interval(n)
+    for t in (0.01, 0.1, 1.0):
+        walk = value[:, round(t / DT) - 1] - ideal(sensor)
+        growth = walk.var(0, ddof=1) / (intensity**2 * t)
+        assert np.all((growth > low) & (growth < high)), t
+
+
+@pytest.mark.parametrize("rate, latency", [(100.0, 0.002), (100.0, 0.008), (100.0, 0.1), (42.0, 0.3), (1.0, 0.77)])
+def test_latency_is_exact(rate, latency):
+    """The readings of a sensor without latency, bit for bit, `latency` later; t_valid says when they were valid."""
+    steps, late_by = 2500, round(latency / DT)
+    faults = {"noise": 0.1, "bias_walk": 0.1, "dropout": 0.2, "clock_offset": 1.0}
+    now = record(Sensor("gyro", rate, **faults), steps)
+    late = record(Sensor("gyro", rate, latency=latency, **faults), steps)
+    for at_once, delayed in zip(now, late, strict=True):
+        np.testing.assert_array_equal(delayed[late_by:], at_once[:-late_by])
+        assert not delayed[:late_by].any()
+    assert 0 < late[1].sum()
+
+
+def test_clock_drifts_from_an_offset():
+    sensor = Sensor("pressure", 10.0, clock_drift=2e-3, clock_offset=-0.4)
+    _, valid, t_valid = record(sensor, 5000)
+    t = (np.flatnonzero(valid) + 1) * DT
+    np.testing.assert_allclose(t_valid[valid], 1.002 * t - 0.4, atol=1e-14)
+
+
+def test_blackouts():
+    sensor = Sensor("position", 10.0, noise=0.5, blackouts=[(2.0, 4.0), (7.05, 8.0)])
+    value, valid, _ = record(sensor, 5000)
+    undisturbed = record(Sensor("position", 10.0, noise=0.5), 5000)
+    t = (np.flatnonzero(undisturbed[1]) + 1) * DT
+    dark = ((t >= 2.0 - 1e-9) & (t < 4.0 - 1e-9)) | ((t >= 7.05) & (t < 8.0 - 1e-9))
+    np.testing.assert_array_equal(valid[undisturbed[1]], ~dark)
+    np.testing.assert_array_equal(value[valid], undisturbed[0][valid])  # the others are as they would have been
+    assert not value[~valid].any()
+
+
+def test_dropouts_and_outliers_come_as_often_as_said():
+    sensor = Sensor("position", 500.0, dropout=0.3, outlier=0.05, outlier_size=5.0)
+    value, valid, _ = record(sensor, 20_000)
+    assert stats.binomtest(int(valid.sum()), 20_000, 0.7).pvalue > 1e-4
+    off = value[valid] - ideal(sensor)
+    length = np.hypot(*off.T)
+    wild = length > 1e-9
+    assert stats.binomtest(int(wild.sum()), len(wild), 0.05).pvalue > 1e-4
+    np.testing.assert_allclose(length[wild], 5.0, rtol=1e-12)
+    bearing = np.arctan2(off[wild, 1], off[wild, 0])
+    assert stats.kstest(bearing, "uniform", args=(-np.pi, 2 * np.pi)).pvalue > 1e-4
+    runs = np.abs(np.diff(np.flatnonzero(wild)))
+    assert runs.min() == 1  # independent of each other: neighbours happen
+
+
+def test_attitude_stays_wrapped():
+    south = state(attitude=(0.0, 0.0, 0.0, 1.0))
+    value, _, _ = record(Sensor("attitude", 500.0, noise=0.05), 1000, seen=south)
+    psi = value[:, 2]
+    assert psi.min() >= -np.pi and psi.max() < np.pi
+    assert (psi > 3).any() and (psi < -3).any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gradient_of_a_reading_is_finite(kind):
+    """With respect to the sensor's parameters, the vehicle's state and its acceleration; the bias's is one."""
+
+    @jax.jit
+    @jax.grad
+    def slope(differentiable):
+        sensor, seen, nu_dot = differentiable
+        memory = sensor.init(jax.random.key(0), START)
+        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499)), DT)[1].value.sum()
+
+    sensor = Sensor(kind, 100.0, noise=0.1, bias_walk=0.1, outlier=1.0, outlier_size=1.0, latency=0.0)
+    gradient = slope((sensor, SOMEWHERE, NU_DOT))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))
+    np.testing.assert_array_equal(gradient[0].bias, 1.0)
+
+
+def test_randomness_is_the_seeds():
+    sensor = table_5_7()["accelerometer"]
+    once, again, other = record(sensor, 100), record(sensor, 100), record(sensor, 100, seed=1)
+    np.testing.assert_array_equal(once[0], again[0])
+    assert np.all(once[0][once[1]] != other[0][other[1]])
+
+
+def test_table_5_7():
+    sensors = table_5_7(dvl=True)
+    expected = {
+        "position": (1, 0.5, 0.0),
+        "pressure": (42, 1e-3, 0.0),
+        "accelerometer": (100, 0.0308, 0.017),
+        "gyro": (100, 3.08e-5, 6.8e-6),
+        "attitude": (100, 1e-3, 0.0),
+        "dvl": (10, 5e-3, 0.0),
+    }
+    assert set(sensors) == set(expected) and set(table_5_7()) == set(expected) - {"dvl"}
+    for name, (rate, noise, bias) in expected.items():
+        assert sensors[name].rate == 1000 * rate
+        assert np.all(sensors[name].noise == noise) and np.all(sensors[name].bias == bias)
+    printed = table_5_7(as_printed=True)
+    assert np.all(printed["gyro"].bias == 0.017) and np.all(printed["accelerometer"].bias == 6.8e-6)
+    late = table_5_7(changes={"position": {"latency": 0.5, "rate_hz": 2.0}})["position"]
+    assert late.latency_steps == 250 and late.rate == 2000 and np.all(late.noise == 0.5)
+
+
+def test_a_step_of_another_length_is_a_mistake():
+    sensor = Sensor("pressure", 42.0)
+    with pytest.raises(ValueError, match="500"):
+        sensor.step(sensor.init(jax.random.key(0), START), SensorInput(SOMEWHERE, NU_DOT, jnp.array(0)), 0.02)
+
+
+@pytest.mark.parametrize(
+    "make, words",
+    [
+        (lambda: Sensor("sonar", 1.0), "sonar.*position"),
+        (lambda: Sensor("gyro", 0.0), "gyro.rate"),
+        (lambda: Sensor("gyro", 501.0), "500"),
+        (lambda: Sensor("gyro", 10.0, latency=-1.0), "latency"),
+        (lambda: Sensor("gyro", 10.0, noise=-1.0), "noise"),
+        (lambda: Sensor("gyro", 10.0, noise=(1.0, 2.0)), "expected 1 or 3"),
+        (lambda: Sensor("gyro", 10.0, bias=np.nan), "bias"),
+        (lambda: Sensor("gyro", 10.0, dropout=1.5), "dropout.*probability"),
+        (lambda: Sensor("gyro", 10.0, outlier=-0.1), "outlier"),
+        (lambda: Sensor("position", 1.0, blackouts=[(5.0, 4.0)]), "blackouts"),
+        (lambda: Sensor("gyro", 10.0, rotation=np.diag([1.0, 1.0, -1.0])), "rotation"),
+        (lambda: table_5_7(changes={"sonar": {}}), "sonar"),
+        (lambda: table_5_7(changes={"dvl": {}}), "dvl"),
+    ],
+)
+def test_sensors_that_cannot_be(make, words):
+    with pytest.raises(ConfigError, match=words):
+        make()
