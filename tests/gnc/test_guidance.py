@@ -190,8 +190,9 @@ def test_speed_points_along_the_leg_seen_from_the_vehicle():
     psi = float(setpoint.eta[5])
     np.testing.assert_allclose(setpoint.nu, [0.2 * np.cos(psi), -0.2 * np.sin(psi), 0, 0, 0, 0], atol=1e-12)
     assert psi < 0
-    _, setpoint = once(memory_in(TURN), [2, 1.5, 3, 0, 0, 0], route([(6.0, 1.0)], speed=0.2))
-    assert not np.any(setpoint.nu)
+    for phase, nu in [(DIVE, [0, 0, 0.2, 0, 0, 0]), (TURN, np.zeros(6)), (HOLD, np.zeros(6))]:
+        _, setpoint = once(memory_in(phase), [2, 1.5, 1, 0, 0, 0], route([(6.0, 1.0)], speed=0.2))
+        np.testing.assert_allclose(setpoint.nu, nu)
 
 
 # Modes

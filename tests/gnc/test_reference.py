@@ -89,6 +89,13 @@ def test_speed_of_the_way_point_is_kept_on_a_straight_path_without_overshoot():
     assert np.hypot(*np.asarray(free.eta_dot[:, :2]).T).max() > 2.0
 
 
+def test_speed_of_the_way_point_is_kept_while_diving():
+    down = setpoint([0, 0, 3.0, 0, 0, 0], [0, 0, 0.2, 0, 0, 0])
+    path = follow(ReferenceModel.thesis(obey_speed=True), Start.at(), down, 0.02, 1500)
+    assert path.eta_dot[:, 2].max() == pytest.approx(0.2, rel=1e-9)
+    assert path.eta[:, 2].max() <= 3.0 and path.eta[-1, 2] == pytest.approx(3.0, abs=1e-3)
+
+
 def test_speed_limit_of_an_axis():
     limit = jnp.array([jnp.inf, jnp.inf, 0.1, jnp.inf, jnp.inf, 0.2])
     model = ReferenceModel(jnp.ones(6), jnp.full(6, 1.5), limit)

@@ -197,9 +197,10 @@ def _setpoint(memory: GuidanceMemory, leg: _Leg, mode: Mode, eta: Array) -> Setp
     phase = jnp.where(mode.mode == MODE_ABORTED, ABORTED, phase)
     going = phase == GO
 
-    # The way-point's speed along its leg, seen from the wanted heading. The thesis's reference model ignores it.
-    crab, speed = leg.alpha - eta[5], jnp.where(going, leg.speed, 0.0)
-    nu = jnp.concatenate([jnp.stack([speed * jnp.cos(crab), speed * jnp.sin(crab)]), jnp.zeros(4)])
+    # The way-point's speed, down or along the leg, seen from the wanted heading; the thesis's reference ignores it.
+    crab = leg.alpha - eta[5]
+    way = jnp.stack([going * jnp.cos(crab), going * jnp.sin(crab), 1.0 * (phase == DIVE)])
+    nu = jnp.concatenate([leg.speed * way, jnp.zeros(3)])
     start = jnp.concatenate([memory.leg_start, leg.end[2:]])
     return Setpoint(eta, nu, start, leg.end, going, memory.waypoint, phase, mode.reason)
 

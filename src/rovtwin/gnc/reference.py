@@ -7,7 +7,8 @@ from rovtwin.core.flow import Reference, Setpoint
 from rovtwin.core.frames import euler_from_quaternion, euler_rate_matrix, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 
-_ANGLES = jnp.array([False, False, False, True, True, True])
+_AXIS = jnp.arange(6)
+_ANGLES = _AXIS > 2
 
 
 class ReferenceModel(Block):
@@ -21,7 +22,7 @@ class ReferenceModel(Block):
         damping_ratio: delta, shape (6,).
         frequency: w [rad/s], shape (6,).
         speed_limit: Largest |eta_dot| [m/s, rad/s], shape (6,); inf is none.
-        obey_speed: Whether the horizontal speed is kept to the set-point's, where that is not zero.
+        obey_speed: Whether horizontal and vertical speed are each kept to the set-point's, where that is not zero.
     """
 
     damping_ratio: Array = eqx.field(converter=as_array)
@@ -56,12 +57,16 @@ class ReferenceModel(Block):
         return reference, reference
 
     def _limited(self, rate: Array, nu: Array) -> Array:
+        limit = self.speed_limit
         if self.obey_speed:
-            wanted, speed = jnp.sum(nu[:2] ** 2), jnp.sum(rate[:2] ** 2)
-            over = (wanted > 0.0) & (speed > wanted)
-            share = jnp.sqrt(jnp.where(over, wanted, 1.0) / jnp.where(over, speed, 1.0))
-            rate = rate * jnp.where(jnp.arange(6) < 2, share, 1.0)
-        return jnp.clip(rate, -self.speed_limit, self.speed_limit)
+            wanted = jnp.sum(nu[:3] ** 2)
+            level = jnp.sum(rate[:2] ** 2)
+            over = (wanted > 0.0) & (level > wanted)
+            share = jnp.sqrt(jnp.where(over, wanted, 1.0) / jnp.where(over, level, 1.0))
+            rate = rate * jnp.where(_AXIS < 2, share, 1.0)
+            dive = jnp.sqrt(jnp.where(wanted > 0.0, wanted, jnp.inf))
+            limit = jnp.where(_AXIS == 2, jnp.minimum(limit, dive), limit)
+        return jnp.clip(rate, -limit, limit)
 
 
 def _difference(to: Array, since: Array) -> Array:
