@@ -184,12 +184,18 @@ def _metadata(t, truth, error, nees, across, waves):
         "cross_track_rms_m": float(np.sqrt(np.mean(across**2))), "cross_track_max_m": float(np.abs(across).max()),
         "depth_rms_m": 0.015, "position_error_rms_m": np.sqrt(np.mean(error[:, :2] ** 2, axis=0)).tolist(),
         "nees_position_mean": float(nees[t > min(60, t[-1] / 2), 0].mean()), "nees_position_interval": [1.3, 2.9],
-        "bound_position_m": [0.11, 0.11], "effort_n2s": 41234.5, "saturated_share": 0.043, "thruster_activity_n_per_s": 3.21,
+        "bound_position_m": [0.11, 0.11], "effort_n2s": 41234.5, "saturated_share": 0.043,
+        "thruster_activity_n_per_s": 3.21,
     }  # fmt: skip
+    thruster = {"position_m": [0.0, 0.28, 0.0], "force_ahead": 10.0, "force_astern": 10.0, "time_constant_s": 0.2}
+    values, units = (30 * np.eye(6)).tolist(), [["kg", "kg m"], ["kg m", "kg m2"]]
     vehicle = {
-        "name": "double_blueye", "mass": 30.0, "center_of_gravity": [0.0, 0.0, 0.017],
-        "rigid_body_mass": (30 * np.eye(6)).tolist(),
-        "thrusters": [{"name": name, "force_ahead": 10.0, "force_astern": 10.0} for name in THRUSTERS],
+        "name": "double_blueye", "mass_kg": 30.0, "center_of_gravity_m": [0.0, 0.0, 0.017],
+        "matrices": {"rigid_body_mass": {"symbol": "M_RB", "values": values, "units": units}},
+        "derivatives": [{"symbol": "X_udot", "value": -20.95, "unit": "kg"}, {"symbol": "X_u", "value": -4.4, "unit": "N s/m"}],
+        "thrusters": [{"name": name, **thruster} for name in THRUSTERS],
+        "natural_periods_s": {"roll": 5.8, "heave": None}, "top_speed": {"surge": 0.36, "yaw": 1.2},
+        "findings": ["allocation has rank 5 of 6"],
     }  # fmt: skip
     mission = [{"position": point, "acceptance": ACCEPTANCE, "hold_time": 0.0} for point in WAYPOINTS.tolist()]
     return {

@@ -85,6 +85,18 @@ def test_page_says_what_happened(page):
     assert "port_surge" in page.text and "lawnmower_waves" in page.text
 
 
+def test_vehicle_has_symbols_and_units(page):
+    for words in (
+        "mass m 30 kg",
+        "center of gravity r_g 0, 0, 0.017 m",
+        "M_RB, rigid body mass [kg, kg m; kg m, kg m2]",
+    ):
+        assert words in page.text
+    assert "natural periods, roll 5.8 s" in page.text and "natural periods, heave - s" in page.text
+    assert "top speed, surge 0.36 m/s" in page.text and "top speed, yaw 1.2 rad/s" in page.text
+    assert "X_udot = -20.95 kg X_u = -4.4 N s/m" in page.text and "position [m]" in page.text
+
+
 def test_rates_are_counted(page):
     # acoustic: 1 Hz; its nominal rate is the same, its delay 50 ms
     assert re.search(r"position north, east \[m\] \d+ 1 1 1 50\.0", page.text)

@@ -39,8 +39,8 @@ CATALOGUE = (
         "Path over ground",
         "Seen from above, north up. The black line is where the vehicle was, the blue one where it believed to be; "
         "grey dots are single position fixes. Look at how far the black line leaves the green legs, and at the "
-        "corners, where guidance switches within the acceptance circle. Arrows on the line give the course and the "
-        "time.",
+        "corners, where guidance switches within the acceptance circle. Arrows half-way along the legs give "
+        "course and time.",
         path.path,
         (_POSES,),
         ("truth/eta", "autopilot/eta", "autopilot/reference", "autopilot/leg", "truth/water_velocity"),

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from rovtwin.core.log import Log
 from rovtwin.report.catalogue import drawable, left_out
 from rovtwin.report.flight import Flight
-from rovtwin.report.tables import mission_table, provenance_table, sensor_table, vehicle_tables
+from rovtwin.report.tables import mission_table, provenance_table, sensor_table
+from rovtwin.report.vehicle import vehicle_tables
 from rovtwin.report.verdict import verdict
 
 DPI = 150

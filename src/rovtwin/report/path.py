@@ -111,25 +111,34 @@ def _course(axes: Axes, series: Series, flight: Flight) -> None:
     style: dict[str, Any] = {"markeredgecolor": BLACK, "markersize": 7, "linestyle": "none", "zorder": 9}
     axes.plot(*xy[good[0]], marker="o", markerfacecolor="white", **style)
     axes.plot(*xy[good[-1]], marker="s", markerfacecolor=BLACK, **style)
-    index = good[:: max(1, len(good) // 2000)]
-    travelled = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(xy[index], axis=0), axis=1))]
-    if travelled[-1] < 1.0:
-        return
+    xy, t = xy[good], series.t[good]
     low, high = _extent(flight)
     room = 0.07 * float((high - low).max())  # [m] between labels, so that none lies on another
-    step = _round_step(float(series.t[index[-1]] - series.t[index[0]]) / 8)
-    first, last = float(series.t[index[0]]), float(series.t[index[-1]])
-    taken = [np.array([float(w["y"]), float(w["x"])]) for w in flight.waypoints] + [xy[good[0]], xy[good[-1]]]
-    for t in (k * step for k in range(int(first // step) + 1, int(last // step) + 1)):
-        i = min(int(np.searchsorted(series.t[index], t)), len(index) - 1)
-        if not any(np.linalg.norm(xy[index[i]] - other) < room for other in taken):
-            taken.append(xy[index[i]])
-            _arrow(axes, xy[index], travelled, i, f"{t:g} s")
+    taken = [np.array([float(w["y"]), float(w["x"])]) for w in flight.waypoints] + [xy[0], xy[-1]]
+    for i in _halfway(flight, xy, t, room):
+        if not any(np.linalg.norm(xy[i] - other) < room for other in taken):
+            taken.append(xy[i])
+            _arrow(axes, xy, i, f"{t[i]:.0f} s")
 
 
-def _arrow(axes: Axes, xy: np.ndarray, travelled: np.ndarray, i: int, label: str) -> None:
-    ahead = min(int(np.searchsorted(travelled, travelled[i] + 1.0)), len(xy) - 1)
-    behind = max(int(np.searchsorted(travelled, travelled[i] - 0.4)) - 1, 0)
+def _halfway(flight: Flight, xy: np.ndarray, t: np.ndarray, least: float) -> list[int]:
+    """Where half the way of each leg was behind the vehicle; without phases, of eight parts of the whole time."""
+    legs = [(p.start, p.end) for p in flight.phases if p.phase == "go"]
+    edges = np.linspace(t[0], t[-1], 9)
+    marks = []
+    for start, end in legs or zip(edges[:-1], edges[1:], strict=True):
+        first, last = (int(k) for k in np.searchsorted(t, (start, end)))
+        away = np.linalg.norm(xy[first:last] - xy[first], axis=1) if last > first else np.zeros(1)
+        if away.max() > least:
+            marks.append(first + int(np.argmax(away >= away.max() / 2)))
+    return marks[:40]
+
+
+def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, reach: float = 0.4) -> None:
+    """An arrow along the course around sample i, and its time."""
+    near = np.linalg.norm(xy - xy[i], axis=1) > reach
+    behind = int(np.flatnonzero(near[:i])[-1]) if near[:i].any() else 0
+    ahead = i + int(np.argmax(near[i:])) if near[i:].any() else len(xy) - 1
     course = xy[ahead] - xy[behind]
     if np.hypot(*course) < 0.1:
         return
@@ -146,11 +155,6 @@ def _arrow(axes: Axes, xy: np.ndarray, travelled: np.ndarray, i: int, label: str
         va="center", fontsize=TINY, color="#444444", zorder=8,
         bbox={"facecolor": "white", "alpha": 0.65, "pad": 0.6, "linewidth": 0},
     )  # fmt: skip
-
-
-def _round_step(wanted: float) -> float:
-    steps = np.array([1, 2, 5, 10, 20, 30, 60, 120, 180, 300, 600, 1200, 1800, 3600])
-    return float(steps[min(int(np.searchsorted(steps, wanted)), len(steps) - 1)])
 
 
 def _extent(flight: Flight) -> tuple[np.ndarray, np.ndarray]:

@@ -56,40 +56,6 @@ def provenance_table(flight: Flight) -> Table:
     return Table("Provenance", ["Entry", "Value"], [*rows, *([["note", n] for n in flight.log.notes])])
 
 
-def vehicle_tables(flight: Flight) -> list[Table]:
-    """The vehicle's table as its command gives it: scalars and vectors, then each matrix and each list of parts."""
-    found = flight.json("vehicle_table")
-    if not isinstance(found, Mapping):
-        return []
-    simple: list[list[str]] = []
-    tables: list[Table] = []
-    _collect(found, "", simple, tables)
-    return [Table("Parameters", ["Parameter", "Value"], simple), *tables] if simple else tables
-
-
-def _collect(items: Mapping[str, Any], prefix: str, simple: list[list[str]], tables: list[Table]) -> None:
-    for key, value in items.items():
-        name = f"{prefix}{words(str(key))}"
-        if isinstance(value, Mapping):
-            _collect(value, f"{name}, ", simple, tables)
-        elif _is_matrix(value):
-            tables.append(Table(name, [], [[text(cell) for cell in row] for row in value]))
-        elif isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
-            head = list(dict.fromkeys(k for one in value for k in one))
-            tables.append(Table(name, [words(h) for h in head], [[text(one.get(h)) for h in head] for one in value]))
-        else:
-            simple.append([name, text(value)])
-
-
-def _is_matrix(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) > 1
-        and all(isinstance(row, list) and len(row) == len(value[0]) and row for row in value)
-        and all(isinstance(cell, int | float) for row in value for cell in row)
-    )
-
-
 def words(key: str) -> str:
     """A key as people read it."""
     return key.replace("_", " ")
@@ -103,7 +69,7 @@ def text(value: Any) -> str:
         case bool():
             return "yes" if value else "no"
         case float():
-            return f"{value:.5g}" if np.isfinite(value) else str(value)
+            return f"{value + 0.0:.5g}" if np.isfinite(value) else str(value)  # + 0.0: no negative zero
         case list() | tuple():
             return ", ".join(text(one) for one in value) or "none"
         case Mapping():

@@ -1,4 +1,4 @@
-"""What the vehicle's table in the metadata says about thrusters."""
+"""The vehicle in a report: what the summary in the metadata (`rovtwin vehicle show --json`) says of it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,6 +6,21 @@ from typing import Any
 import numpy as np
 
 from rovtwin.report.flight import Flight
+from rovtwin.report.tables import Table, text, words
+
+_SYMBOLS = {
+    "mass": "m", "weight": "W", "buoyancy": "B", "center_of_gravity": "r_g", "center_of_buoyancy": "r_b",
+    "metacentric_height": "BG", "gravity": "g", "water_density": "ρ", "volume": "∇",
+    "inertia_about_cg": "I_g", "inertia_about_co": "I_b",
+}  # fmt: skip
+_UNITS = {
+    "kgm3": "kg/m³", "kgm2": "kg m²", "ms2": "m/s²", "m3": "m³", "kg": "kg", "N": "N", "m": "m", "s": "s", "ms": "m/s",
+    "deg": "deg", "Nm_per_rad": "N m/rad", "N_per_s": "N/s",
+}  # fmt: skip
+_AXIS_UNITS = {
+    quantity: dict.fromkeys(("surge", "sway", "heave"), linear) | dict.fromkeys(("roll", "pitch", "yaw"), angular)
+    for quantity, linear, angular in (("largest_wrench", "N", "N m"), ("top_speed", "m/s", "rad/s"))
+}
 
 
 def _thrusters(flight: Flight) -> list[Mapping[str, Any]]:
@@ -29,3 +44,99 @@ def force_limits(flight: Flight, count: int) -> tuple[np.ndarray, np.ndarray] | 
     except (KeyError, TypeError, ValueError):
         return None
     return (low, high) if len(high) == count else None
+
+
+def vehicle_tables(flight: Flight) -> list[Table]:
+    """Parameters, matrices, derivatives, thrusters and the rest; empty when the log has no summary of its vehicle."""
+    found = flight.json("vehicle_table")
+    if not isinstance(found, Mapping) or not found:
+        return []
+    simple: list[list[str]] = []
+    tables: list[Table] = []
+    for key, value in found.items():
+        if key == "matrices" and isinstance(value, Mapping):
+            tables += _matrices(value)
+        elif key == "derivatives" and _is_records(value):
+            tables.append(_derivatives(value))
+        elif key == "findings" and isinstance(value, list):
+            tables.append(Table("To know", ["Finding"], [[text(line)] for line in value]))
+        else:
+            _collect(key, value, simple, tables)
+    return [Table("Parameters", ["Parameter", "Symbol", "Value", "Unit"], simple), *tables] if simple else tables
+
+
+def _collect(
+    key: str, value: Any, simple: list[list[str]], tables: list[Table], before: str = "", unit: str = ""
+) -> None:
+    """One entry of the summary as a row, or as tables when it holds more than a vector."""
+    name, own = split_unit(key)
+    unit, label = own or unit, before + words(name)
+    if isinstance(value, Mapping):
+        of_axes = _AXIS_UNITS.get(name, {})
+        for inner, one in value.items():
+            _collect(inner, one, simple, tables, f"{label}, ", of_axes.get(inner, unit))
+    elif _is_matrix(value):
+        symbol = f", {_SYMBOLS[name]}" if name in _SYMBOLS else ""
+        tables.append(Table(f"{label}{symbol}" + (f" [{unit}]" if unit else ""), [], _cells(value)))
+    elif _is_records(value):
+        heads = list(dict.fromkeys(k for one in value for k in one))
+        rows = [[text(one.get(head)) for head in heads] for one in value]
+        tables.append(Table(label, [_head(head) for head in heads], rows))
+    else:
+        simple.append([label, _SYMBOLS.get(name, ""), text(value), unit])
+
+
+def _cells(matrix: list[list[Any]]) -> list[list[str]]:
+    return [[text(float(cell)) for cell in row] for row in matrix]
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """A key such as `mass_kg` as its name and its unit; the unit is empty when the key names none."""
+    for suffix in sorted(_UNITS, key=len, reverse=True):
+        if key.endswith(f"_{suffix}"):
+            return key.removesuffix(f"_{suffix}"), _UNITS[suffix]
+    return key, ""
+
+
+def _head(key: str) -> str:
+    name, unit = split_unit(key)
+    return f"{words(name)} [{unit}]" if unit else words(name)
+
+
+def _matrices(matrices: Mapping[str, Any]) -> list[Table]:
+    """6x6 matrices with symbol and units of their four blocks; those astern only where they differ from ahead."""
+    tables = []
+    for name, matrix in matrices.items():
+        if not isinstance(matrix, Mapping) or not _is_matrix(matrix.get("values")):
+            continue
+        ahead = matrices.get(name.replace("astern", "ahead"))
+        if name.endswith("astern") and isinstance(ahead, Mapping) and ahead.get("values") == matrix["values"]:
+            continue
+        units = "; ".join(", ".join(map(text, row)) for row in matrix.get("units") or [])
+        title = f"{matrix.get('symbol', '')}, {words(name)}" + (f" [{units}]" if units else "")
+        tables.append(Table(title, [], _cells(matrix["values"])))
+    return tables
+
+
+def _derivatives(records: list[Mapping[str, Any]]) -> Table:
+    """Hydrodynamic derivatives, those of one force in one row."""
+    rows: dict[str, list[str]] = {}
+    for one in records:
+        symbol = str(one.get("symbol", ""))
+        rows.setdefault(symbol.split("_")[0], []).append(f"{symbol} = {text(one.get('value'))} {one.get('unit', '')}")
+    width = max(map(len, rows.values()), default=0)
+    cells = [[*row, *[""] * (width - len(row))] for row in rows.values()]
+    return Table("Hydrodynamic derivatives, SNAME signs", ["Inertia", "Damping", *[""] * (width - 2)][:width], cells)
+
+
+def _is_records(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
+
+
+def _is_matrix(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) > 1
+        and all(isinstance(row, list) and len(row) == len(value[0]) and row for row in value)
+        and all(isinstance(cell, int | float) for row in value for cell in row)
+    )
