@@ -38,7 +38,8 @@ _END_LOSS = 0.16
 # Usual drag coefficients for Re 1e4 to 1e5: blunt prism, cylinder along and across, sphere. Hoerner (1965), ch. 3.
 _BOX_C_D, _CYLINDER_C_D, _SPHERE_C_D = (1.1, 1.1, 1.1), (0.9, 1.0, 1.0), (0.47, 0.47, 0.47)
 
-_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(8)
+_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(8)  # over a face
+_LAMB_X, _LAMB_W = np.polynomial.legendre.leggauss(100)  # of Lamb's integrals: 1e-10 up to 50 times as long as wide
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,7 @@ def _ellipsoid(axes: np.ndarray) -> np.ndarray:
     # alpha_i = abc int_0^inf ds / ((a_i^2 + s) sqrt(prod(a_j^2 + s))), with s = t^2 / (1 - t)^2 scaled to the size.
     scale = float(np.prod(axes) ** (1 / 3))
     a2 = (axes / scale) ** 2
-    nodes, weights = np.polynomial.legendre.leggauss(200)
-    t, w = 0.5 * (nodes + 1), 0.5 * weights
+    t, w = 0.5 * (_LAMB_X + 1), 0.5 * _LAMB_W
     s, ds = (t / (1 - t)) ** 2, 2 * t / (1 - t) ** 3
     root = np.sqrt(np.prod(a2[:, None] + s, axis=0))
     alpha = np.array([np.sum(w * ds / ((a + s) * root)) for a in a2])
@@ -148,7 +148,7 @@ def _box(size: np.ndarray) -> np.ndarray:
             _plate(length, width) * _height_factor(length * width, height),
         ]
     )
-    return np.concatenate([linear, _turning(size)])
+    return np.concatenate([linear, _turning(size, linear)])
 
 
 def _cylinder(radius: float, length: float) -> np.ndarray:
@@ -161,19 +161,25 @@ def _cylinder(radius: float, length: float) -> np.ndarray:
     linear = np.array([axial, across, across])
     # Across its axis it turns like the box of the same cross-section.
     side = np.sqrt(np.pi) * radius
-    rotation = _turning(np.array([length, side, side]))
+    rotation = _turning(np.array([length, side, side]), linear)
     rotation[0] = 0.0
     return np.concatenate([linear, rotation])
 
 
-def _turning(size: np.ndarray) -> np.ndarray:
-    """Rotational added inertia of a box per unit density, shape (3,): sections across the axis, with open ends."""
+def _turning(size: np.ndarray, linear: np.ndarray) -> np.ndarray:
+    """Rotational added inertia of a box per unit density, shape (3,).
+
+    Compact bodies by sections across the axis, with open ends; slender ones by strips along their length, which share
+    the translational value evenly. Each is too large where the other holds.
+    """
     inertia = np.zeros(3)
     for axis in range(3):
-        height = size[axis]
-        short, long = sorted((size[(axis + 1) % 3], size[(axis + 2) % 3]))
-        section = np.interp(short / long, _SECTION_ASPECT, _SECTION_TURNING) * np.pi * (long / 2) ** 4
-        inertia[axis] = section * height * height / (height + _END_LOSS * long)
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        across, along = (j, k) if size[j] <= size[k] else (k, j)
+        height, long = size[axis], size[along]
+        shape = np.interp(size[across] / long, _SECTION_ASPECT, _SECTION_TURNING)
+        section = shape * np.pi * (long / 2) ** 4 * height * height / (height + _END_LOSS * long)
+        inertia[axis] = min(section, linear[across] * long**2 / 12)
     return inertia
 
 
