@@ -30,7 +30,7 @@ from rovtwin.simulation.sensors import Sensor, table_5_7
 from rovtwin.simulation.twin import Twin
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
-from rovtwin.vehicle import Model, Vehicle, load_vehicle, vehicle_from_dict
+from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 
 DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
 
@@ -103,7 +103,7 @@ def compose(scenario: Scenario) -> Composed:
         thruster_names=[_field_name(name) for name in vehicle.thruster_names],
         sensor_names=list(sensors),
         vehicle_data=vehicle.to_dict(),
-        vehicle_table={},
+        vehicle_table=summary(vehicle),
         scenario=scenario,
     )
 
