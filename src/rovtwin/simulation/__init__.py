@@ -3,3 +3,30 @@
 Depends on `core` and `vehicle` only. Every process is a `core.block.Block`: seeded by a key in its memory, pure, and
 the same bit for bit for the same seed.
 """
+
+from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, Flow, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.twin import Twin, TwinInput, TwinMemory, TwinOutput
+from rovtwin.simulation.waves import ThesisWaves, WaveAction
+from rovtwin.simulation.world import World
+
+__all__ = [
+    "CombinedCurrent",
+    "ConstantCurrent",
+    "Flow",
+    "GaussMarkovCurrent",
+    "Sensor",
+    "SensorInput",
+    "ShearedCurrent",
+    "ThesisWaves",
+    "Twin",
+    "TwinInput",
+    "TwinMemory",
+    "TwinOutput",
+    "WaveAction",
+    "World",
+    "lifted",
+    "perturbed",
+    "table_5_7",
+]

@@ -93,7 +93,9 @@ class ThesisWaves(Block):
 
     It acts at CO along `direction`, and the drift on north and east; there is no force down and no moment. The thesis
     takes the spectrum of the wave *height* for that of a force: 1 N per metre, whatever the depth. That is a
-    disturbance to test controllers against and not the physics of a submerged body.
+    disturbance to test controllers against and not the physics of a submerged body. The white noise w has unit
+    intensity, which gives |F(i omega)|^2 = S at the peak; as S is one-sided, the variance of the force is the area
+    under |F|^2 over pi, and its rms about 0.6 of that of the surface, H_s / 4.
 
     Attributes:
         height: H_s [m].

@@ -1,0 +1,154 @@
+"""The figures and the numbers of docs/world.md.
+
+python docs/scripts/world.py [--out docs/figures]
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.simulation.current import GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.waves import SEAS, ThesisWaves, filter_parameters, spectrum
+from rovtwin.vehicle.dynamics import State
+
+START = Start.at()
+STILL = State(jnp.zeros(3), START.attitude, jnp.zeros(6), jnp.zeros(0))
+
+
+def run(block, inputs, dt, seed=1):
+    """Output of a block in each step."""
+
+    def body(memory, input):
+        return block.step(memory, input, dt)
+
+    return jax.jit(lambda: jax.lax.scan(body, block.init(jax.random.key(seed), START), inputs)[1])()
+
+
+def wave_forces(waves, steps, dt, n=1, seed=1):
+    """Force along the waves on n vehicles at rest [N], shape (n, steps)."""
+
+    def one(key):
+        memory = waves.init(key, START)
+        return jax.lax.scan(lambda m, _: waves.step(m, STILL, dt), memory, None, length=steps)[1].force[:, 0]
+
+    return np.asarray(jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(seed), n)))
+
+
+def figure_current(folder):
+    """A profile and ten minutes of a wandering current."""
+    fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8), width_ratios=(1, 2))
+    sheared = ShearedCurrent([0.0, 4.0, 12.0], [[0.30, 0.0, 0.0], [0.25, 0.10, 0.0], [0.05, 0.05, 0.0]])
+    depths = jnp.linspace(-1, 15, 100)
+    profile = jax.vmap(lambda z: sheared.step(None, jnp.array([0.0, 0.0, z]), 0.002)[1].velocity)(depths)
+    left.plot(profile[:, 0], depths, label="north")
+    left.plot(profile[:, 1], depths, label="east")
+    left.set(xlabel="velocity [m/s]", ylabel="depth [m]", title="sheared")
+    left.invert_yaxis()
+    left.legend()
+    wandering = GaussMarkovCurrent([0.0, 0.1, 0.0], [0.03, 0.03, 0.0], 100.0)
+    flow = run(wandering, jnp.zeros((6000, 3)), 0.1)
+    right.plot(np.arange(6000) * 0.1, flow.velocity[:, :2], label=("north", "east"))
+    right.set(xlabel="time [s]", ylabel="velocity [m/s]", title="Gauss-Markov, T = 100 s, sigma 0.03 m/s")
+    right.legend()
+    save(fig, folder / "world_current.png")
+
+
+def figure_waves(folder):
+    """Spectrum and filter, and two minutes of force."""
+    fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8), width_ratios=(1, 1.3))
+    height, period = SEAS[3]
+    w = jnp.linspace(0.2, 2.0, 300)
+    left.plot(w, spectrum(w, jnp.array(height), jnp.array(period)), "k", label="spectrum S")
+    t = np.arange(6000) * 0.02
+    for as_printed, name in ((False, "corrected"), (True, "as printed")):
+        waves = ThesisWaves(height, period, as_printed=as_printed)
+        omega, sigma = filter_parameters(waves.height, waves.period, as_printed)
+        ratio = waves.damping_ratio
+        response = (2 * ratio * omega * sigma * w) ** 2 / ((omega**2 - w**2) ** 2 + (2 * ratio * omega * w) ** 2)
+        left.plot(w, response, label=f"filter, {name}")
+        right.plot(t, wave_forces(waves, 6000, 0.02)[0], label=name)
+    left.set(xlabel="frequency [rad/s]", ylabel="[m2 s], [N2 s]", title="Hs 4.1 m, Tz 8.7 s")
+    left.legend(fontsize=8)
+    right.set(xlabel="time [s]", ylabel="force [N]", title="two minutes of it")
+    right.legend(fontsize=8)
+    save(fig, folder / "world_waves.png")
+
+
+def figure_sensors(folder):
+    """Positions with faults, and a rate that does not divide the clock's, with and without latency."""
+    fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8), width_ratios=(1.3, 1))
+    faults = {"blackouts": [(40.0, 60.0)], "outlier": 0.08, "outlier_size": 5.0}
+    position = table_5_7(changes={"position": faults})["position"]
+    steps = jnp.arange(50_000)
+    slot = run_sensor(position, steps)
+    valid = np.asarray(slot.valid)[:, 0]
+    left.plot(np.asarray(slot.t_valid)[valid, 0], np.asarray(slot.value)[valid, 0], ".", label=("north", "east"))
+    left.axvspan(40, 60, color="0.9", label="blackout")
+    left.set(xlabel="time [s]", ylabel="position [m]", title="acoustic position, 8 % outliers of 5 m")
+    left.legend(fontsize=8)
+    for latency in (0.0, 0.05):
+        pressure = Sensor("pressure", 42.0, noise=1e-3, latency=latency)
+        slot = run_sensor(pressure, steps[:100])
+        valid = np.asarray(slot.valid)[:, 0]
+        arrival = (np.flatnonzero(valid) + 1) * 2.0
+        right.plot(
+            arrival, 1e3 * np.asarray(slot.value)[valid, 0, 0], "o", ms=4, label=f"latency {latency * 1e3:.0f} ms"
+        )
+    right.set(xlabel="arrival [ms]", ylabel="depth [mm]", title="pressure, 42 Hz on a 500 Hz clock")
+    right.legend(fontsize=8)
+    save(fig, folder / "world_sensors.png")
+
+
+def run_sensor(sensor, k):
+    """Slots that a sensor on a vehicle at rest delivers in the physics steps k."""
+    memory = sensor.init(jax.random.key(3), START)
+    return jax.jit(
+        lambda: jax.lax.scan(lambda m, k: sensor.step(m, SensorInput(STILL, jnp.zeros(6), k), 0.002), memory, k)[1]
+    )()
+
+
+def save(fig, path):
+    """Small enough for a repository."""
+    fig.tight_layout()
+    fig.savefig(path, dpi=90)
+    plt.close(fig)
+
+
+def wave_table():
+    """Rms by the formula and over 200 records of 600 s."""
+    columns = ("set", "Hs, Tz", "form", "w0 [rad/s]", "sigma [m sqrt(s)]", "rms, formula [N]", "rms, measured [N]")
+    print("|", " | ".join(columns), "| largest in 600 s [N] |")
+    print("|---" * 8 + "|")
+    for number, (height, period) in SEAS.items():
+        for as_printed, name in ((False, "corrected"), (True, "as printed")):
+            waves = ThesisWaves(height, period, as_printed=as_printed)
+            omega, sigma = filter_parameters(waves.height, waves.period, as_printed)
+            force = wave_forces(waves, 6000, 0.1, n=200)
+            print(
+                f"| {number} | {height} m, {period} s | {name} | {omega:.3f} | {sigma:.3f} | {waves.rms():.3f} "
+                f"| {np.sqrt((force**2).mean()):.3f} | {np.abs(force).max(1).mean():.2f} |"
+            )
+
+
+def main():
+    """Figures into a folder, the table to standard output."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "figures")
+    folder = parser.parse_args().out
+    folder.mkdir(parents=True, exist_ok=True)
+    figure_current(folder)
+    figure_waves(folder)
+    figure_sensors(folder)
+    wave_table()
+
+
+if __name__ == "__main__":
+    main()
