@@ -174,19 +174,27 @@ def parse(model_class: type[Parsed], data: Any, where: str) -> Parsed:
 
 def messages(model_class: type[BaseModel], data: Any, error: ValidationError) -> list[str]:
     """One line per mistake: `place: what was found, what was expected. The fix`."""
-    by_place: dict[str, list[str]] = {}
-    wrong_kind: set[str] = set()
+    by_place: dict[str, list[tuple[str, bool]]] = {}
     for item in error.errors(include_url=False):
         path = _path(data, item["loc"], item["type"])
         said = _say(item, _fields_at(model_class, item["loc"][:-1]), _field_at(model_class, item["loc"]))
-        by_place.setdefault(path, []).append(said)
-        if item["type"].endswith("_type"):
-            wrong_kind.add(path)
-    # In a union the branch that got further is the one that was meant: drop "expected a number" of the others.
-    for path in wrong_kind:
-        if any(other.startswith((f"{path}.", f"{path}[")) for other in by_place):
-            del by_place[path]
-    return [f"{path}: {_joined(said)}" if path else _joined(said) for path, said in by_place.items()]
+        by_place.setdefault(path, []).append((said, _is_of_other_kind(item)))
+    lines = []
+    for path, found in by_place.items():
+        deeper = any(other.startswith((f"{path}.", f"{path}[")) for other in by_place)
+        # In a union the branch that got further is the one that was meant: drop "expected a number" of the others.
+        meant = [said for said, other_kind in found if not other_kind]
+        if not meant and deeper:
+            continue
+        sentence = _joined(meant or [said for said, _ in found])
+        lines.append(f"{path}: {sentence}" if path else sentence)
+    return lines
+
+
+def _is_of_other_kind(item: Any) -> bool:
+    """Whether a list or mapping was found where something else was expected, rather than a bad one of its kind."""
+    expected_other = item["type"].endswith("_type") or item["type"] == "literal_error"
+    return expected_other and isinstance(item["input"], (dict, list))
 
 
 def _joined(said: list[str]) -> str:
@@ -223,7 +231,7 @@ def _say(item: Any, known: dict[str, Any], field: Any) -> str:
         return str(context.get("error", item["msg"])).removeprefix("Value error, ")
     if kind in ("literal_error", "enum", "union_tag_invalid"):
         wanted = str(context.get("expected") or context.get("expected_tags"))
-        return f"found {_show(context.get('tag', found))}, expected {wanted}.{_close(found, wanted)}"
+        return f"found {_show(context.get('tag', found))}, expected {wanted}{_close(context.get('tag', found), wanted)}"
     if kind in ("too_short", "too_long"):
         wanted = context.get("min_length", context.get("max_length"))
         return f"found {_count(context['actual_length'])}, expected {wanted}"
@@ -269,7 +277,7 @@ def _unit_hint(kind: str, found: Any) -> str:
 
 def _close(found: Any, wanted: str) -> str:
     close = difflib.get_close_matches(str(found), re.findall(r"'([^']+)'", wanted), n=1)
-    return f" Did you mean '{close[0]}'?" if close else ""
+    return f". Did you mean '{close[0]}'?" if close else ""
 
 
 def _count(number: int) -> str:

@@ -13,14 +13,15 @@ Reference: Fossen (2021), ch. 4 and 6; Munk (1924), NACA report 184.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import equinox as eqx
 import numpy as np
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.vehicle.dynamics import acceleration, damping_wrench
+from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import force_limits
+from rovtwin.vehicle.thrusters import force_limits, thrusters_from
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 SPEED_LIMIT = 3.0  # stability is looked for up to here [m/s]
@@ -86,6 +87,9 @@ def linearised(model: Model, surge_speed: Array) -> Array:
     return jax.jacfwd(rate)(start)
 
 
+_linearised_at = jax.jit(jax.vmap(linearised, in_axes=(None, 0)))
+
+
 def depth_held(model: Model, A: np.ndarray, surge_speed: float) -> np.ndarray:
     """A of the same motions when a heave force keeps the depth: w = u theta, shape (8, 8)."""
     push = np.concatenate([np.asarray(model.mass_inverse)[:, 2], np.zeros(2)])
@@ -122,8 +126,9 @@ def stability(model: Model) -> Stability:
     stiffness = float(hang(model).stiffness[1])
     static = float(np.sqrt(max(stiffness, 0.0) / munk[1])) if munk[1] > 0 else np.inf
     speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
-    at = jax.jit(linearised)
-    slow, fast = (np.asarray(at(model, jnp.asarray(u))) for u in (0.5, 1.5))
+    # Thrust is held, so thrusters play no part: without them one compiled function serves all vehicles.
+    bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(jnp.zeros((6, 0)), jnp.zeros(0)))
+    slow, fast = np.asarray(_linearised_at(bare, jnp.array([0.5, 1.5])))
 
     def free(u: np.ndarray) -> np.ndarray:
         # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed.
@@ -186,16 +191,11 @@ def reach(model: Model) -> np.ndarray:
 
 def steady_speed(model: Model, axis: int, force: float) -> float:
     """Speed at which damping balances a force along one axis [m/s or rad/s]; inf without damping."""
-    sign = 1.0 if force >= 0 else -1.0
-    unit = np.zeros(6)
-    unit[axis] = 1e-3 * sign
-    small = float(damping_wrench(model, jnp.asarray(unit))[axis]) * sign
-    unit[axis] = sign
-    large = float(damping_wrench(model, jnp.asarray(unit))[axis]) * sign
-    # d(v) = l v + q v^2 at two speeds gives l and q.
-    q = (large - small / 1e-3) / (1 - 1e-3)
-    l = large - q
+    ahead = force >= 0
+    linear = model.linear_damping_ahead if ahead else model.linear_damping_astern
+    quadratic = model.quadratic_damping_ahead if ahead else model.quadratic_damping_astern
+    l, q = float(np.asarray(linear)[axis, axis]), float(np.asarray(quadratic)[axis, axis])
     size = abs(force)
-    if q > 1e-12:
+    if q > 0:
         return float((-l + np.sqrt(l * l + 4 * q * size)) / (2 * q))
-    return size / l if l > 1e-12 else (np.inf if size > 0 else 0.0)
+    return size / l if l > 0 else (np.inf if size > 0 else 0.0)

@@ -1,0 +1,379 @@
+"""Vehicle files: parts, poses, files in files, overrides, thrusters, cameras, and the model that comes out."""
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import jax
+from rovtwin.vehicle import check, list_library, load_vehicle, summary, vehicle_from_dict, vehicle_schema
+from rovtwin.vehicle.thrusters import command_for_force, static_force
+
+GRAVITY = 9.81
+force_of, command_of = jax.jit(static_force), jax.jit(command_for_force)
+BALL = {"mass": 5.0, "shape": {"sphere": 0.1}}
+
+
+def vehicle(**keys):
+    return vehicle_from_dict({"name": "v", "description": "test", **keys})
+
+
+def model(**keys):
+    return vehicle(**keys).model()
+
+
+def thruster(**keys):
+    return {"name": "t", "direction": [1, 0, 0], "force": 10.0, **keys}
+
+
+# --- parts and files
+
+
+def test_part_files_are_found_beside_the_vehicle_then_in_the_library(tmp_path):
+    (tmp_path / "ballast.yaml").write_text("name: ballast\ndescription: lead\nmass: 2.0\n")
+    (tmp_path / "my.yaml").write_text(
+        "name: my\ndescription: d\nparts:\n"
+        "- {name: rov, part: blueye_pioneer}\n"
+        "- {name: lead, part: ballast.yaml, pose: {position: [0, 0, 0.1]}}\n"
+        "- {name: more, part: ballast, pose: {position: [0, 0, 0.2]}}\n"
+    )
+    found = load_vehicle(tmp_path / "my.yaml")
+    assert found.assembly.solid.mass == pytest.approx(13.0)
+    assert found.assembly.solid.center_of_gravity == pytest.approx([0, 0, 0.6 / 13])
+    assert found.thruster_names == ["rov.surge", "rov.sway", "rov.heave"]
+
+
+def test_a_sensor_is_added_by_a_file_that_holds_the_vehicle():
+    """The example of docs/vehicles.md: everything of the double_blueye stays, the DVL adds its own."""
+    parts = [
+        {"name": "rov", "part": "double_blueye"},
+        {
+            "name": "dvl",
+            "mass": 0.2,
+            "volume": 0.0001,
+            "shape": {"cylinder": {"radius": 0.033, "length": 0.025}, "attitude_deg": [0, 90, 0]},
+            "pose": {"position": [-0.2, 0, 0.16]},
+            "sensors": [{"name": "dvl", "kind": "dvl"}],
+        },
+    ]
+    bare, more = load_vehicle("double_blueye").assembly, vehicle(parts=parts).assembly
+    assert more.solid.mass == pytest.approx(30.2)
+    assert more.solid.inertia[1, 1] > bare.solid.inertia[1, 1]
+    added = more.added_mass - bare.added_mass
+    assert 0 < added[0, 0] < 0.2
+    assert [s.name for s in more.sensors][-1] == "dvl.dvl"
+    np.testing.assert_allclose(more.sensors[-1].position, [-0.2, 0, 0.16])
+    # 0.2 kg less 0.1 kg of water.
+    net = GRAVITY * (more.volume * more.density - more.solid.mass)
+    assert net == pytest.approx(-0.1 * GRAVITY, rel=1e-9)
+
+
+def test_a_vehicle_cannot_hold_itself(tmp_path):
+    for a, b in (("one", "two"), ("two", "three"), ("three", "one")):
+        (tmp_path / f"{a}.yaml").write_text(f"name: {a}\ndescription: d\nmass: 1\nparts: [{{name: p, part: {b}}}]\n")
+    with pytest.raises(ConfigError, match="cannot be a part of itself: one.yaml -> two.yaml -> three.yaml -> one.yaml"):
+        load_vehicle(tmp_path / "one.yaml")
+
+
+def test_the_same_part_twice_is_no_cycle():
+    assert vehicle(parts=[{"name": n, "part": "uhi"} for n in "ab"]).assembly.solid.mass == pytest.approx(8.0)
+
+
+def test_devices_are_seen_from_the_outermost_body():
+    """A camera looking along its part's x, on a part pitched nose down: it looks straight down."""
+    inner = {"name": "head", "pose": {"position": [0.5, 0, 0], "attitude_deg": [0, -90, 0]}}
+    inner["cameras"] = [{"name": "eye", "pose": {"position": [0.1, 0, 0]}}]
+    outer = {"name": "arm", "pose": {"position": [0, 0, 0.2], "attitude_deg": [0, 0, 90]}, "parts": [inner]}
+    camera = vehicle(parts=[outer], **BALL).cameras[0]
+    assert camera.name == "arm.head.eye"
+    # The arm points to starboard (y), the head hangs at its end and looks down (z).
+    np.testing.assert_allclose(camera.position, [0, 0.5, 0.3], atol=1e-12)
+    np.testing.assert_allclose(camera.rotation @ [1, 0, 0], [0, 0, 1], atol=1e-12)
+
+
+def test_a_description_survives_as_data():
+    for name in list_library():
+        original = load_vehicle(name)
+        data = json.loads(json.dumps(original.to_dict()))
+        again = vehicle_from_dict(data)
+        assert again.thruster_names == original.thruster_names
+        for a, b in zip(again.assembly.damping().matrices(), original.assembly.damping().matrices(), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-12)
+        np.testing.assert_allclose(again.assembly.added_mass, original.assembly.added_mass, rtol=1e-12)
+        assert again.to_dict() == data
+
+
+# --- overrides
+
+
+def test_null_leaves_a_direction_to_the_parts_and_a_number_replaces_it():
+    shapes = {"parts": [{"name": "pod", "shape": {"sphere": 0.2}, "pose": {"position": [0.3, 0, 0]}}]}
+    parts = vehicle(mass=5.0, inertia=[1, 1, 1], **shapes).assembly
+    mixed = vehicle(
+        mass=5.0,
+        inertia=[1, 1, 1],
+        hydrodynamics={"added_mass": [7.0, None, None, None, None, None], "quadratic_damping": [None] * 5 + [9.0]},
+        **shapes,
+    ).assembly
+    assert mixed.added_mass[0, 0] == 7.0
+    np.testing.assert_allclose(mixed.added_mass[1:, 1:], parts.added_mass[1:, 1:])
+    # A pod ahead couples sway and yaw; what is given for yaw ends that coupling in damping.
+    assert abs(parts.damping().quadratic_ahead[1, 5]) > 0.1
+    assert mixed.damping().quadratic_ahead[1, 5] == 0.0
+    assert mixed.damping().quadratic_astern[5, 5] == 9.0
+
+
+def test_astern_is_as_ahead_unless_said():
+    given = {"added_mass": [1] * 6, "linear_damping": [6.0, 3.0, 1, 1, 1, 1]}
+    given["linear_damping_astern"] = [0.5, None, None, None, None, None]
+    m = model(hydrodynamics=given, **BALL)
+    assert m.linear_damping_ahead[0, 0] == 6.0
+    assert m.linear_damping_astern[0, 0] == 0.5
+    assert m.linear_damping_astern[1, 1] == 3.0
+
+
+def test_full_matrices_are_taken_as_they_are():
+    D = np.diag([10.0, 20, 20, 1, 1, 1])
+    D[1, 5], D[5, 1] = 0.7, -0.2
+    m = model(hydrodynamics={"linear_damping": D.tolist()}, **BALL)
+    np.testing.assert_allclose(m.linear_damping_ahead, D)
+
+
+@pytest.mark.parametrize(
+    ("restoring", "buoyancy"),
+    [
+        ({"buoyancy": "neutral"}, 5 * GRAVITY),
+        ({"net_buoyancy": 2.0}, 5 * GRAVITY + 2.0),
+        ({"buoyancy": 60.0}, 60.0),
+        ({}, 1000 * GRAVITY * 4 / 3 * math.pi * 0.001),
+    ],
+)
+def test_buoyancy(restoring, buoyancy):
+    assert float(model(restoring=restoring, **BALL).buoyancy) == pytest.approx(buoyancy)
+
+
+def test_metacentric_height_puts_cb_above_cg():
+    m = model(restoring={"metacentric_height": 0.03}, center_of_gravity=[0.01, 0, 0.02], **BALL)
+    np.testing.assert_allclose(m.center_of_buoyancy, [0.01, 0, -0.01])
+
+
+def test_options_of_model():
+    found = load_vehicle("double_blueye")
+    fresh, sea = found.model(), found.model(water_density=1025.0)
+    np.testing.assert_allclose(sea.added_mass, 1.025 * fresh.added_mass)
+    np.testing.assert_allclose(sea.quadratic_damping_astern, 1.025 * fresh.quadratic_damping_astern)
+    np.testing.assert_allclose(sea.rigid_body_mass, fresh.rigid_body_mass)
+    assert float(sea.buoyancy) == pytest.approx(1.025 * float(fresh.buoyancy))
+    floating = found.model(net_buoyancy=2.0)
+    assert float(floating.buoyancy - floating.weight) == pytest.approx(2.0)
+    for options in ({"water_density": 1.025}, {"net_buoyancy": -400.0}, {"net_buoyancy": math.nan}):
+        with pytest.raises(ConfigError, match="expected"):
+            found.model(**options)
+
+
+def test_density_at_which_a_part_was_measured():
+    part = {"name": "p", "water_density": 1025.0, "hydrodynamics": {"added_mass": [10.25] * 6}, **BALL}
+    assert vehicle(parts=[part]).assembly.added_mass[0, 0] == pytest.approx(10.0)
+
+
+# --- thrusters
+
+
+def test_directions_as_vector_and_as_angles():
+    data = [
+        thruster(name="a", direction=[0, 2, 0]),
+        thruster(name="b", direction={"azimuth_deg": 90}),
+        thruster(name="c", direction={"elevation_deg": 90}),
+        thruster(name="d", direction={"azimuth_deg": -45, "elevation_deg": 30}),
+    ]
+    T = np.asarray(model(thrusters=data, **BALL).thrusters.configuration)
+    c = math.cos(math.radians(30)) * math.sqrt(0.5)
+    np.testing.assert_allclose(T[:3].T, [[0, 1, 0], [0, 1, 0], [0, 0, -1], [c, -c, -0.5]], atol=1e-12)
+
+
+def test_moment_of_a_thruster_is_lever_cross_force():
+    T = model(thrusters=[thruster(position=[0.1, 0.2, 0.3], direction=[0, 0, 1])], **BALL).thrusters.configuration
+    np.testing.assert_allclose(T[:, 0], [0, 0, 1, 0.2, -0.1, 0])
+
+
+def test_every_property_of_a_thruster_reaches_the_model():
+    full = thruster(
+        force={"ahead": 12.0, "astern": 7.0},
+        curve={"power": 1.8},
+        dead_band=0.05,
+        time_constant=0.3,
+        rate_limit=40.0,
+        quantisation=0.01,
+        health=0.5,
+    )
+    arrays = model(thrusters=[thruster(name="plain"), full], **BALL).thrusters
+    expected = {
+        "force_ahead": [10, 12],
+        "force_astern": [10, 7],
+        "exponent": [1, 1.8],
+        "dead_band": [0, 0.05],
+        "time_constant": [0, 0.3],
+        "rate_limit": [np.inf, 40],
+        "quantisation": [0, 0.01],
+        "health": [1, 0.5],
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(getattr(arrays, name), values)
+    assert not np.asarray(arrays.tabulated).any()
+    assert arrays.table_command.shape == (2,)
+
+
+def test_tables_of_different_commands_share_one_grid_without_loss():
+    one = thruster(name="one", curve={"table": [[-1, -4], [0, 0], [0.25, 1], [1, 8]]})
+    two = thruster(name="two", curve={"table": [[-1, -3], [-0.1, 0], [0.1, 0], [1, 6]]})
+    for t in (one, two):
+        del t["force"]
+    arrays = model(thrusters=[one, thruster(name="line"), two], **BALL).thrusters
+    for u, forces in [(0.25, [1.0, 2.5, 1.0]), (0.625, [4.5, 6.25, 3.5]), (-0.55, [-2.2, -5.5, -1.5])]:
+        np.testing.assert_allclose(force_of(arrays, np.full(3, u)), forces, atol=1e-12)
+    np.testing.assert_allclose(arrays.force_ahead, [8, 10, 6])
+    np.testing.assert_allclose(arrays.force_astern, [4, 10, 3])
+    wanted = np.array([5.0, -4.0, 2.0])
+    np.testing.assert_allclose(force_of(arrays, command_of(arrays, wanted)), wanted, atol=1e-9)
+
+
+def test_voltage_is_interpolated_between_tables():
+    curve = {"table": {"12": [[-1, -2], [0, 0], [1, 4]], "16": [[-1, -4], [0, 0], [0.5, 3], [1, 8]]}}
+    data = thruster(curve=curve)
+    del data["force"]
+    found = vehicle(thrusters=[data], supply_voltage=16, **BALL)
+    full = np.ones(1)
+    assert float(force_of(found.model().thrusters, full)[0]) == 8.0
+    assert float(force_of(found.model(supply_voltage=13).thrusters, full)[0]) == pytest.approx(5.0)
+    with pytest.raises(ConfigError, match="supply voltage 18 V, but the tables hold from 12 to 16 V"):
+        found.model(supply_voltage=18)
+    with pytest.raises(ConfigError, match="tables for 12, 16 V, but no supply voltage; write 'supply_voltage: 12'"):
+        vehicle(thrusters=[data], **BALL).model()
+
+
+# --- schema, summary, findings
+
+
+def accepts(schema, value, root):
+    """The part of JSON Schema that pydantic writes; raises AssertionError where the value does not fit."""
+    if "$ref" in schema:
+        return accepts(root["$defs"][schema["$ref"].rsplit("/", 1)[1]], value, root)
+    if "anyOf" in schema:
+        return any(accepts(branch, value, root) for branch in schema["anyOf"])
+    if "const" in schema or "enum" in schema:
+        return value in schema.get("enum", [schema.get("const")])
+    kinds = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "number": (int, float),
+        "integer": int,
+        "null": type(None),
+        "boolean": bool,
+    }
+    if "type" in schema and not isinstance(value, kinds[schema["type"]]):
+        return False
+    if isinstance(value, dict):
+        properties, extra = schema.get("properties", {}), schema.get("additionalProperties", True)
+        if any(key not in value for key in schema.get("required", [])):
+            return False
+        for key, inner in value.items():
+            rule = properties.get(key, extra)
+            if rule is False or (isinstance(rule, dict) and not accepts(rule, inner, root)):
+                return False
+    if isinstance(value, list):
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", math.inf):
+            return False
+        return all(accepts(schema.get("items", {}), item, root) for item in value)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        above = value >= schema.get("minimum", -math.inf) and value > schema.get("exclusiveMinimum", -math.inf)
+        return above and value <= schema.get("maximum", math.inf) and value < schema.get("exclusiveMaximum", math.inf)
+    return True
+
+
+@pytest.mark.parametrize("name", list_library())
+def test_the_json_schema_accepts_the_library(name):
+    from rovtwin.core.config import read_yaml
+    from rovtwin.vehicle.files import LIBRARY
+
+    schema = vehicle_schema()
+    data = read_yaml(LIBRARY / f"{name}.yaml")
+    assert accepts(schema, data, schema)
+    assert not accepts(schema, data | {"wings": 2}, schema)
+    assert not accepts(schema, data | {"mass": -1}, schema)
+
+
+def test_the_json_schema_explains_itself():
+    schema = vehicle_schema()
+    assert json.dumps(schema)
+    part = schema["$defs"]["Part"]["properties"]
+    assert "description" in part["mass"]
+    assert "kg" in part["mass"]["description"]
+
+
+def test_summary_is_plain_data_and_says_what_matters():
+    found = json.loads(json.dumps(summary(load_vehicle("double_blueye")), allow_nan=False))
+    assert found["mass_kg"] == pytest.approx(30.0)
+    assert found["allocation"]["rank"] == 5
+    assert found["allocation"]["uncontrollable"] == ["pitch (M)"]
+    symbols = {d["symbol"]: d for d in found["derivatives"]}
+    assert symbols["X_u"]["value"] == pytest.approx(-6.48)
+    assert symbols["X_u astern"]["value"] == pytest.approx(-0.07)
+    assert "Y_v astern" not in symbols
+    assert symbols["N_rdot"]["unit"] == "kg m2"
+    assert found["thrusters"][3]["name"] == "starboard.surge"
+    assert found["thrusters"][3]["position_m"] == [0, 0.28, 0]
+    assert found["natural_periods_s"]["heave"] is None
+
+
+def test_render_prints_every_name():
+    from rich.console import Console
+
+    from rovtwin.vehicle import render
+
+    out = Console(width=150, record=True, file=io.StringIO())
+    for item in render(summary(load_vehicle("double_blueye"))):
+        out.print(item)
+    text = out.export_text()
+    for word in ("starboard.heave", "pitch (M)", "Z_wdot", "metacentric height BG", "[0, -0.28, 0]", "thesis (3.2)"):
+        assert word in text
+
+
+def test_uncontrollable_directions_that_are_no_axis():
+    """One thruster ahead and one to starboard, both above CO: pitch comes with surge, roll with sway."""
+    data = [
+        thruster(name="x", position=[0, 0, -0.1]),
+        thruster(name="y", position=[0, 0, -0.1], direction=[0, 1, 0]),
+    ]
+    found = summary(vehicle(thrusters=data, **BALL))["allocation"]
+    assert found["rank"] == 2
+    # The moments come with the forces, M = -0.1 X and K = 0.1 Y: these combinations stay zero.
+    assert found["uncontrollable"] == ["+0.1 X +1 M", "+0.1 Y -1 K", "heave (Z)", "yaw (N)"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"thrusters": []}, "no thrusters"),
+        ({"thrusters": [thruster()]}, "allocation has rank 1 of 6: no thruster reaches"),
+        ({"thrusters": [thruster(direction=[1, 1, 0])]}, "is not a unit vector and was normalised"),
+        ({"thrusters": [thruster(health=0.4)]}, "has 40 % of its force left"),
+        ({"restoring": {"net_buoyancy": 3.0}}, "floats with 3 N"),
+        ({"restoring": {"net_buoyancy": -3.0}}, "sinks with 3 N"),
+        ({"center_of_gravity": [0, 0, -0.02]}, "roll has no righting moment"),
+        ({"center_of_gravity": [0.01, 0, 0.02]}, "pitch trim"),
+        ({"parts": [{"name": "lead", "mass": 1.0}]}, "v.lead: 1 kg counted as a point"),
+        ({"mass": 9.0}, "is a volume missing?"),
+        ({}, "their interaction is not in it"),
+        ({"hydrodynamics": {"linear_damping": [0] * 6, "quadratic_damping": [0] * 6}}, "sway has no damping at all"),
+    ],
+)
+def test_findings(keys, said, tmp_path):
+    import yaml
+
+    path = tmp_path / "v.yaml"
+    path.write_text(yaml.safe_dump({"name": "v", "description": "d", **BALL, **keys}))
+    assert any(said in line for line in check(path)), check(path)
