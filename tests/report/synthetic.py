@@ -189,10 +189,12 @@ def _metadata(t, truth, error, nees, across, waves):
     }  # fmt: skip
     thruster = {"position_m": [0.0, 0.28, 0.0], "force_ahead": 10.0, "force_astern": 10.0, "time_constant_s": 0.2}
     values, units = (30 * np.eye(6)).tolist(), [["kg", "kg m"], ["kg m", "kg m2"]]
+    derivatives = [{"symbol": "X_udot", "value": -20.95, "unit": "kg"}]
+    derivatives += [{"symbol": "X_u", "value": -4.4, "unit": "N s/m"}]
     vehicle = {
         "name": "double_blueye", "mass_kg": 30.0, "center_of_gravity_m": [0.0, 0.0, 0.017],
         "matrices": {"rigid_body_mass": {"symbol": "M_RB", "values": values, "units": units}},
-        "derivatives": [{"symbol": "X_udot", "value": -20.95, "unit": "kg"}, {"symbol": "X_u", "value": -4.4, "unit": "N s/m"}],
+        "derivatives": derivatives,
         "thrusters": [{"name": name, **thruster} for name in THRUSTERS],
         "natural_periods_s": {"roll": 5.8, "heave": None}, "top_speed": {"surge": 0.36, "yaw": 1.2},
         "findings": ["allocation has rank 5 of 6"],

@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(folder):
-    return Page(write_report(synthetic(dt=0.2), folder).read_text())
+    return Page(write_report(synthetic(dt=0.5), folder).read_text())
 
 
 def test_page_needs_no_network(page, folder):

@@ -5,14 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rovtwin.core.log import Log
 from rovtwin.report.flight import Flight
 from rovtwin.report.html import save, write_page
-from rovtwin.report.path import aspect, draw_path, legend_entries
-from rovtwin.report.style import GREY, SERIES, WIDTH, dress, legend_above, line, name_panel, new_figure, note
+from rovtwin.report.path import draw_path, extent, legend_entries
+from rovtwin.report.style import SERIES, SMALL, WIDTH, dress, legend_above, line, name_panel, new_figure, note
 from rovtwin.report.tables import Table
 from rovtwin.report.verdict import scores, verdict
 
@@ -79,61 +80,78 @@ def _cell(value: str, beside: str) -> str:
 
 def paths(flights: Mapping[str, Flight]) -> Figure:
     """Paths over ground, side by side at the same scale."""
-    columns = min(len(flights), 3)
+    columns = min(len(flights), 2)
     rows = -(-len(flights) // columns)
-    tallest = max(aspect(flight) for flight in flights.values())
-    figure = new_figure(height=float(np.clip(rows * (tallest * (WIDTH / columns - 0.6) + 0.5) + 0.8, 3.0, 9.0)))
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    corners = [extent(flight) for flight in flights.values()]
+    low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
+    shape = float((high - low)[0] / (high - low)[1])
+    figure = new_figure(height=float(np.clip(rows * (shape * (WIDTH / columns - 0.6) + 0.55) + 0.7, 3.0, 10.0)))
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
     entries: dict[str, Any] = {}
     for axes, (label, flight) in zip(grid, flights.items(), strict=False):
         draw_path(axes, flight)
+        axes.set(xlim=(low[1], high[1]), ylim=(low[0], high[0]))
         name_panel(axes, label)
         if flight.wave_direction is not None:
             note(axes, f"waves run to {np.degrees(flight.wave_direction) % 360:03.0f}°")
         entries |= {str(one.get_label()): one for one in legend_entries(flight)}
-    for axes in grid[len(flights) :]:
-        axes.set_axis_off()
-    legend_above(figure, list(entries.values()), columns=4)
+    if len(grid) > len(flights):
+        grid[-1].set_axis_off()
+        grid[-1].legend(handles=list(entries.values()), loc="center", fontsize=SMALL, frameon=False)
+    else:
+        legend_above(figure, list(entries.values()), columns=4)
     return figure
 
 
 def errors(flights: Mapping[str, Flight]) -> Figure:
-    """Cross-track and depth error of all runs over the same time."""
-    figure = new_figure(height=4.2)
-    across, down = figure.subplots(2, 1, sharex=True)
-    dress(across, "Cross-track error [m]")
-    dress(down, "Depth error [m]", "Time [s]")
-    deepest = []
+    """Cross-track error over time, and the share of time within a given cross-track and depth error."""
+    figure = new_figure(height=4.4)
+    upper, left, right = figure.subplot_mosaic([["time", "time"], ["across", "down"]]).values()
+    dress(upper, "Cross-track error [m]", "Time [s]")
+    dress(left, "Share of time on legs [%]", "Cross-track error up to [m]")
+    dress(right, "Share of time [%]", "Depth error up to [m]")
     for colour, flight in zip(_colours(flights), flights.values(), strict=False):
         if flight.cross_track is not None:
-            line(across, *flight.cross_track, color=colour)
+            line(upper, *flight.cross_track, color=colour)
+            _distribution(left, flight.cross_track[1], colour)
         if flight.depth_error is not None:
             t, error = flight.depth_error
-            line(down, t, error, color=colour)
-            deepest.append(error[(t > flight.first_dive_end) & np.isfinite(error)])
-    for axes in (across, down):
-        axes.axhline(0.0, color=GREY, linewidth=0.8)
-    most = max((float(np.abs(e).max()) for e in deepest if e.size), default=1.0)
-    down.set_ylim(-1.15 * most, 1.15 * most)
-    legend_above(figure, [Line2D([], [], color=c, label=n) for c, n in zip(_colours(flights), flights, strict=False)])
+            _distribution(right, error[t > flight.first_dive_end], colour)
+    upper.set_ylim(bottom=min(0.0, upper.dataLim.y0))
+    for axes in (left, right):
+        axes.set(ylim=(0, 102))
+        axes.set_xlim(left=0)
+    _name(figure, flights)
     return figure
 
 
+def _distribution(axes: Axes, values: np.ndarray, colour: str) -> None:
+    """The share [%] of the values whose size is at most x."""
+    size = np.sort(np.abs(values[np.isfinite(values)]))
+    if size.size:
+        share = 100 * np.arange(1, size.size + 1) / size.size
+        pick = np.unique(np.linspace(0, size.size - 1, 400).astype(int))
+        axes.plot(np.r_[0, size[pick]], np.r_[0, share[pick]], color=colour, linewidth=1.2)
+
+
 def effort(flights: Mapping[str, Flight]) -> Figure:
-    """Thruster effort over time: the mean square force of each run in windows."""
-    figure = new_figure(height=2.4, width=WIDTH)
-    axes = dress(figure.subplots(), "Sum of squared\nthruster forces [N²]", "Time [s]")
+    """The integral of the summed squared thruster forces up to each time."""
+    figure = new_figure(height=2.4)
+    axes = dress(figure.subplots(), "Effort so far [N² s]", "Time [s]")
     for colour, flight in zip(_colours(flights), flights.values(), strict=False):
         thrust = flight.get("truth/thrust")
         if thrust is not None:
             power = np.nansum(thrust.values**2, axis=1)
-            cells = np.array_split(np.arange(len(power)), min(200, len(power)))
-            axes.plot(
-                [thrust.t[c].mean() for c in cells], [power[c].mean() for c in cells], color=colour, linewidth=1.1
-            )
+            total = np.r_[0.0, np.cumsum(np.diff(thrust.t) * (power[1:] + power[:-1]) / 2)]
+            line(axes, thrust.t, total, color=colour, linewidth=1.2)
     axes.set_ylim(bottom=0)
-    legend_above(figure, [Line2D([], [], color=c, label=n) for c, n in zip(_colours(flights), flights, strict=False)])
+    _name(figure, flights)
     return figure
+
+
+def _name(figure: Figure, flights: Mapping[str, Flight]) -> None:
+    colours = zip(_colours(flights), flights, strict=True)
+    legend_above(figure, [Line2D([], [], color=colour, label=label) for colour, label in colours])
 
 
 def _colours(flights: Mapping[str, Flight]) -> list[str]:
@@ -151,10 +169,17 @@ _FIGURES = (
     (
         "errors",
         "Cross-track and depth error",
-        "Truth against the commanded path over time; gaps are turns and dives. A longer line is a run that took "
-        "longer.",
+        "Truth against the commanded path: over time (gaps are turns and dives; a longer line is a run that took "
+        "longer), and the share of the time within a given error, after the first dive (further to the left is "
+        "better; a run that waits long at one place is judged mostly there).",
         errors,
         (),
     ),
-    ("effort", "Thruster effort", "What each run asked of its thrusters.", effort, ("truth/thrust",)),
+    (
+        "effort",
+        "Thruster effort",
+        "What each run asked of its thrusters so far; the end of a line is its whole effort.",
+        effort,
+        ("truth/thrust",),
+    ),
 )

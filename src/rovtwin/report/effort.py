@@ -62,7 +62,7 @@ def _thrusters(axes: list[Axes], flight: Flight, thrust: Series) -> list[Any]:
     bounds = force_limits(flight, len(axes))
     for k, (one, name) in enumerate(zip(axes, thruster_names(flight, thrust.channel.fields), strict=True)):
         line(one, thrust.t, thrust.values[:, k], color=BLACK, linewidth=0.7)
-        name_panel(one, name.replace("_", " "))
+        name_panel(one, name.replace("_", " ").replace(".", " "))
         if bounds is not None:
             low, high = bounds[0][k], bounds[1][k]
             one.axhline(low, **LIMIT)

@@ -44,6 +44,7 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
         The path of the page.
     """
     folder, flight = Path(folder), Flight(log)
+    kept = folder / "scenario.yaml"
     pictures = [save(entry.draw(flight), folder, entry.name, entry.title, entry.caption) for entry in drawable(flight)]
     return write_page(
         folder / "report.html",
@@ -56,7 +57,8 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
         vehicle=vehicle_tables(flight),
         provenance=provenance_table(flight),
         scenario=log.metadata.get("scenario", ""),
-        replay=f"rovtwin fly {folder / 'scenario.yaml'}",
+        replay=f"rovtwin fly {kept if kept.exists() else kept.name}",
+        replay_hint="" if kept.exists() else ", save the text below as scenario.yaml",
         left_out=_everything_left_out(log, flight),
     )
 

@@ -42,7 +42,7 @@ def draw_path(axes: Axes, flight: Flight) -> None:
     main = flight.get("truth/eta") or flight.get("autopilot/eta")
     if main is not None:
         _course(axes, main, flight)
-    low, high = _extent(flight)
+    low, high = extent(flight)
     axes.set(xlim=(low[1], high[1]), ylim=(low[0], high[0]))
 
 
@@ -55,7 +55,7 @@ def _horizontal(series: Series, points: int = 3000) -> np.ndarray:
 
 def aspect(flight: Flight) -> float:
     """Height of the picture over its width."""
-    low, high = _extent(flight)
+    low, high = extent(flight)
     return float((high - low)[0] / (high - low)[1])
 
 
@@ -68,8 +68,9 @@ def _legs(flight: Flight) -> list[tuple[float, float, float, float]]:
             on = np.interp(leg.t, mode.t, mode["on_leg"]) > 0.5
             values = values[on] if on.any() else values
         values = values[np.isfinite(values).all(axis=1)]
-        changes = np.r_[True, (np.abs(np.diff(values, axis=0)) > 1e-6).any(axis=1)] if len(values) else []
-        return [(float(a), float(b), float(c), float(d)) for a, b, c, d in values[changes]][:500]
+        # The start may still move in the first moments of a leg: of rows with the same end the last one counts.
+        last = np.r_[(np.abs(np.diff(values[:, 2:], axis=0)) > 1e-6).any(axis=1), True] if len(values) else []
+        return [(float(a), float(b), float(c), float(d)) for a, b, c, d in values[last]][:500]
     points = [(float(w["x"]), float(w["y"])) for w in flight.waypoints]
     return [(*a, *b) for a, b in zip(points, points[1:], strict=False)]
 
@@ -112,13 +113,13 @@ def _course(axes: Axes, series: Series, flight: Flight) -> None:
     axes.plot(*xy[good[0]], marker="o", markerfacecolor="white", **style)
     axes.plot(*xy[good[-1]], marker="s", markerfacecolor=BLACK, **style)
     xy, t = xy[good], series.t[good]
-    low, high = _extent(flight)
+    low, high = extent(flight)
     room = 0.07 * float((high - low).max())  # [m] between labels, so that none lies on another
     taken = [np.array([float(w["y"]), float(w["x"])]) for w in flight.waypoints] + [xy[0], xy[-1]]
     for i in _halfway(flight, xy, t, room):
         if not any(np.linalg.norm(xy[i] - other) < room for other in taken):
             taken.append(xy[i])
-            _arrow(axes, xy, i, f"{t[i]:.0f} s")
+            _arrow(axes, xy, i, f"{t[i]:.0f} s", _off_course(flight, xy[i]))
 
 
 def _halfway(flight: Flight, xy: np.ndarray, t: np.ndarray, least: float) -> list[int]:
@@ -134,8 +135,19 @@ def _halfway(flight: Flight, xy: np.ndarray, t: np.ndarray, least: float) -> lis
     return marks[:40]
 
 
-def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, reach: float = 0.4) -> None:
-    """An arrow along the course around sample i, and its time."""
+def _off_course(flight: Flight, point: np.ndarray) -> np.ndarray:
+    """From the nearest point of the legs to a point (east, north) [m], shape (2,); zero without legs."""
+    legs = np.array(_legs(flight), float).reshape(-1, 4)[:, [1, 0, 3, 2]]
+    if not len(legs):
+        return np.zeros(2)
+    along = legs[:, 2:] - legs[:, :2]
+    share = ((point - legs[:, :2]) * along).sum(1) / np.maximum((along**2).sum(1), 1e-12)
+    offset = point - legs[:, :2] - np.clip(share, 0, 1)[:, None] * along
+    return offset[np.argmin((offset**2).sum(1))]
+
+
+def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, off: np.ndarray, reach: float = 0.4) -> None:
+    """An arrow along the course around sample i, and its time on the side that lies away from the leg."""
     near = np.linalg.norm(xy - xy[i], axis=1) > reach
     behind = int(np.flatnonzero(near[:i])[-1]) if near[:i].any() else 0
     ahead = i + int(np.argmax(near[i:])) if near[i:].any() else len(xy) - 1
@@ -149,15 +161,15 @@ def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, reach: float = 0.4) -
         | {"shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip
     across = np.array([course[1], -course[0]])
-    across = across if across[1] > 0.3 or (abs(across[1]) <= 0.3 and across[0] > 0) else -across
+    across = across if across @ off > 0 else -across
     axes.annotate(
-        label, xy[i], (16 * float(across[0]), 12 * float(across[1])), textcoords="offset points", ha="center",
+        label, xy[i], (18 * float(across[0]), 12 * float(across[1])), textcoords="offset points", ha="center",
         va="center", fontsize=TINY, color="#444444", zorder=8,
         bbox={"facecolor": "white", "alpha": 0.65, "pad": 0.6, "linewidth": 0},
     )  # fmt: skip
 
 
-def _extent(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+def extent(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
     """Corners (north, east) of what matters, mission and lines, so that an outlying fix does not shrink the picture."""
     parts = [_horizontal(flight[name]) for name, _ in _LINES if flight.has(name)]
     points = np.concatenate([*parts, np.array([[w["x"], w["y"]] for w in flight.waypoints], float).reshape(-1, 2)])

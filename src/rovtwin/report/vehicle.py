@@ -39,8 +39,8 @@ def force_limits(flight: Flight, count: int) -> tuple[np.ndarray, np.ndarray] | 
     """Lowest and highest force of each thruster [N], shapes (n,); None when the log does not say."""
     table = _thrusters(flight)
     try:
-        high = np.array([float(t["force_ahead"]) for t in table])
-        low = -np.array([float(t["force_astern"]) for t in table])
+        high = np.array([float(t["force_ahead_N"] if "force_ahead_N" in t else t["force_ahead"]) for t in table])
+        low = -np.array([float(t["force_astern_N"] if "force_astern_N" in t else t["force_astern"]) for t in table])
     except (KeyError, TypeError, ValueError):
         return None
     return (low, high) if len(high) == count else None
@@ -60,6 +60,8 @@ def vehicle_tables(flight: Flight) -> list[Table]:
             tables.append(_derivatives(value))
         elif key == "findings" and isinstance(value, list):
             tables.append(Table("To know", ["Finding"], [[text(line)] for line in value]))
+        elif key == "allocation" and isinstance(value, Mapping):
+            _collect(key, {k: v for k, v in value.items() if k != "rows"}, simple, tables)  # X to N, as everywhere
         else:
             _collect(key, value, simple, tables)
     return [Table("Parameters", ["Parameter", "Symbol", "Value", "Unit"], simple), *tables] if simple else tables
@@ -77,13 +79,19 @@ def _collect(
             _collect(inner, one, simple, tables, f"{label}, ", of_axes.get(inner, unit))
     elif _is_matrix(value):
         symbol = f", {_SYMBOLS[name]}" if name in _SYMBOLS else ""
-        tables.append(Table(f"{label}{symbol}" + (f" [{unit}]" if unit else ""), [], _cells(value)))
+        tables.append(Table(f"{_title(label)}{symbol}" + (f" [{unit}]" if unit else ""), [], _cells(value)))
     elif _is_records(value):
-        heads = list(dict.fromkeys(k for one in value for k in one))
+        heads = [
+            h for h in dict.fromkeys(k for one in value for k in one) if any(one.get(h) is not None for one in value)
+        ]
         rows = [[text(one.get(head)) for head in heads] for one in value]
-        tables.append(Table(label, [_head(head) for head in heads], rows))
+        tables.append(Table(_title(label), [_head(head) for head in heads], rows))
     else:
         simple.append([label, _SYMBOLS.get(name, ""), text(value), unit])
+
+
+def _title(label: str) -> str:
+    return label[:1].upper() + label[1:]
 
 
 def _cells(matrix: list[list[Any]]) -> list[list[str]]:
@@ -99,7 +107,7 @@ def split_unit(key: str) -> tuple[str, str]:
 
 
 def _head(key: str) -> str:
-    name, unit = split_unit(key)
+    name, unit = split_unit(f"{key}_N" if key in ("force_ahead", "force_astern") else key)
     return f"{words(name)} [{unit}]" if unit else words(name)
 
 
