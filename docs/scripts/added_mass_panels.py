@@ -3,8 +3,8 @@
     python docs/scripts/added_mass_panels.py double_blueye
     python docs/scripts/added_mass_panels.py --boxes
 
-The first prints where `hydrodynamics.added_mass` of double_blueye comes from; the second the boxes to which the end loss
-in rovtwin.vehicle.hydrodynamics is fitted. Needs capytaine (pip install capytaine), which is not a dependency yet.
+The first prints where `hydrodynamics.added_mass` of double_blueye comes from; the second the boxes to which the end
+loss in rovtwin.vehicle.hydrodynamics is fitted. Needs capytaine (pip install capytaine), which is not a dependency yet.
 Unbounded water, direct boundary integral method; panels of about `--panel` metres.
 """
 
@@ -47,6 +47,7 @@ def mesh_of(solid, placement, panel):
 
 
 def panel_added_mass(meshes, density):
+    """M_A of all meshes moving as one body, about the origin, shape (6, 6)."""
     mesh = meshes[0]
     for other in meshes[1:]:
         mesh = mesh.join_meshes(other)
@@ -63,6 +64,7 @@ def panel_added_mass(meshes, density):
 
 
 def main():
+    """Print both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("vehicle", nargs="?", default="double_blueye")
     parser.add_argument("--panel", type=float, default=0.03, help="size of the panels [m]")

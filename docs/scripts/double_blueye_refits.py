@@ -29,10 +29,12 @@ YAW_MOMENT = 2 * 10.0 * 0.28  # at full command: table 5.3 and (5.2) [N m]
 
 
 def thrust_shape(command, dead_band, exponent):
+    """Share of the largest force, without sign."""
     return (np.maximum(np.abs(command) - dead_band, 0) / (1 - dead_band)) ** exponent
 
 
 def fit_thrust(folder):
+    """Dead band and exponent of a T200 at 16 V."""
     voltage, points = read_bollard_csv(folder / "16V.csv")
     command, force = points.T
     largest = np.where(command > 0, force[-1], -force[0])
@@ -71,6 +73,7 @@ def cosine_fit(t, angle):
 
 
 def fit_decay(axis, quadratic):
+    """Inertia and linear damping whose simulated decay is fitted by the printed parameters."""
     angle, half_b, omega = DECAYS[axis]
 
     def error(p):
@@ -78,23 +81,25 @@ def fit_decay(axis, quadratic):
 
     inertia, linear = least_squares(error, [INERTIA[axis] + 2.0, 2.0], diff_step=1e-3).x
     print(
-        f"{axis}: D_Q {quadratic:.3g} from the parts; inertia in all {inertia:.3f}, added {inertia - INERTIA[axis]:.3f} "
-        f"kg m2, D_L {linear:.3f} N m s/rad, with BG {BG} m"
+        f"{axis}: D_Q {quadratic:.3g} from the parts; inertia in all {inertia:.3f} kg m2, "
+        f"added {inertia - INERTIA[axis]:.3f} kg m2, D_L {linear:.3f} N m s/rad, with BG {BG} m"
     )
 
 
 def fit_yaw(dead_band, exponent, linear):
+    """Quadratic yaw damping from the steady turns."""
     moment = YAW_MOMENT * thrust_shape(YAW_COMMAND, dead_band, exponent)
     free, _ = nnls(np.stack([YAW_RATE, YAW_RATE**2], axis=1), moment)
     quadratic = float(YAW_RATE**2 @ (moment - linear * YAW_RATE) / np.sum(YAW_RATE**4))
     rms = np.sqrt(np.mean((linear * YAW_RATE + quadratic * YAW_RATE**2 - moment) ** 2))
     print(
-        f"yaw: moments {np.round(moment, 2)} N m at {YAW_RATE} rad/s; both free: N_r {free[0]:.2f}, N_r|r| {free[1]:.2f}; "
-        f"N_r {linear:.2f} from the parts: N_r|r| {quadratic:.2f}, rms {rms:.2f} N m"
+        f"yaw: moments {np.round(moment, 2)} N m at {YAW_RATE} rad/s; N_r {free[0]:.2f}, N_r|r| {free[1]:.2f} if both free"
     )
+    print(f"yaw: N_r {linear:.2f} from the parts, then N_r|r| {quadratic:.2f}, rms {rms:.2f} N m")
 
 
 def main():
+    """Print all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--t200", type=Path, default=Path("../shared/data/t200"), help="folder with 16V.csv")
     dead_band, exponent = fit_thrust(parser.parse_args().t200)

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def test_part_files_are_found_beside_the_vehicle_then_in_the_library(tmp_path):
 
 
 def test_a_sensor_is_added_by_a_file_that_holds_the_vehicle():
-    """The example of docs/vehicles.md: everything of the double_blueye stays, the DVL adds its own."""
+    """Everything of the double_blueye stays, the DVL adds its own."""
     parts = [
         {"name": "rov", "part": "double_blueye"},
         {
@@ -377,3 +378,14 @@ def test_findings(keys, said, tmp_path):
     path = tmp_path / "v.yaml"
     path.write_text(yaml.safe_dump({"name": "v", "description": "d", **BALL, **keys}))
     assert any(said in line for line in check(path)), check(path)
+
+
+def test_the_example_of_the_docs_loads(tmp_path):
+    """docs/vehicles.md: the vehicle with a DVL, as one would save it."""
+    text = (Path(__file__).parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")
+    path = tmp_path / "my.yaml"
+    path.write_text(text.split("```yaml\n")[1].split("```")[0])
+    found = load_vehicle(path)
+    assert found.assembly.solid.mass == pytest.approx(30.17)
+    assert float(found.model().buoyancy - found.model().weight) == pytest.approx(2.0)
+    np.testing.assert_allclose(found.sensors[-1].position, [-0.2, 0, 0.16])

@@ -211,7 +211,7 @@ class VehicleFile(Body):
     """A vehicle file."""
 
     name: str
-    description: str = Field(description="one line: what it is")
+    description: str = Field("", description="one line: what it is")
 
 
 Body.model_rebuild()

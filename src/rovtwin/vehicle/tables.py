@@ -12,7 +12,7 @@ from rovtwin.vehicle.trim import AXES
 
 def tables(found: dict[str, Any]) -> list[Any]:
     """Rich renderables of what `show.summary` returns, in reading order."""
-    shown: list[Any] = [Panel(found["description"], title=found["name"], title_align="left", expand=False)]
+    shown: list[Any] = [Panel(_safe(found["description"]), title=found["name"], title_align="left", expand=False)]
     shown += [_body(found), *_matrices(found), _derivatives(found), _thrusters(found), _allocation(found)]
     shown += [_floating(found)]
     if found["cameras"] or found["sensors"]:
