@@ -87,20 +87,21 @@ def test_a_batch_agrees_with_single_runs_to_1e9_over_a_minute_of_calm_water():
     dt, ticks, n = scenario.control_dt, 50, 60
     runs = [compose(scenario.model_copy(update={"seed": seed})) for seed in (1, 2)]
     loops = stack([run.loop for run in runs])
-    batch = start_batch(loops, stack([run.key for run in runs]), runs[0].start, dt)
-    singles = [start_loop(run.loop, run.key, run.start, dt) for run in runs]
+    batch = start_batch(loops, stack([run.key for run in runs]), runs[0].start, control_dt=dt)
+    singles = [start_loop(run.loop, run.key, run.start, control_dt=dt) for run in runs]
     for i in range(n):
-        batch, records = advance_batch(loops, batch, np.asarray(i * ticks), ticks, dt)
+        batch, records = advance_batch(loops, batch, np.asarray(i * ticks), ticks=ticks, control_dt=dt)
         for j, run in enumerate(runs):
-            singles[j], record = advance(run.loop, singles[j], np.asarray(i * ticks), ticks, dt)
+            singles[j], record = advance(run.loop, singles[j], np.asarray(i * ticks), ticks=ticks, control_dt=dt)
             for one, many in zip(jax.tree.leaves(record.state), jax.tree.leaves(records.state), strict=True):
                 np.testing.assert_allclose(many[j], one, atol=1e-9)
 
 
-def test_a_batch_ends_each_run_where_it_ends(short):
-    scores = score_batch(short, [1, 2])
+def test_a_batch_ends_each_run_where_it_ends():
+    calm = load_scenario("lawnmower_calm", ["duration=12"])
+    scores = score_batch(calm, [1, 2])
     assert [s["seed"] for s in scores] == [1, 2]
-    single = fly(short).summary
+    single = fly(calm).summary
     for key in ("duration_s", "position_error_rms_m", "effort_n2s"):
         assert scores[0][key] == pytest.approx(single[key], rel=1e-6)
     assert scores[0]["phase"] in PHASES and not scores[0]["completed"]

@@ -31,11 +31,11 @@ def score_batch(
     recorders = [Recorder(scenario, lambda name, t, values: None) for _ in seeds]
     loops = stack([run.loop for run in runs])
     dt = scenario.control_dt
-    memories = start_batch(loops, stack([run.key for run in runs]), runs[0].start, dt)
+    memories = start_batch(loops, stack([run.key for run in runs]), runs[0].start, control_dt=dt)
     ticks, total = ticks_in(CHUNK, dt), ticks_in(scenario.duration, dt) + 1
     flying = set(range(len(seeds)))
     for k in range(0, total, ticks):
-        memories, records = advance_batch(loops, memories, jnp.asarray(k), ticks, dt)
+        memories, records = advance_batch(loops, memories, jnp.asarray(k), ticks=ticks, control_dt=dt)
         records = jax.device_get(records)
         for i in sorted(flying):
             kept, over = until_the_end(jax.tree.map(lambda leaf, i=i: leaf[i], records), total - k)

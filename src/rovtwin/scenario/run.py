@@ -21,11 +21,11 @@ def chunks(loop: Loop, key: Array, start: Start, control_dt: float, duration: fl
 
     Ends with the tick at which the mission is finished or aborted, or with `duration`.
     """
-    memory = start_loop(loop, key, start, control_dt)
+    memory = start_loop(loop, key, start, control_dt=control_dt)
     ticks = ticks_in(CHUNK, control_dt)
     total = ticks_in(duration, control_dt) + 1
     for k in range(0, total, ticks):
-        memory, record = advance(loop, memory, jnp.asarray(k), ticks, control_dt)
+        memory, record = advance(loop, memory, jnp.asarray(k), ticks=ticks, control_dt=control_dt)
         kept, over = until_the_end(jax.device_get(record), total - k)
         yield kept
         if over:
@@ -64,7 +64,7 @@ def realtime_chunks(
         clock: Time since the start [s]; the default is the wall clock, from when everything is compiled.
         sleep: Waits so many seconds.
     """
-    memory = start_loop(loop, key, start, control_dt)
+    memory = start_loop(loop, key, start, control_dt=control_dt)
     think, move = _compiled(loop, control_dt)
     empty = jax.device_get(memory.measurements)
     thinking, readings = memory.autopilot, empty

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from rovtwin.core.flow import ABORTED, DIVE, FINISHED, HOLD, IDLE, PHASES, REASONS
 
@@ -148,8 +149,6 @@ def nees_interval(scores: list[dict[str, Any]], level: float = 0.95, dof: int = 
     Chi-square with dof * N_eff degrees, N_eff the effective samples of all runs together (correlation in time widens
     it against independent samples). Bar-Shalom, Li and Kirubarajan (2001), sec. 5.4.2.
     """
-    from scipy.stats import chi2
-
     samples = max(sum(s["nees_effective_samples"] or 1.0 for s in scores), 1.0)
-    low, high = chi2.ppf([(1 - level) / 2, (1 + level) / 2], dof * samples) / samples
+    low, high = 2.0 * gammaincinv(dof * samples / 2.0, [(1 - level) / 2, (1 + level) / 2]) / samples  # chi-square quantiles
     return float(low), float(high)
