@@ -92,9 +92,8 @@ def fit_yaw(dead_band, exponent, linear):
     free, _ = nnls(np.stack([YAW_RATE, YAW_RATE**2], axis=1), moment)
     quadratic = float(YAW_RATE**2 @ (moment - linear * YAW_RATE) / np.sum(YAW_RATE**4))
     rms = np.sqrt(np.mean((linear * YAW_RATE + quadratic * YAW_RATE**2 - moment) ** 2))
-    print(
-        f"yaw: moments {np.round(moment, 2)} N m at {YAW_RATE} rad/s; N_r {free[0]:.2f}, N_r|r| {free[1]:.2f} if both free"
-    )
+    print(f"yaw: moments {np.round(moment, 2)} N m at {YAW_RATE} rad/s")
+    print(f"yaw: both free, N_r {free[0]:.2f}, N_r|r| {free[1]:.2f}")
     print(f"yaw: N_r {linear:.2f} from the parts, then N_r|r| {quadratic:.2f}, rms {rms:.2f} N m")
 
 

@@ -8,14 +8,12 @@ import difflib
 import math
 import re
 import types
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import counted, near, parse_yaml, read_yaml, said_kind
 
 
 class Strict(BaseModel):
@@ -43,119 +41,6 @@ Degrees3 = Annotated[list[Degrees], Field(min_length=3, max_length=3)]
 Parsed = TypeVar("Parsed", bound=BaseModel)
 
 
-def near(name: object, names: Iterable[str]) -> str:
-    """The hint "Did you mean 'x'?" for the closest of the known names, or the list of them when none is close."""
-    known = sorted({str(n) for n in names})
-    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.6)
-    if close:
-        return f" Did you mean '{close[0]}'?"
-    return f" Known: {', '.join(known)}." if known else ""
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# YAML
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as people expect it: 1e-3 is a number, `no` and `2021-06-01` are strings, a key may be given once."""
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, rule) for tag, rule in rules if not tag.endswith((":bool", ":float", ":timestamp"))]
-    for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), "tTfF")
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(
-        r"""^(?:[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9_]+)(?:[eE][-+]?[0-9]+)?
-        |[-+]?[0-9][0-9_]*[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
-        re.X,
-    ),
-    "-+0123456789.",
-)
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
-    seen: dict[object, int] = {}
-    for key_node, _ in node.value:
-        if key_node.tag == "tag:yaml.org,2002:merge":
-            continue
-        key, line = loader.construct_object(key_node, deep=True), key_node.start_mark.line + 1
-        if isinstance(key, (list, dict)):
-            raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
-        if key in seen:
-            said = f"key '{key}' is given twice, first in line {seen[key]}; keep one"
-            raise yaml.constructor.ConstructorError(None, None, said, key_node.start_mark)
-        seen[key] = line
-    loader.flatten_mapping(node)
-    return {loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value}
-
-
-_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
-
-
-def read_yaml(path: str | Path) -> dict[str, Any]:
-    """The mapping in a YAML file.
-
-    Raises:
-        ConfigError: No such file (with near names), unreadable, not YAML (with the line), a key given twice, or
-            something else than a mapping.
-    """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConfigError(_missing_file(path)) from None
-    except IsADirectoryError:
-        raise ConfigError(f"{path}: is a folder, expected a YAML file") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not text, expected a YAML file") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
-    return parse_yaml(text, path.name)
-
-
-def parse_yaml(text: str, where: str) -> dict[str, Any]:
-    """The mapping in YAML text; `where` names it in messages. Raises ConfigError as `read_yaml` does."""
-    try:
-        data = yaml.load(text, _Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise ConfigError(f"{where}: {line}{_yaml_problem(error)}") from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{where}: not YAML ({str(error).splitlines()[0]})") from None
-    except RecursionError:
-        raise ConfigError(f"{where}: nested too deeply to be meant") from None
-    if data is None:
-        raise ConfigError(f"{where}: is empty, expected keys and values")
-    if not isinstance(data, dict):
-        raise ConfigError(f"{where}: found {_kind(data)}, expected keys and values such as 'name: my_vehicle'")
-    return data
-
-
-def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
-    problem = error.problem or "not YAML"
-    if "given twice" in problem or "must be a word" in problem:
-        return problem
-    hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
-    context = f" {error.context}" if error.context else ""
-    return f"not YAML: {problem}{context}{hint}"
-
-
-def _missing_file(path: Path) -> str:
-    folder = path.parent
-    if not folder.is_dir():
-        return f"{path}: no such file; there is no folder {folder} either"
-    names = [p.name for p in folder.iterdir() if p.suffix in (".yaml", ".yml")]
-    return f"{path}: no such file." + (near(path.name, names) if names else f" There is no YAML file in {folder}.")
-
-
-# ---------------------------------------------------------------------------------------------------------------------
-# pydantic
-
-
 def parse(model_class: type[Parsed], data: Any, where: str) -> Parsed:
     """An instance of a pydantic model, or a ConfigError with a line for every mistake.
 
@@ -165,7 +50,7 @@ def parse(model_class: type[Parsed], data: Any, where: str) -> Parsed:
         where: Name of the file (or of whatever else it came from) for the messages.
     """
     if not isinstance(data, dict):
-        raise ConfigError(f"{where}: found {_kind(data)}, expected a mapping of keys to values")
+        raise ConfigError(f"{where}: found {said_kind(data)}, expected a mapping of keys to values")
     try:
         return model_class.model_validate(data)
     except ValidationError as error:
@@ -234,7 +119,7 @@ def _say(item: Any, known: dict[str, Any], field: Any) -> str:
         return f"found {_show(context.get('tag', found))}, expected {wanted}{_close(context.get('tag', found), wanted)}"
     if kind in ("too_short", "too_long"):
         wanted = context.get("min_length", context.get("max_length"))
-        return f"found {_count(context['actual_length'])}, expected {wanted}"
+        return f"found {counted(context['actual_length'])}, expected {wanted}"
     return f"found {_show(found)}, expected {_wanted(kind, context, item['msg'])}{_unit_hint(kind, found)}"
 
 
@@ -280,23 +165,11 @@ def _close(found: Any, wanted: str) -> str:
     return f". Did you mean '{close[0]}'?" if close else ""
 
 
-def _count(number: int) -> str:
-    return "1 value" if number == 1 else f"{number} values"
-
-
 def _show(value: Any) -> str:
     if isinstance(value, (dict, list)):
-        return _kind(value)
+        return said_kind(value)
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _kind(value: Any) -> str:
-    if isinstance(value, dict):
-        return "a mapping"
-    if isinstance(value, list):
-        return f"a list of {_count(len(value))}"
-    return "nothing" if value is None else repr(value)
 
 
 def _candidates(annotation: Any) -> list[Any]:
@@ -346,3 +219,21 @@ def _fields_at(model_class: type[BaseModel], loc: tuple[int | str, ...]) -> dict
 
 def _field_at(model_class: type[BaseModel], loc: tuple[int | str, ...]) -> Any:
     return _walk(model_class, loc)[1]
+
+
+__all__ = [
+    "Degrees",
+    "Degrees3",
+    "NonNegative",
+    "Number",
+    "Positive",
+    "Radians",
+    "Share",
+    "Strict",
+    "Vector3",
+    "messages",
+    "near",
+    "parse",
+    "parse_yaml",
+    "read_yaml",
+]

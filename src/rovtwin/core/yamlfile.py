@@ -1,0 +1,130 @@
+"""YAML as people expect it, read strictly; whatever is wrong comes out as a ConfigError with file and line."""
+
+import difflib
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rovtwin.core.errors import ConfigError
+
+
+def near(name: object, names: Iterable[str]) -> str:
+    """The hint "Did you mean 'x'?" for the closest of the known names, or the list of them when none is close."""
+    known = sorted({str(n) for n in names})
+    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.6)
+    if close:
+        return f" Did you mean '{close[0]}'?"
+    return f" Known: {', '.join(known)}." if known else ""
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML as people expect it: 1e-3 is a number, `no` and `2021-06-01` are strings, a key may be given once."""
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, rule) for tag, rule in rules if not tag.endswith((":bool", ":float", ":timestamp"))]
+    for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), "tTfF")
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"""^(?:[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9_]+)(?:[eE][-+]?[0-9]+)?
+        |[-+]?[0-9][0-9_]*[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
+        re.X,
+    ),
+    "-+0123456789.",
+)
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
+    seen: dict[object, int] = {}
+    for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
+        key, line = loader.construct_object(key_node, deep=True), key_node.start_mark.line + 1
+        if isinstance(key, (list, dict)):
+            raise yaml.constructor.ConstructorError(None, None, "a key must be a word", key_node.start_mark)
+        if key in seen:
+            said = f"key '{key}' is given twice, first in line {seen[key]}; keep one"
+            raise yaml.constructor.ConstructorError(None, None, said, key_node.start_mark)
+        seen[key] = line
+    loader.flatten_mapping(node)
+    return {loader.construct_object(k, deep=True): loader.construct_object(v, deep=True) for k, v in node.value}
+
+
+_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """The mapping in a YAML file.
+
+    Raises:
+        ConfigError: No such file (with near names), unreadable, not YAML (with the line), a key given twice, or
+            something else than a mapping.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(_missing_file(path)) from None
+    except IsADirectoryError:
+        raise ConfigError(f"{path}: is a folder, expected a YAML file") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not text, expected a YAML file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
+    return parse_yaml(text, path.name)
+
+
+def parse_yaml(text: str, where: str) -> dict[str, Any]:
+    """The mapping in YAML text; `where` names it in messages. Raises ConfigError as `read_yaml` does."""
+    try:
+        data = yaml.load(text, _Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise ConfigError(f"{where}: {line}{_yaml_problem(error)}") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{where}: not YAML ({str(error).splitlines()[0]})") from None
+    except RecursionError:
+        raise ConfigError(f"{where}: nested too deeply to be meant") from None
+    if data is None:
+        raise ConfigError(f"{where}: is empty, expected keys and values")
+    if not isinstance(data, dict):
+        raise ConfigError(f"{where}: found {said_kind(data)}, expected keys and values such as 'name: my_vehicle'")
+    return data
+
+
+def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
+    problem = error.problem or "not YAML"
+    if "given twice" in problem or "must be a word" in problem:
+        return problem
+    hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
+    context = f" {error.context}" if error.context else ""
+    return f"not YAML: {problem}{context}{hint}"
+
+
+def _missing_file(path: Path) -> str:
+    folder = path.parent
+    if not folder.is_dir():
+        return f"{path}: no such file; there is no folder {folder} either"
+    names = [p.name for p in folder.iterdir() if p.suffix in (".yaml", ".yml")]
+    return f"{path}: no such file." + (near(path.name, names) if names else f" There is no YAML file in {folder}.")
+
+
+def said_kind(value: Any) -> str:
+    """What a value is, in words: a mapping, a list of 3 values, nothing, or the value itself."""
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return f"a list of {counted(len(value))}"
+    return "nothing" if value is None else repr(value)
+
+
+def counted(number: int) -> str:
+    """1 value, 3 values."""
+    return "1 value" if number == 1 else f"{number} values"
