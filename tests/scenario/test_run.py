@@ -9,7 +9,7 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log
-from rovtwin.scenario.batch import score_batch
+from rovtwin.scenario.batch import score_batch, score_seeds
 from rovtwin.scenario.compose import compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.fly import fly
@@ -101,11 +101,22 @@ def test_a_batch_ends_each_run_where_it_ends():
     calm = load_scenario("lawnmower_calm", ["duration=12"])
     scores = score_batch(calm, [1, 2])
     assert [s["seed"] for s in scores] == [1, 2]
-    single = fly(calm).summary
-    for key in ("duration_s", "position_error_rms_m", "effort_n2s"):
-        assert scores[0][key] == pytest.approx(single[key], rel=1e-6)
-    assert scores[0]["phase"] in PHASES and not scores[0]["completed"]
-    assert scores[0]["reason"] == "not finished after 12 s"
+    for batched, single in zip(scores, score_seeds(calm, [1, 2]), strict=True):
+        for key in ("duration_s", "position_error_rms_m", "effort_n2s"):
+            assert batched[key] == pytest.approx(single[key], rel=1e-6)
+        assert batched["phase"] in PHASES and not batched["completed"]
+        assert batched["reason"] == single["reason"] == "not finished after 12 s"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lawnmower_calm", "lawnmower_hard", "lawnmower_dropout"])
+def test_whole_missions_have_the_same_verdict_alone_and_in_a_batch(name):
+    scenario = load_scenario(name, ["autopilot=thesis_placed"])
+    verdicts = [
+        [(run["seed"], run["phase"], run["reason"], round(run["duration_s"])) for run in scores(scenario, [1, 2, 3])]
+        for scores in (score_seeds, score_batch)
+    ]
+    assert verdicts[0] == verdicts[1]
 
 
 def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):

@@ -16,7 +16,10 @@ DONE, FAILED = 0, 1
 
 def console(as_json: bool) -> Console:
     """For people: standard output, or standard error when standard output is for a machine."""
-    return Console(stderr=as_json, highlight=False)
+    screen = Console(stderr=as_json, highlight=False)
+    if not screen.is_terminal:
+        screen.width = max(screen.width, 120)  # a file or a pipe has no edge to wrap at
+    return screen
 
 
 def emit(data: Any) -> None:

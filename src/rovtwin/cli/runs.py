@@ -57,8 +57,7 @@ def fly(
 
 
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console) -> Any:
-    stages = _bar(scenario.duration)
-    with stages as bar:
+    with _bar("{task.completed:.0f} s simulated") as bar:
         task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
         from rovtwin.scenario.fly import fly as fly_it
         from rovtwin.scenario.fly import run_folder
@@ -78,11 +77,11 @@ def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, s
     return flight
 
 
-def _bar(total: float) -> Progress:
+def _bar(counter: str) -> Progress:
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed:.0f} s simulated"),
+        TextColumn(counter),
         TimeElapsedColumn(),
         console=Console(stderr=True),
         transient=True,
@@ -150,8 +149,9 @@ def score(
     scenarios: Annotated[list[str] | None, typer.Argument(help="Scenarios; default all that are shipped.")] = None,
     seeds: Annotated[str, typer.Option(help="Seeds, such as 1-10 or 3,5,8.")] = "1-10",
     vehicle: Annotated[str, typer.Option(help="Vehicle to fly them with.")] = "double_blueye",
-    autopilot: Annotated[str, typer.Option(help="Autopilot: thesis or thesis_as_printed.")] = "thesis",
+    autopilot: Annotated[str, typer.Option(help="thesis, thesis_as_printed or thesis_placed.")] = "thesis",
     overrides: Overrides = None,
+    batch: Annotated[bool, typer.Option("--batch", help="All seeds side by side under vmap, as on a GPU.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly scenarios over many seeds and print the table of scores; nothing is written."""
@@ -162,16 +162,15 @@ def score(
     extra = [f"vehicle={vehicle}", f"autopilot={autopilot}", *(overrides or ())]
     wanted = [load_scenario(name, extra) for name in scenarios or list_scenarios()]
     results = {}
-    with _bar(sum(s.duration for s in wanted)) as bar:
+    with _bar("") as bar:
         for scenario in wanted:
-            task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
-            from rovtwin.scenario.batch import score_batch
+            task = bar.add_task(f"{scenario.name}: compiling", total=1.0)
+            from rovtwin.scenario.batch import score_batch, score_seeds
 
-            def progress(t: float, left: int, task: Any = task, name: str = scenario.name) -> None:
-                bar.update(task, completed=t, description=f"{name}: {left} of {len(numbers)} still flying")
+            def progress(share: float, what: str, task: Any = task, name: str = scenario.name) -> None:
+                bar.update(task, completed=share, description=f"{name}: {what}")
 
-            results[scenario.name] = score_batch(scenario, numbers, progress)
-            bar.update(task, completed=scenario.duration)
+            results[scenario.name] = (score_batch if batch else score_seeds)(scenario, numbers, progress)
     screen = console(as_json)
     screen.print(_score_table(results, f"{vehicle}, autopilot {autopilot}, seeds {seeds}"))
     if as_json:
@@ -179,10 +178,9 @@ def score(
 
 
 def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
-    from rovtwin.scenario.batch import table_row
+    from rovtwin.scenario.batch import COLUMNS, table_row
 
-    rows = table(title, "scenario", "completed", "cross-track rms/max [m]", "depth rms [m]", "time [s]",
-                 "position error [m]", "bound [m]", "NEES (95 % if consistent)", "saturated", "effort [N2 s]")
+    rows = table(title, "scenario", *COLUMNS)
     for name, runs in results.items():
         row = table_row(runs)
         rows.add_row(name, *row)

@@ -17,7 +17,7 @@ _WHERE = {
     "compose": "compose",
     "fly": "fly",
     "Flight": "fly",
-    "score_batch": "batch",
+    "score_seeds": "batch",
 }
 __all__ = sorted(_WHERE)
 
