@@ -58,7 +58,8 @@ CATALOGUE = (
         "tracking",
         "Cross-track and depth error",
         "Distance of the true position to the commanded leg, counted only on legs after the first dive, and true "
-        "depth minus commanded depth: what the scores above are computed from.",
+        "depth minus commanded depth: what the scores above are computed from. A run that never was on a leg shows "
+        "its distance to the way-point instead.",
         motion.tracking,
         (("score/cross_track", "autopilot/setpoint"),),
         ("score/cross_track", "autopilot/setpoint", "truth/eta", "autopilot/mode"),

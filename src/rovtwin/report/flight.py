@@ -148,6 +148,14 @@ class Flight:
         return series.t, np.where(counts, series["distance"], np.nan)
 
     @cached_property
+    def station(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Time and true horizontal distance to the way-point aimed at [m], shapes (N,)."""
+        pose, leg = self.get("truth/eta") or self.get("autopilot/eta"), self.get("autopilot/leg")
+        if pose is None or leg is None:
+            return None
+        return pose.t, np.linalg.norm(pose.values[:, :2] - at(leg, pose.t)[:, 3:5], axis=1)
+
+    @cached_property
     def depth_error(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Time and true (without truth: estimated) minus commanded depth [m], shapes (N,)."""
         pose, setpoint = self.get("truth/eta") or self.get("autopilot/eta"), self.get("autopilot/setpoint")

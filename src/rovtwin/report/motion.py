@@ -58,7 +58,7 @@ def _turns(angle: np.ndarray) -> np.ndarray:
 
 def _heading_ticks(axes: Axes) -> None:
     low, high = axes.get_ylim()
-    for step in (15, 30, 45, 90, 180, 360):
+    for step in (1, 2, 5, 10, 15, 30, 45, 90, 180, 360):
         if (high - low) / step <= 6 and (high - low) / step >= 2:
             axes.yaxis.set_major_locator(MultipleLocator(step))
             return
@@ -96,15 +96,19 @@ def tracking(flight: Flight) -> Figure:
 
 def _cross_track(axes: Axes, flight: Flight) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.8)
-    if (found := flight.cross_track) is None:
+    found, where = flight.cross_track, "on legs"
+    if found is not None and not np.isfinite(found[1]).any() and flight.station is not None:
+        found, where = flight.station, "never on a leg"
+        axes.set_ylabel("Distance to way-point [m]")
+    if found is None:
         note(axes, "not in this log")
         return
     t, distance = found
     line(axes, t, distance, color=BLACK, linewidth=1.1)
-    text = "never on a leg"
+    text = where
     if np.isfinite(distance).any():
         most = float(np.nanmax(np.abs(distance)))
-        text = f"on legs: rms {np.sqrt(np.nanmean(distance**2)):.2f} m, largest {most:.2f} m"
+        text = f"{where}: rms {np.sqrt(np.nanmean(distance**2)):.2f} m, largest {most:.2f} m"
         low, high = limits(distance, np.zeros(1), share=1.0, least=0.02)
         axes.set_ylim(0.0 if np.nanmin(distance) >= 0 else low, high)
     radii = {float(w["acceptance"]) for w in flight.waypoints if w.get("acceptance")}

@@ -127,7 +127,7 @@ def _halfway(flight: Flight, xy: np.ndarray, t: np.ndarray, least: float) -> lis
     legs = [(p.start, p.end) for p in flight.phases if p.phase == "go"]
     edges = np.linspace(t[0], t[-1], 9)
     marks = []
-    for start, end in legs or zip(edges[:-1], edges[1:], strict=True):
+    for start, end in legs if flight.phases else zip(edges[:-1], edges[1:], strict=True):
         first, last = (int(k) for k in np.searchsorted(t, (start, end)))
         away = np.linalg.norm(xy[first:last] - xy[first], axis=1) if last > first else np.zeros(1)
         if away.max() > least:
