@@ -183,7 +183,7 @@ def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
     rows = table(title, "scenario", *COLUMNS)
     for name, runs in results.items():
         row = table_row(runs)
-        rows.add_row(name, *row)
+        rows.add_row(name, *(cell.replace("nan", "–") for cell in row))
     return rows
 
 

@@ -117,6 +117,8 @@ def _say(item: Any, known: dict[str, Any], field: Any) -> str:
     if kind in ("literal_error", "enum", "union_tag_invalid"):
         wanted = str(context.get("expected") or context.get("expected_tags"))
         return f"found {_show(context.get('tag', found))}, expected {wanted}{_close(context.get('tag', found), wanted)}"
+    if kind == "invalid_key":
+        return f"found the key {_show(found)}, expected a word"
     if kind in ("too_short", "too_long"):
         wanted = context.get("min_length", context.get("max_length"))
         return f"found {counted(context['actual_length'])}, expected {wanted}"

@@ -95,9 +95,10 @@ class EkfTuning(eqx.Module):
         sensor_std: Mapping[str, float] | None = None,
         *,
         force_walk: float = 0.03,
-        moment_walk: float = 0.05,
+        moment_walk: float = 0.5,
         velocity_noise: float = 1e-3,
-        rate_noise: float = 0.02,
+        rate_noise: float = 0.05,
+        attitude_walk: float = 3e-5,
         thrust_noise: float = 0.0,
         initial_force: float = 2.0,
         gate: Mapping[str, float] | None = None,
@@ -111,6 +112,8 @@ class EkfTuning(eqx.Module):
             moment_walk: Of the disturbance moment, each axis of b [N m/sqrt(s)].
             velocity_noise: Unmodelled linear acceleration as white noise [m/s/sqrt(s)].
             rate_noise: Unmodelled angular acceleration as white noise [rad/s/sqrt(s)].
+            attitude_walk: What the gyro's bias, which is no state here, does to the attitude between readings of the
+                compass [rad/sqrt(s)].
             thrust_noise: White noise of each thruster's force as a share of the force [sqrt(s)].
             initial_force: Standard deviation of the disturbance force at the start [N].
             gate: By sensor name, instead of `GATE`; {} rejects nothing.
@@ -128,11 +131,12 @@ class EkfTuning(eqx.Module):
             moment_walk=moment_walk,
             velocity_noise=velocity_noise,
             rate_noise=rate_noise,
+            attitude_walk=attitude_walk,
             thrust_noise=thrust_noise,
             initial_force=initial_force,
             max_age=max_age,
         )
-        noise = np.r_[np.zeros(6), np.full(3, velocity_noise), np.full(3, rate_noise)]
+        noise = np.r_[np.zeros(3), np.full(3, attitude_walk), np.full(3, velocity_noise), np.full(3, rate_noise)]
         walk = np.r_[np.full(3, force_walk), np.full(3, moment_walk)]
         return cls(
             measurement_variance={name: as_array(value) ** 2 for name, value in std.items()},

@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
 from rovtwin.vehicle.fields import inertia_matrix
-from rovtwin.vehicle.hydrodynamics import Damping, DragElements, Solid, added_mass, drag_elements, move_matrix
+from rovtwin.vehicle.hydrodynamics import Damping, DragElements, Solid, added_mass, drag_elements, move_matrix, tamed
 from rovtwin.vehicle.rigid_body import HERE, MassProperties, Placement, combine
 
 GRAVITY = 9.81  # as in `model`, which is not imported here: reading a file needs no JAX [m/s2]
@@ -54,6 +54,7 @@ class Assembly:
         added_mass: M_A, shape (6, 6).
         measured: Damping given as matrices.
         elements: Damping from shapes.
+        as_given: Whether `measured` is a full matrix of the file, at its own origin: it is used as it stands.
         density: Of the water [kg/m3].
         thrusters: In order of the file.
         cameras: In order of the file.
@@ -70,10 +71,12 @@ class Assembly:
     thrusters: tuple[Mounted, ...] = ()
     cameras: tuple[Mounted, ...] = ()
     sensors: tuple[Mounted, ...] = ()
+    as_given: bool = False
 
     def damping(self) -> Damping:
         """All damping as matrices at the origin."""
-        return sum((e.damping() for e in self.elements), self.measured)
+        total = sum((e.damping() for e in self.elements), self.measured)
+        return total if self.as_given else tamed(total)
 
     def moved(self, placement: Placement, prefix: str) -> "Assembly":
         """The same body seen from the parent's frame."""
@@ -210,7 +213,11 @@ def _with_hydrodynamics(total: Assembly, given: schema.Hydrodynamics | None, whe
     # What is measured one way holds both ways unless the file says otherwise.
     astern_l = _overridden(_overridden(parts.linear_astern, given.linear_damping), given.linear_damping_astern)
     astern_q = _overridden(_overridden(parts.quadratic_astern, given.quadratic_damping), given.quadratic_damping_astern)
-    return replace(total, measured=Damping(ahead_l, astern_l, ahead_q, astern_q), elements=())
+    full = any(isinstance(rows[0], list) for rows in (getattr(given, key) for key in _DAMPING) if rows is not None)
+    return replace(total, measured=Damping(ahead_l, astern_l, ahead_q, astern_q), elements=(), as_given=full)
+
+
+_DAMPING = ("linear_damping", "quadratic_damping", "linear_damping_astern", "quadratic_damping_astern")
 
 
 def _overridden(matrix: np.ndarray, given: list | None) -> np.ndarray:

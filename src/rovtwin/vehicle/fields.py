@@ -115,13 +115,22 @@ def _check_table(value: Any) -> Any:
     if isinstance(value, str):
         return value
     if isinstance(value, dict):
-        for points in value.values():
+        for voltage, points in value.items():
+            if not _is_voltage(voltage):
+                raise ValueError(f"found key {voltage!r}, expected a voltage")
             _check_points(points, what)
     elif isinstance(value, list) and value and all(isinstance(v, str) for v in value):
         return value
     else:
         _check_points(value, what)
     return value
+
+
+def _is_voltage(key: Any) -> bool:
+    try:
+        return bool(0 < float(key) < np.inf)
+    except (TypeError, ValueError):
+        return False
 
 
 def _check_points(value: Any, what: str) -> None:

@@ -215,7 +215,7 @@ class Damping:
         """As the parent's origin feels it, exact for motion in one direction at a time.
 
         Column j is the wrench of unit velocity in direction j: quadratic drag does not superpose, so there is no
-        matrix that is right for all motions together.
+        matrix that is right for all motions together (see `tamed`).
         """
         H = placement.twist()
         ahead, astern = np.maximum(H, 0), np.maximum(-H, 0)
@@ -226,6 +226,44 @@ class Damping:
             H.T @ (qa @ ahead**2 - qb @ astern**2),
             H.T @ (qb @ ahead**2 - qa @ astern**2),
         )
+
+
+def coupling_load(ahead: np.ndarray, astern: np.ndarray, power: int) -> np.ndarray:
+    """How much of each direction's own damping its couplings use up, shape (6,): up to 1 they cannot add energy.
+
+    For force ~ |nu|^power, with Young's inequality on every product |nu_i| |nu_j|^power of a coupling. Sufficient, not
+    necessary.
+    """
+    own = np.minimum(np.diag(ahead), np.diag(astern))
+    coupling = np.maximum(np.abs(ahead), np.abs(astern)) * (1 - np.eye(6))
+    share = 1 / (power + 1)
+    root = np.where(own > 0, own, np.inf)
+    relative = coupling / np.outer(root**share, root ** (power * share))
+    load = power * share * relative.sum(axis=0) + share * relative.sum(axis=1)
+    undamped = (own <= 0) & ((coupling.sum(axis=0) > 0) | (coupling.sum(axis=1) > 0))
+    return np.where(undamped, np.inf, load)
+
+
+def tamed(damping: Damping) -> Damping:
+    """The same damping with couplings reduced where they could drive the vehicle.
+
+    A matrix that is right for each direction alone need not take energy when three or more of them act together, as
+    for a lone part far off the axes; the sum over flat pieces that it stands for always does.
+    """
+    la, lb, qa, qb = damping.matrices()
+    (qa, qb) = _reduced(qa, qb, power=2)
+    # Linear damping moves exactly, as a matrix; only one that differs astern is in the same case.
+    if not np.array_equal(la, lb):
+        (la, lb) = _reduced(la, lb, power=1)
+    return Damping(la, lb, qa, qb)
+
+
+def _reduced(ahead: np.ndarray, astern: np.ndarray, power: int) -> tuple[np.ndarray, np.ndarray]:
+    load = coupling_load(ahead, astern, power)
+    keep = np.minimum(1.0, 1.0 / np.maximum(load, 1e-12))
+    factor = np.minimum.outer(keep, keep)
+    np.fill_diagonal(factor, 1.0)
+    return factor * ahead, factor * astern
 
 
 @dataclass(frozen=True)
