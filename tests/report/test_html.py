@@ -109,13 +109,13 @@ def test_same_report_from_a_log_file(tmp_path):
     short = Log.from_arrays(
         [log.channels[name] for name in kept], {name: (log[name].t, log[name].values) for name in kept}, log.metadata
     )
-    pages = [
-        write_report(short, tmp_path / "a"),
-        write_report(Log.read(short.write(tmp_path / "b.mcap")), tmp_path / "a"),
+    first = write_report(short, tmp_path).read_text()
+    again = write_report(Log.read(short.write(tmp_path / "log.mcap")), tmp_path).read_text()
+    assert "Figure 3." in Page(first).text
+    # What differs is the format, which only a file names.
+    assert [line for line in again.splitlines() if "<td>log_format</td>" not in line] == [
+        line for line in first.splitlines() if "<td>log_format</td>" not in line
     ]
-    assert "Figure 3." in Page(pages[0].read_text()).text
-    assert verdict(Flight(short)) == verdict(Flight(Log.read(tmp_path / "b.mcap")))
-    assert [p.name for p in pages] == ["report.html"] * 2
 
 
 def test_names_are_escaped(tmp_path):
