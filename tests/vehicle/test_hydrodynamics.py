@@ -5,15 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rovtwin.vehicle import vehicle_from_dict
-from rovtwin.vehicle.hydrodynamics import (
-    CROSSOVER_SPEED,
-    Damping,
-    Solid,
-    added_mass,
-    drag_elements,
-    move_matrix,
-)
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.damping import CROSSOVER_SPEED, Damping, DragElements, coupling_load, drag_elements, tamed
+from rovtwin.vehicle.hydrodynamics import Solid, added_mass, move_matrix
 from rovtwin.vehicle.rigid_body import Placement
 from rovtwin.vehicle.schema import Shape
 from rovtwin.vehicle.soundness import driving_velocity
@@ -214,6 +208,46 @@ def test_coupled_damping_that_drives_is_found():
     # Skew coupling turns but does no work.
     linear[1, 0] = -6.0
     assert driving_velocity(Damping(linear, linear, np.zeros((6, 6)), np.zeros((6, 6)))) is None
+
+
+def random_drag(rng, pieces):
+    """Flat pieces anywhere: what no vehicle looks like, but what every drag is made of."""
+    normal = rng.normal(size=(pieces, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return DragElements(rng.uniform(-1, 1, (pieces, 3)), normal, rng.uniform(1, 100, pieces))
+
+
+@given(seeds, st.integers(1, 8))
+def test_tamed_damping_never_drives(seed, pieces):
+    """Even one plate far off the axes, whose matrix would: searched for, not only bounded."""
+    rng = np.random.default_rng(seed)
+    raw = random_drag(rng, pieces).damping()
+    safe = tamed(raw)
+    nu = rng.normal(size=(20000, 6)) * 10 ** rng.uniform(-2, 1, (20000, 1))
+    s = np.abs(nu) * nu
+    power = np.sum(nu * (s @ safe.quadratic_ahead.T), axis=1)
+    assert power.min() >= -1e-9 * np.abs(power).max()
+    # What is right for each direction alone stays.
+    np.testing.assert_allclose(np.diag(safe.quadratic_ahead), np.diag(raw.quadratic_ahead))
+    np.testing.assert_allclose(safe.linear_ahead, raw.linear_ahead)
+
+
+def test_a_lone_plate_off_all_axes_needs_taming():
+    """Three motions that meet at one plate: its matrix for single motions drives it, the search finds that."""
+    raw = DragElements(np.array([[1.0, 1.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]), np.array([100.0])).damping()
+    strong = Damping(np.zeros((6, 6)), np.zeros((6, 6)), raw.quadratic_ahead, raw.quadratic_astern)
+    assert driving_velocity(strong) is not None
+    assert driving_velocity(tamed(strong)) is None
+
+
+def test_weak_couplings_are_left_alone():
+    damping = load_vehicle("double_blueye").assembly
+    parts = sum((e.damping() for e in damping.elements), damping.measured)
+    np.testing.assert_array_equal(tamed(parts).quadratic_ahead, parts.quadratic_ahead)
+    # Two motions at one plate are the limit, exactly.
+    plate = Damping(*(np.diag([80.0, 0, 0, 0, 0, 0]) for _ in range(4))).moved(Placement.of([0, 0.3, 0]))
+    np.testing.assert_allclose(coupling_load(plate.quadratic_ahead, plate.quadratic_astern, 2)[[0, 5]], 1.0)
+    np.testing.assert_allclose(tamed(plate).quadratic_ahead, plate.quadratic_ahead)
 
 
 def test_water_density_scales_what_the_water_does():

@@ -7,8 +7,9 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
+from rovtwin.vehicle.damping import Damping, DragElements, drag_elements, tamed
 from rovtwin.vehicle.fields import inertia_matrix
-from rovtwin.vehicle.hydrodynamics import Damping, DragElements, Solid, added_mass, drag_elements, move_matrix, tamed
+from rovtwin.vehicle.hydrodynamics import Solid, added_mass, move_matrix
 from rovtwin.vehicle.rigid_body import HERE, MassProperties, Placement, combine
 
 GRAVITY = 9.81  # as in `model`, which is not imported here: reading a file needs no JAX [m/s2]

@@ -4,7 +4,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.assembly import Assembly
-from rovtwin.vehicle.hydrodynamics import Damping, coupling_load
+from rovtwin.vehicle.damping import Damping, coupling_load
 from rovtwin.vehicle.rigid_body import MassProperties, skew
 
 NAMES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
