@@ -4,7 +4,14 @@ The names below load on first use, so that `rovtwin --help` answers before JAX i
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rovtwin.core.log import Log
+    from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.flight import fly
+    from rovtwin.vehicle.model import Model
+    from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 __version__ = "0.1.0"
 
@@ -16,7 +23,7 @@ _WHERE = {
     "fly": "rovtwin.scenario",
     "Log": "rovtwin.core.log",
 }
-__all__ = sorted([*_WHERE, "__version__"])
+__all__ = ["Log", "Model", "Vehicle", "__version__", "fly", "load_scenario", "load_vehicle"]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,9 +10,9 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log
 from rovtwin.scenario.batch import score_batch, score_seeds
-from rovtwin.scenario.compose import compose
+from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.fly import fly
+from rovtwin.scenario.flight import fly
 from rovtwin.scenario.loop import advance, advance_batch, stack, start_batch, start_loop
 from rovtwin.scenario.run import chunks, realtime_chunks
 
@@ -75,7 +75,10 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     def sleep(seconds: float) -> None:
         now[0] += seconds
 
-    compiled, ticked = joined(list(chunks(*run))), joined(list(realtime_chunks(*run, clock=lambda: now[0], sleep=sleep)))
+    compiled, ticked = (
+        joined(list(chunks(*run))),
+        joined(list(realtime_chunks(*run, clock=lambda: now[0], sleep=sleep))),
+    )
     assert len(compiled.water_velocity) == len(ticked.water_velocity) == 201
     for one, other in zip(jax.tree.leaves(compiled.state), jax.tree.leaves(ticked.state), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
@@ -129,7 +132,9 @@ def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):
 
 def test_a_dead_thruster_is_felt(short):
     sound = fly(short).log["truth/thrust"]
-    faulty = fly(short.model_copy(update={"world": short.world.model_copy(update={"thruster_health": {"port.heave": 0}})}))
+    faulty = fly(
+        short.model_copy(update={"world": short.world.model_copy(update={"thruster_health": {"port.heave": 0}})})
+    )
     thrust = faulty.log["truth/thrust"]
     assert np.max(np.abs(sound["port_heave"])) > 0.1
     assert np.max(np.abs(thrust["port_heave"])) == 0.0 and np.max(np.abs(thrust["starboard_heave"])) > 0.1

@@ -62,7 +62,9 @@ def figure(value: Any, unit: str = "") -> str:
 
 def table(title: str, *columns: str) -> Table:
     """An empty table in the house's style: first column left, the others right."""
-    out = Table(title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    out = Table(
+        title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
+    )
     for i, name in enumerate(columns):
         out.add_column(escape(name), justify="left" if i == 0 else "right")
     return out

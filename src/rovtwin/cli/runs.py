@@ -59,8 +59,8 @@ def fly(
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console) -> Any:
     with _bar("{task.completed:.0f} s simulated") as bar:
         task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
-        from rovtwin.scenario.fly import fly as fly_it
-        from rovtwin.scenario.fly import run_folder
+        from rovtwin.scenario.flight import fly as fly_it
+        from rovtwin.scenario.flight import run_folder
 
         def progress(t: float, phase: str) -> None:
             bar.update(task, completed=t, description=f"{scenario.name}: {phase}")
@@ -134,7 +134,7 @@ def demo(
 ) -> None:
     """Fly the Double Blueye's lawn-mower in calm water and in waves, beside the thesis's published behaviour."""
     from rovtwin.scenario.demo import run_demo
-    from rovtwin.scenario.fly import run_folder
+    from rovtwin.scenario.flight import run_folder
 
     screen = console(as_json)
     folder = out or run_folder("demo")
@@ -223,7 +223,7 @@ def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None,
 @scenario_app.command("check")
 def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
     """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying."""
-    from rovtwin.scenario.compose import compose
+    from rovtwin.scenario.composition import compose
     from rovtwin.scenario.files import load_scenario
 
     found = load_scenario(scenario, overrides or ())

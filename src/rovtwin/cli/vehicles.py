@@ -6,7 +6,9 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit
 
-vehicle_app = typer.Typer(no_args_is_help=True, help="Look at vehicles: parameters, trim, controllability; check files.")
+vehicle_app = typer.Typer(
+    no_args_is_help=True, help="Look at vehicles: parameters, trim, controllability; check files."
+)
 
 VehicleName = Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")]
 

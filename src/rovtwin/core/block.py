@@ -1,8 +1,8 @@
 """Block: anything with memory that ticks (observer, controller, reference model, guidance, sensor, current, waves).
 
-A Block's fields are parameters and never change. What changes is its memory, a pytree whose structure, shapes and
-types stay the same from tick to tick, so that the same block runs in a compiled roll-out, in the real-time loop,
-batched over a thousand vehicles and under a gradient. One contract test, `tests/test_block_contract.py`, holds them all.
+A Block's fields are parameters and never change. What changes is its memory, a pytree whose structure, shapes and types
+stay the same from tick to tick, so that the same block runs in a compiled roll-out, in the real-time loop, batched over
+a thousand vehicles and under a gradient. One contract test, `tests/test_block_contract.py`, holds them all.
 """
 
 import abc

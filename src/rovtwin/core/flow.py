@@ -6,7 +6,6 @@ All are immutable pytrees of arrays, SI and radians. `eta = [x, y, z, phi, theta
 
 from dataclasses import dataclass
 
-
 import equinox as eqx
 import numpy as np
 
@@ -197,5 +196,3 @@ class AutopilotOutput(eqx.Module):
     setpoint: Setpoint
     reference: Reference
     wrench: Wrench
-
-

@@ -102,7 +102,7 @@ def quaternion_from_euler(euler: Array) -> Array:
 
 
 def euler_from_quaternion(q: Array) -> Array:
-    """zyx Euler angles [phi, theta, psi] [rad], shape (3,), of a unit quaternion; finite gradient off theta = +-pi/2."""
+    """zyx Euler angles [phi, theta, psi] [rad], shape (3,), of a unit quaternion; singular at theta = +-pi/2."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     sine = jnp.clip(2 * (w * y - x * z), -1.0, 1.0)
     return jnp.array(

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import TypeVar
 
-from rovtwin.core.numerics import Array, jax
+from rovtwin.core.numerics import jax
 
 Tree = TypeVar("Tree")
 
 
-def rk4_step(derivative: Callable[[Array | float, Tree], Tree], x: Tree, dt: float) -> Tree:
+def rk4_step(derivative: Callable[[float, Tree], Tree], x: Tree, dt: float) -> Tree:
     """One classical Runge-Kutta step of `x_dot = derivative(s, x)`, s from 0 to dt.
 
     Args:

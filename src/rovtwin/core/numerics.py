@@ -48,6 +48,4 @@ def as_array(value: object) -> Array:
     return jnp.asarray(value, dtype=jnp.float64)
 
 
-
-
 __all__ = ["Array", "as_array", "cache_folder", "jax", "jnp"]

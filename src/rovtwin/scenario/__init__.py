@@ -1,11 +1,18 @@
 """What a run is (vehicle, world, sensors, autopilot, mission, seed) and how it runs; composition only.
 
 The only package that brings vehicle, simulation, gnc, links and report together:
-schema and files (what people write) -> compose (blocks) -> loop (compiled) -> run (chunks, log, scores) -> fly.
+schema, files (what people write) -> composition (blocks) -> loop (compiled) -> run (records) -> flight (log, scores).
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rovtwin.scenario.batch import score_seeds
+    from rovtwin.scenario.composition import compose
+    from rovtwin.scenario.files import dump_scenario, list_missions, list_scenarios, load_mission, load_scenario
+    from rovtwin.scenario.flight import Flight, fly
+    from rovtwin.scenario.schema import Scenario
 
 _WHERE = {
     "Scenario": "schema",
@@ -14,12 +21,23 @@ _WHERE = {
     "list_scenarios": "files",
     "list_missions": "files",
     "dump_scenario": "files",
-    "compose": "compose",
-    "fly": "fly",
-    "Flight": "fly",
+    "compose": "composition",
+    "fly": "flight",
+    "Flight": "flight",
     "score_seeds": "batch",
 }
-__all__ = sorted(_WHERE)
+__all__ = [
+    "Flight",
+    "Scenario",
+    "compose",
+    "dump_scenario",
+    "fly",
+    "list_missions",
+    "list_scenarios",
+    "load_mission",
+    "load_scenario",
+    "score_seeds",
+]
 
 
 def __getattr__(name: str) -> Any:

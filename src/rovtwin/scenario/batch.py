@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.scenario.compose import compose
-from rovtwin.scenario.fly import Recorder, summarise
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.flight import Recorder, summarise
 from rovtwin.scenario.loop import advance_batch, stack, start_batch
 from rovtwin.scenario.run import CHUNK, chunks, ticks_in, until_the_end
 from rovtwin.scenario.schema import Scenario

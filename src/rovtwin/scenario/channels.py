@@ -59,7 +59,7 @@ def log_channels(thrusters: list[str], sensors: list[str], rate: float, with_sen
     return channels
 
 
-def euler(attitude: np.ndarray) -> np.ndarray:
+def euler(attitude: Any) -> np.ndarray:
     """zyx Euler angles (n, 3) of quaternions (n, 4)."""
     return np.asarray(_euler(attitude))
 

@@ -10,7 +10,7 @@ from rovtwin.core.flow import FINISHED
 from rovtwin.core.log import Log
 from rovtwin.report import write_comparison
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.fly import Flight
+from rovtwin.scenario.flight import Flight
 from rovtwin.scenario.schema import Scenario
 
 RUNS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -68,8 +68,8 @@ def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
         (
             "Time to finish",
             "no number; in waves much more than in calm water (8.3)",
-            lambda f: f"{f.summary['duration_s']:.0f} s" if f.completed else f"not within {f.summary['duration_s']:.0f} s",
-            "1.5 N/m of surge gain against the drag makes the approach slow: the vehicle has 20 N and uses few of them.",
+            lambda f: ("" if f.completed else "not within ") + f"{f.summary['duration_s']:.0f} s",
+            "1.5 N/m of surge gain makes the approach slow: the vehicle has 20 N and uses few of them.",
         ),
         (
             "Path over ground",
@@ -87,7 +87,7 @@ def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
             "Wave force",
             "-2 to 2 N (fig. 5.7, Hs 4.1 m, Tz 8.7 s)",
             _wave_force,
-            "Spectrum of the height taken as one of a force; sigma and frequency of (5.5), (5.6) put right; with drift.",
+            "The height's spectrum taken as a force's; sigma and frequency of (5.5), (5.6) put right; with drift.",
         ),
         (
             "Sideways offset on the legs to the east",
@@ -134,5 +134,3 @@ def _offset_on_east_legs(flight: Flight) -> str:
     leg, mode, eta = flight.log["autopilot/leg"], flight.log["autopilot/mode"], flight.log["truth/eta"]
     east = (mode["on_leg"] > 0.5) & (np.abs(leg["y1"] - leg["y0"]) > np.abs(leg["x1"] - leg["x0"]))
     return f"{np.mean(eta['x'][east] - leg['x1'][east]):+.2f} m" if east.any() else "no such leg flown"
-
-

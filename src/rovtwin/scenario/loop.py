@@ -23,7 +23,7 @@ class LoopMemory(eqx.Module):
 
 
 class Record(eqx.Module):
-    """What one control tick leaves: the truth at its instant, the readings since the last and the autopilot's answer."""
+    """What one control tick leaves: truth at its instant, readings since the last tick, the autopilot's answer."""
 
     state: State
     water_velocity: Array

@@ -33,6 +33,7 @@ def chunks(loop: Loop, key: Array, start: Start, control_dt: float, duration: fl
 
 
 def ticks_in(duration: float, control_dt: float) -> int:
+    """Control ticks in a duration [s], at least one."""
     return max(1, round(duration / control_dt))
 
 
@@ -67,8 +68,8 @@ def realtime_chunks(
     memory = start_loop(loop, key, start, control_dt=control_dt)
     think, move = _compiled(loop, control_dt)
     empty = jax.device_get(memory.measurements)
-    thinking, readings = memory.autopilot, empty
-    jax.block_until_ready((think(thinking, readings), move(memory.twin, Command(_off(loop)), 0)))
+    thinking = memory.autopilot
+    jax.block_until_ready((think(thinking, empty), move(memory.twin, Command(_off(loop)), 0)))
 
     truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench)
     began = time.monotonic()
@@ -78,13 +79,14 @@ def realtime_chunks(
     rows: list[Record] = []
     with link:
         for k in range(total):
-            while k and link.tick < k:
+            readings = empty
+            while link.tick < k:  # not so where the clock has run ahead: then this tick has no readings of its own
                 sleep(max(0.0, k * control_dt - now()))
                 readings = pack(link.read(), empty)
-            seen = truth.now
+            state, water_velocity, external_wrench = truth.now
             thinking, decided = think(thinking, readings)
             link.send(decided.command)
-            rows.append(jax.device_get(Record(*seen, readings, decided)))
+            rows.append(jax.device_get(Record(state, water_velocity, external_wrench, readings, decided)))
             if len(rows) == ticks or k == total - 1 or int(rows[-1].autopilot.setpoint.phase) in (FINISHED, ABORTED):
                 kept, over = until_the_end(jax.tree.map(lambda *leaves: np.stack(leaves), *rows), len(rows) + 1)
                 rows = []

@@ -11,14 +11,13 @@ from pydantic import Field, field_validator, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 
-
 Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class StartSection(Strict):
     """Where the vehicle begins, at rest and level."""
 
-    position: Vector3 = Field([0.0, 0.0, 0.5], description="CO, north, east, down [m]")
+    position: Vector3 = Field(default=[0.0, 0.0, 0.5], description="CO, north, east, down [m]")
     heading_deg: Degrees = 0.0
 
 
@@ -26,7 +25,7 @@ class ConstantCurrentSection(Strict):
     """The same water velocity everywhere."""
 
     type: Literal["constant"] = "constant"
-    velocity: Vector3 = Field([0.0, 0.0, 0.0], description="NED [m/s]")
+    velocity: Vector3 = Field(default=[0.0, 0.0, 0.0], description="NED [m/s]")
 
 
 class ShearedCurrentSection(Strict):
@@ -39,7 +38,9 @@ class ShearedCurrentSection(Strict):
     @model_validator(mode="after")
     def _matching(self) -> "ShearedCurrentSection":
         if len(self.depths) != len(self.velocities):
-            raise ValueError(f"{len(self.depths)} depths but {len(self.velocities)} velocities; give one for each depth")
+            raise ValueError(
+                f"{len(self.depths)} depths but {len(self.velocities)} velocities; give one for each depth"
+            )
         if any(b <= a for a, b in pairwise(self.depths)):
             raise ValueError(f"depths {self.depths} do not increase; sort them from the surface down")
         return self
@@ -70,19 +71,21 @@ class ThesisWavesSection(Strict):
     """Wave forces of the thesis: a shaping filter driven by white noise, and a drift force that walks at random."""
 
     model: Literal["thesis"] = "thesis"
-    significant_height: Positive = Field(4.1, description="Hs [m]")
-    zero_crossing_period: Positive = Field(8.7, description="Tz [s]")
-    direction_deg: Degrees = Field(0.0, description="where the waves run to, from north over east")
-    drift: NonNegative = Field(0.03, description="random walk of the drift force on north and east [N/sqrt(s)]")
-    as_printed: bool = Field(False, description="modal frequency and sigma as (5.5) and (5.6) print them")
+    significant_height: Positive = Field(default=4.1, description="Hs [m]")
+    zero_crossing_period: Positive = Field(default=8.7, description="Tz [s]")
+    direction_deg: Degrees = Field(default=0.0, description="where the waves run to, from north over east")
+    drift: NonNegative = Field(default=0.03, description="random walk of the drift force on north and east [N/sqrt(s)]")
+    as_printed: bool = Field(default=False, description="modal frequency and sigma as (5.5) and (5.6) print them")
 
 
 class MismatchSection(Strict):
     """How the plant differs from the autopilot's model; the damping factors are drawn from the seed."""
 
-    damping: Annotated[float, Field(ge=0, lt=1)] = Field(0.25, description="each coefficient times U[1 - d, 1 + d]")
-    mass: Positive = Field(1.10, description="factor on rigid-body and added mass, weight and buoyancy")
-    thrust: Positive = Field(0.90, description="factor on every thruster's force")
+    damping: Annotated[float, Field(ge=0, lt=1)] = Field(
+        default=0.25, description="each coefficient times U[1 - d, 1 + d]"
+    )
+    mass: Positive = Field(default=1.10, description="factor on rigid-body and added mass, weight and buoyancy")
+    thrust: Positive = Field(default=0.90, description="factor on every thruster's force")
 
 
 class WorldSection(Strict):
@@ -91,7 +94,7 @@ class WorldSection(Strict):
     current: CurrentSection = ConstantCurrentSection()
     waves: ThesisWavesSection | None = None
     mismatch: MismatchSection | None = None
-    net_buoyancy: Number = Field(0.0, description="added to the plant, not to the autopilot's model [N]")
+    net_buoyancy: Number = Field(default=0.0, description="added to the plant, not to the autopilot's model [N]")
     thruster_health: dict[str, Share] = Field(
         default_factory=dict, description="faults: share of the force left, by thruster name; 0 is dead"
     )
@@ -115,12 +118,12 @@ class SensorsSection(Strict):
     """Sensors of thesis table 5.7 with their biases put right (`table_5_7`) or as printed (`as_printed`)."""
 
     preset: Literal["table_5_7", "as_printed"] = "table_5_7"
-    dvl: bool = Field(False, description="a Doppler log, 5 mm/s per axis at 10 Hz")
-    position_blackouts: list[Window] = Field(
-        default_factory=list, description="from, to [s]: no acoustic positions"
+    dvl: bool = Field(default=False, description="a Doppler log, 5 mm/s per axis at 10 Hz")
+    position_blackouts: list[Window] = Field(default_factory=list, description="from, to [s]: no acoustic positions")
+    position_outliers: Share = Field(default=0.0, description="share of the acoustic positions that are outliers")
+    outlier_size: NonNegative = Field(
+        default=5.0, description="distance of an outlier, in any horizontal direction [m]"
     )
-    position_outliers: Share = Field(0.0, description="share of the acoustic positions that are outliers")
-    outlier_size: NonNegative = Field(5.0, description="distance of an outlier, in any horizontal direction [m]")
     latency: dict[str, NonNegative] = Field(default_factory=dict, description="delay of a sensor by its name [s]")
     dropout: dict[str, Share] = Field(default_factory=dict, description="share of lost readings by sensor name")
 
@@ -145,9 +148,9 @@ class SensorsSection(Strict):
 class ObserverSection(Strict):
     """The extended Kalman filter of thesis 2.13."""
 
-    tuning: Literal["consistent", "as_printed"] = Field("consistent", description="as_printed: table 7.2")
+    tuning: Literal["consistent", "as_printed"] = Field(default="consistent", description="as_printed: table 7.2")
     force_walk: NonNegative | None = Field(
-        None, description="declared random walk of the disturbance force [N/sqrt(s)]; default of the tuning"
+        default=None, description="declared random walk of the disturbance force [N/sqrt(s)]; default of the tuning"
     )
 
 
@@ -155,7 +158,7 @@ class ControllerSection(Strict):
     """Five decoupled PIDs."""
 
     gains: Literal["table_7_1", "table_3_2", "pole_placement"] = Field(
-        "table_7_1", description="tables of the thesis, or placed from the model"
+        default="table_7_1", description="tables of the thesis, or placed from the model"
     )
 
 
@@ -163,22 +166,24 @@ class ReferenceSection(Strict):
     """Second-order reference model, thesis (7.8)."""
 
     damping: Positive = 1.0
-    frequency: Positive = Field(1.5, description="[rad/s]")
-    obey_speed: bool = Field(False, description="keep to the way-points' speeds; the thesis's reference does not")
+    frequency: Positive = Field(default=1.5, description="[rad/s]")
+    obey_speed: bool = Field(
+        default=False, description="keep to the way-points' speeds; the thesis's reference does not"
+    )
 
 
 class GuidanceSection(Strict):
     """2-D line of sight with the phases dive, turn, go, switch."""
 
-    lookahead: Positive = Field(2.0, description="Delta of (2.45) [m]")
+    lookahead: Positive = Field(default=2.0, description="Delta of (2.45) [m]")
 
 
 class SupervisorSection(Strict):
     """When to give up: thrusters off, reason in the log."""
 
-    depth_limit: Positive = Field(20.0, description="[m]")
-    attitude_limit_deg: Annotated[float, Field(gt=0, le=90)] = Field(80.0, description="roll or pitch")
-    position_std_limit: Positive = Field(10.0, description="estimate counts as lost beyond it [m]")
+    depth_limit: Positive = Field(default=20.0, description="[m]")
+    attitude_limit_deg: Annotated[float, Field(gt=0, le=90)] = Field(default=80.0, description="roll or pitch")
+    position_std_limit: Positive = Field(default=10.0, description="estimate counts as lost beyond it [m]")
 
 
 class AutopilotSection(Strict):
@@ -196,10 +201,10 @@ class Waypoint(Strict):
     """One way-point."""
 
     position: Vector3 = Field(description="north, east, down [m]")
-    acceptance: Positive = Field(0.2, description="radius [m]")
-    speed: Positive = Field(0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
-    hold_time: NonNegative = Field(0.0, description="time to stay [s]")
-    heading_deg: Degrees | None = Field(None, description="heading to keep; default along the leg")
+    acceptance: Positive = Field(default=0.2, description="radius [m]")
+    speed: Positive = Field(default=0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
+    hold_time: NonNegative = Field(default=0.0, description="time to stay [s]")
+    heading_deg: Degrees | None = Field(default=None, description="heading to keep; default along the leg")
 
 
 class MissionSection(Strict):
@@ -226,8 +231,8 @@ class RatesSection(Strict):
 class LogSection(Strict):
     """How often the channels are written; sensors are logged as they come."""
 
-    rate: Annotated[int, Field(gt=0, le=1_000)] = Field(10, description="of truth and autopilot channels [1/s]")
-    sensors: bool = Field(True, description="log every sensor reading")
+    rate: Annotated[int, Field(gt=0, le=1_000)] = Field(default=10, description="of truth and autopilot channels [1/s]")
+    sensors: bool = Field(default=True, description="log every sensor reading")
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -243,9 +248,11 @@ class Scenario(Strict):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")] = "scenario"
     description: str = ""
-    vehicle: str | dict[str, Any] = Field("double_blueye", description="library name, file, or the description itself")
+    vehicle: str | dict[str, Any] = Field(
+        default="double_blueye", description="library name, file, or the description itself"
+    )
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    duration: Annotated[float, Field(gt=0, le=86_400)] = Field(1500.0, description="longest run [s]")
+    duration: Annotated[float, Field(gt=0, le=86_400)] = Field(default=1500.0, description="longest run [s]")
     start: StartSection = StartSection()
     rates: RatesSection = RatesSection()
     world: WorldSection = WorldSection()

@@ -9,6 +9,7 @@ from scipy.special import gammaincinv
 from rovtwin.core.flow import ABORTED, DIVE, FINISHED, HOLD, IDLE, PHASES, REASONS
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
+STATION = 10.0  # holding counts as keeping a station from this long on [s]
 DEPTH, NORTH_EAST = 2, slice(0, 2)
 
 
@@ -96,7 +97,7 @@ def effective_samples(series: np.ndarray) -> float:
     padded = np.fft.rfft(centred, 2 * n)
     autocovariance = np.fft.irfft(padded * np.conj(padded))[:n] / n
     rho = autocovariance / autocovariance[0]
-    pairs = rho[0 : n - n % 2 : 2] + rho[1 : n : 2][: n // 2]
+    pairs = rho[0 : n - n % 2 : 2] + rho[1:n:2][: n // 2]
     positive = int(np.argmax(pairs <= 0)) if np.any(pairs <= 0) else len(pairs)
     return float(n / max(2.0 * pairs[: max(positive, 1)].sum() - 1.0, 1.0))
 
@@ -107,6 +108,8 @@ def score(flown: Flown) -> dict[str, Any]:
     settled = after_first_dive(flown.mode)
     legs = settled & (flown.mode[:, 3] > 0.5)
     station = settled & (flown.mode[:, 0] == HOLD)
+    if np.sum(station) * np.median(np.diff(flown.t, prepend=0.0)) < STATION:
+        station = np.zeros_like(station)  # passing a way-point holds for a tick; that is no station
     error = estimate_error(flown)
     position_nees = nees(flown)[:, 0]
     late = flown.t >= SETTLED
@@ -150,5 +153,7 @@ def nees_interval(scores: list[dict[str, Any]], level: float = 0.95, dof: int = 
     it against independent samples). Bar-Shalom, Li and Kirubarajan (2001), sec. 5.4.2.
     """
     samples = max(sum(s["nees_effective_samples"] or 1.0 for s in scores), 1.0)
-    low, high = 2.0 * gammaincinv(dof * samples / 2.0, [(1 - level) / 2, (1 + level) / 2]) / samples  # chi-square quantiles
+    low, high = (
+        2.0 * gammaincinv(dof * samples / 2.0, [(1 - level) / 2, (1 + level) / 2]) / samples
+    )  # chi-square quantiles
     return float(low), float(high)

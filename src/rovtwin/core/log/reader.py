@@ -191,7 +191,7 @@ def open_mcap(path: Path) -> Iterator[BinaryIO]:
             _check_start(stream.read(16), path)
             yield stream
     except FileNotFoundError as error:
-        raise LogError(f"{path}: no such file. Check the name; `rovtwin run` writes a log") from error
+        raise LogError(f"{path}: no such file. Check the name; `rovtwin fly` writes a log") from error
     except IsADirectoryError as error:
         inside = sorted(path.glob("*.mcap"))
         hint = f"Did you mean {str(inside[0])!r}?" if inside else "There is none in it"

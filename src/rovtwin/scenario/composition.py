@@ -93,7 +93,9 @@ def compose(scenario: Scenario) -> Composed:
     sensors = sensors_of(scenario)
     loop = Loop(
         autopilot=autopilot_of(scenario.autopilot, model, scenario.mission, scenario.control_dt),
-        twin=Twin(plant_of(scenario.world, vehicle, model, key_plant), world_of(scenario.world), sensors, scenario.substeps),
+        twin=Twin(
+            plant_of(scenario.world, vehicle, model, key_plant), world_of(scenario.world), sensors, scenario.substeps
+        ),
     )
     return Composed(
         loop=loop,

@@ -23,7 +23,7 @@ from rovtwin.scenario.channels import (
     sensor_samples,
     truth_samples,
 )
-from rovtwin.scenario.compose import Composed, compose
+from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.loop import Record
@@ -174,9 +174,7 @@ def fly(
     return flight
 
 
-def _run(
-    composed: Composed, scenario: Scenario, recorder: Recorder, realtime: bool, progress: Progress | None
-) -> bool:
+def _run(composed: Composed, scenario: Scenario, recorder: Recorder, realtime: bool, progress: Progress | None) -> bool:
     """Run to the end or to Ctrl-C; whether it was the latter."""
     source = realtime_chunks if realtime else chunks
     stream: Iterator[Record] = source(
