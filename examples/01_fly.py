@@ -1,7 +1,7 @@
 """Load a vehicle, look at its model, fly a scenario, plot the path.
 
-    python examples/01_fly.py            # shows where the picture is
-    python examples/01_fly.py square     # another scenario
+python examples/01_fly.py            # shows where the picture is
+python examples/01_fly.py square     # another scenario
 """
 
 import sys

@@ -35,6 +35,9 @@ RUNS, SECONDS = 16, 100.0
 NAMES = sorted(THESIS_SENSORS)
 START = Start.at((0.0, 0.0, 0.5))
 HORIZONTAL = (0, 1)
+# Moments small enough for the vehicle to stay upright: the default declares what would tumble it in a minute, because
+# the moments of a real vehicle are known that badly.
+DECLARED = EkfTuning.consistent(moment_walk=0.05, rate_noise=0.02, attitude_walk=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +47,8 @@ def model():
 
 @pytest.fixture(scope="module")
 def fleet(model):
-    """Runs that are what the consistent tuning declares: start, disturbance, noise of motion and of sensors."""
-    tuning = EkfTuning.consistent()
+    """Runs that are what the filter is told: start, disturbance, noise of motion and of sensors."""
+    tuning = DECLARED
     rng = np.random.default_rng(11)
     n = round(SECONDS / DT)
     intensity = np.sqrt(np.asarray(tuning.process_variance))
@@ -66,13 +69,13 @@ def track_all(model, tuning, fleet):
     u, state, slots = fleet
     ekf = Ekf(model, tuning)
     out = eqx.filter_jit(jax.vmap(lambda slots, u: track(ekf, START, slots, u)))(slots, u)
-    x, P, nis, dof, _ = map(np.asarray, out)
-    return estimation_error(x, state), P, nis, dof
+    x, P, nis, dof, thrust = map(np.asarray, out)
+    return estimation_error(x, state), P, nis, dof, thrust
 
 
 @pytest.fixture(scope="module")
 def tracked(model, fleet):
-    return track_all(model, EkfTuning.consistent(), fleet)
+    return track_all(model, DECLARED, fleet)
 
 
 def interval(samples, dof, level=0.999):
@@ -87,7 +90,7 @@ def interval(samples, dof, level=0.999):
 )
 def test_nees(tracked, states):
     """The errors are as large as the filter says, in every group of states, from the first minute on."""
-    error, P, _, _ = tracked
+    error, P, *_ = tracked
     some = slice(round(20 / DT), None, 25)
     series = nees(error[:, some], P[:, some], states)
     low, high = interval(effective_samples(series), len(states))
@@ -99,7 +102,7 @@ def test_nees(tracked, states):
 @pytest.mark.parametrize("name", NAMES)
 def test_nis(tracked, name):
     """Innovations are white, so here every sample counts."""
-    _, _, nis, dof = tracked
+    _, _, nis, dof, _ = tracked
     k = NAMES.index(name)
     count = dof[..., k].sum()
     low, high = interval(count, 1)
@@ -109,7 +112,7 @@ def test_nis(tracked, name):
 
 
 def test_covariance_stays_symmetric_and_positive(tracked):
-    _, P, _, _ = tracked
+    _, P, *_ = tracked
     P = P[:, ::250]
     assert np.abs(P - P.swapaxes(-1, -2)).max() < 1e-15
     # Scaled to correlations: the states' units differ by ten orders of magnitude.
@@ -117,18 +120,34 @@ def test_covariance_stays_symmetric_and_positive(tracked):
     assert np.linalg.eigvalsh(P / s[..., None] / s[..., None, :]).min() > 1e-9
 
 
-def test_as_printed_is_overconfident(model, fleet):
-    """Table 7.2 believes in velocities that it made itself: it says millimetres and errs by decimetres."""
+@pytest.fixture(scope="module")
+def tracked_as_printed(model, fleet):
     u, state, slots = fleet
     rng = np.random.default_rng(5)
-    accelerometer = Slot(
-        jnp.asarray(rng.normal(0, STD["accelerometer"], (RUNS, u.shape[1], 1, 3)) - np.array([0, 0, 9.81])),
-        jnp.ones((RUNS, u.shape[1], 1), bool),
-        slots["gyro"].t_valid,
-    )
-    error, P, _, _ = track_all(model, EkfTuning.as_printed(DT), (u, state, slots | {"accelerometer": accelerometer}))
+    # The specific force at rest: accelerations of this fleet are a hundredth of gravity.
+    raw = rng.normal(0, STD["accelerometer"], (*u.shape[:2], 1, 3)) - np.array([0, 0, 9.81])
+    accelerometer = Slot(jnp.asarray(raw), slots["gyro"].valid, slots["gyro"].t_valid)
+    return track_all(model, EkfTuning.as_printed(DT), (u, state, slots | {"accelerometer": accelerometer}))
+
+
+def test_as_printed_is_overconfident(tracked, tracked_as_printed):
+    """Table 7.2 takes its own velocity for a measurement and disturbances for nothing."""
     settled = slice(round(60 / DT), None, 25)
-    assert nees(error[:, settled], P[:, settled], HORIZONTAL).mean() > 20
+    scores = [nees(run[0][:, settled], run[1][:, settled], HORIZONTAL).mean() for run in (tracked, tracked_as_printed)]
+    assert scores[0] < 3 and scores[1] > 50
+    errors = [np.sqrt(np.mean(run[0][:, settled, :2] ** 2)) for run in (tracked, tracked_as_printed)]
+    assert errors[1] > 2 * errors[0]
+
+
+def test_force_follows_the_command_through_the_lag(fleet, tracked, tracked_as_printed):
+    """Exactly as the plant's; the thesis's filter takes the command for the force."""
+    command = np.asarray(fleet[0]) * np.array([10.0, 5.0, 11.0] * 2)
+    force, expected = np.zeros_like(command[:, 0]), []
+    for k in range(200):
+        force = command[:, k] + np.exp(-DT / 0.2) * (force - command[:, k])
+        expected.append(force)
+    np.testing.assert_allclose(tracked[4][:, :200], np.stack(expected, 1), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(tracked_as_printed[4], command, rtol=1e-12)
 
 
 def test_as_printed_is_table_7_2():
@@ -218,6 +237,17 @@ def test_readings_from_within_the_tick(model, turning, turning_slots):
     assert nis[LATE, attitude].sum() / dof[LATE, attitude].sum() > 2.0
 
 
+def test_gyro_bias_is_allowed_for(model, turning, turning_slots):
+    """No state of its own, so the attitude is told to wander: else it would be off by many of its small sigmas."""
+    slots = silent(turning_slots, "dvl")
+    slots["gyro"] = eqx.tree_at(lambda s: s.value, slots["gyro"], slots["gyro"].value + 6.8e-6)
+    scores = []
+    for walk in (3e-5, 0.0):
+        error, _, P, *_ = follow(model, turning, slots, EkfTuning.consistent(attitude_walk=walk))
+        scores.append(nees(error[LATE], P[LATE], (3, 4, 5)).mean())
+    assert scores[0] < 6 and scores[1] > 20
+
+
 def test_dvl_bounds_the_drift(model, turning, turning_slots):
     without, *_ = follow(model, turning, silent(turning_slots, "dvl"))
     with_dvl, *_ = follow(model, turning, turning_slots)
@@ -242,7 +272,7 @@ def test_each_sensor_alone_at_its_own_rate(model, turning, turning_slots, name):
     if name in ("position", "pressure"):
         early = slice(0, round(20 / DT))
         between = np.diff(P[early, SENSORS[name][0], SENSORS[name][0]])[dof[early, k][1:] == 0]
-        assert np.mean(between > 0) > 0.9
+        assert np.mean(between > 0) > 0.8
 
 
 def test_accelerometer_is_left_out(model, turning, turning_slots):
@@ -324,19 +354,8 @@ def test_not_a_number_shows(model, turning, turning_slots):
 
 def test_batched_equals_single(model, fleet, tracked):
     u, state, slots = fleet
-    one = track(Ekf(model, EkfTuning.consistent()), START, jax.tree.map(lambda leaf: leaf[3], slots), u[3])
+    one = track(Ekf(model, DECLARED), START, jax.tree.map(lambda leaf: leaf[3], slots), u[3])
     np.testing.assert_allclose(estimation_error(one[0], state[3]), tracked[0][3], atol=1e-9)
-
-
-def test_force_follows_the_command_through_the_lag(model, turning, turning_slots):
-    """The filter's thrust is that of the plant; the thesis's filter takes the command for the force."""
-    u = jnp.asarray(turning.u)
-    slots = silent(turning_slots, *ALL)
-    thrust = track(Ekf(model, EkfTuning.consistent()), TURNING_START, slots, u)[4]
-    t = DT * np.arange(1, 51)
-    np.testing.assert_allclose(thrust[:50, 0], 6.0 * (1 - np.exp(-t / 0.2)), rtol=1e-9)
-    at_once = track(Ekf(model, EkfTuning.as_printed()), TURNING_START, slots, u)[4]
-    np.testing.assert_allclose(at_once[:, 0], 6.0, rtol=1e-12)
 
 
 def test_thrust_noise_widens_the_covariance_with_the_force(model, turning, turning_slots):

@@ -27,7 +27,7 @@ from rovtwin.vehicle.model import Model
 When = Literal["mean", "before", "after"]
 
 TICK = 0.02  # sigma is averaged over instants at most this far apart [s]
-MAX_STEPS = 100_000
+MAX_STEPS = 20_000
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ def position_bound(
         when: Root mean variance over time, or sigma just before or just after a position.
     """
     _check(position_sigma=position_sigma, position_rate=position_rate)
+    _check(allow_zero=True, force_walk=force_walk, velocity_noise=velocity_noise, bias_walk=accelerometer_bias_walk)
     mass, slope = np.diag(model.mass)[:2], damping_slopes(model, speed)
     sigmas = []
     for m, d in zip(mass, slope, strict=True):
@@ -222,7 +223,8 @@ def _rate(name: str, rate: float | None) -> float:
     return rate
 
 
-def _check(**values: float) -> None:
+def _check(allow_zero: bool = False, **values: float) -> None:
     for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise ConfigError(f"position bound: {name}: found {value}, expected a positive number")
+        if not (math.isfinite(value) and (value > 0 or (allow_zero and value == 0))):
+            wanted = "of at least 0" if allow_zero else "above 0"
+            raise ConfigError(f"position bound: {name}: found {value}, expected a number {wanted}")
