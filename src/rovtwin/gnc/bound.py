@@ -73,23 +73,22 @@ def position_bound(
         velocity_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)].
         when: Root mean variance over time, or sigma just before or just after a position.
     """
-    _check(position_sigma=position_sigma, position_rate=position_rate)
-    _check(allow_zero=True, force_walk=force_walk, velocity_noise=velocity_noise, bias_walk=accelerometer_bias_walk)
+    walks = {"force_walk": force_walk, "velocity_noise": velocity_noise, "bias_walk": accelerometer_bias_walk}
+    for name, value in walks.items():
+        if not (math.isfinite(value) and value >= 0):
+            raise ConfigError(f"position bound: {name}: found {value}, expected a number of at least 0")
     mass, slope = np.diag(model.mass)[:2], damping_slopes(model, speed)
     sigmas = []
     for m, d in zip(mass, slope, strict=True):
         F = np.array([[0, 1, 0, 0], [0, -d / m, 1 / m, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
         noise = np.diag([0, velocity_noise, force_walk, accelerometer_bias_walk]) ** 2.0
-        readings = [Reading(np.array([1.0, 0, 0, 0]), position_sigma, position_rate)]
+        readings = [_reading("position", [1.0, 0, 0, 0], position_sigma, position_rate)]
         if dvl_sigma is not None:
-            readings.append(Reading(np.array([0, 1.0, 0, 0]), dvl_sigma, _rate("dvl_rate", dvl_rate)))
+            readings.append(_reading("dvl", [0, 1.0, 0, 0], dvl_sigma, dvl_rate))
+        used = 3  # nothing would tell the accelerometer's bias
         if accelerometer_sigma is not None:
-            row = np.array([0, -d / m, 1 / m, 1])
-            rate = _rate("accelerometer_rate", accelerometer_rate)
-            readings.append(Reading(row, accelerometer_sigma, rate))
             used = 4
-        else:
-            used = 3  # nothing would tell the accelerometer's bias
+            readings.append(_reading("accelerometer", [0, -d / m, 1 / m, 1.0], accelerometer_sigma, accelerometer_rate))
         readings = [Reading(r.row[:used], r.sigma, r.rate) for r in readings]
         sigmas.append(periodic_sigma(F[:used, :used], noise[:used, :used], readings, when))
     return np.array(sigmas)
@@ -109,14 +108,14 @@ def inertial_bound(
 
     Attitude is taken as known; args as in `position_bound`.
     """
-    _check(position_sigma=position_sigma, position_rate=position_rate)
-    _check(accelerometer_sigma=accelerometer_sigma, accelerometer_rate=accelerometer_rate)
+    _positive("accelerometer_sigma", accelerometer_sigma)
+    _positive("accelerometer_rate", accelerometer_rate)
     F = np.array([[0.0, 1, 0], [0, 0, 1], [0, 0, 0]])
     white = accelerometer_sigma / math.sqrt(accelerometer_rate)
     noise = np.diag([0.0, white, accelerometer_bias_walk]) ** 2
-    readings = [Reading(np.array([1.0, 0, 0]), position_sigma, position_rate)]
+    readings = [_reading("position", [1.0, 0, 0], position_sigma, position_rate)]
     if dvl_sigma is not None:
-        readings.append(Reading(np.array([0, 1.0, 0]), dvl_sigma, _rate("dvl_rate", dvl_rate)))
+        readings.append(_reading("dvl", [0, 1.0, 0], dvl_sigma, dvl_rate))
     return periodic_sigma(F, noise, readings, when)
 
 
@@ -216,15 +215,13 @@ def _schedule(rates: Sequence[float]) -> tuple[float, list[list[bool]]]:
     return float(1 / fastest), [[(k * r / fastest).denominator == 1 for r in exact] for k in range(1, count + 1)]
 
 
-def _rate(name: str, rate: float | None) -> float:
+def _reading(name: str, row: list[float], sigma: float, rate: float | None) -> Reading:
     if rate is None:
-        raise ConfigError(f"position bound: {name} is missing, expected a rate in Hz beside the sensor's sigma")
-    _check(**{name: rate})
-    return rate
+        raise ConfigError(f"position bound: {name}_rate is missing, expected a rate in Hz beside {name}_sigma")
+    return Reading(np.array(row), _positive(f"{name}_sigma", sigma), _positive(f"{name}_rate", rate))
 
 
-def _check(allow_zero: bool = False, **values: float) -> None:
-    for name, value in values.items():
-        if not (math.isfinite(value) and (value > 0 or (allow_zero and value == 0))):
-            wanted = "of at least 0" if allow_zero else "above 0"
-            raise ConfigError(f"position bound: {name}: found {value}, expected a number {wanted}")
+def _positive(name: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0):
+        raise ConfigError(f"position bound: {name}: found {value}, expected a number above 0")
+    return value
