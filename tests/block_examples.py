@@ -1,0 +1,243 @@
+"""One example, at least, of every Block in the package: what the contract test runs.
+
+Keys of EXAMPLES are module and class without `rovtwin.`, with `: variant` after it where a class has several.
+A new Block gets its line here; without it the contract test fails and says so.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from tests.vehicle.random_vehicles import THRUSTERS, build
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import (
+    DIVE,
+    NO_REASON,
+    NO_REQUEST,
+    AutopilotInput,
+    Command,
+    Estimate,
+    Measurements,
+    Mission,
+    Reference,
+    Setpoint,
+    Slot,
+)
+from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.control import ControlInput, Pid
+from rovtwin.gnc.ekf_tuning import EkfTuning
+from rovtwin.gnc.guidance import Guidance, GuidanceInput
+from rovtwin.gnc.mission import mission
+from rovtwin.gnc.observer import Ekf, ObserverInput
+from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
+from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.twin import Twin, TwinInput
+from rovtwin.simulation.waves import ThesisWaves
+from rovtwin.simulation.world import World
+from rovtwin.vehicle.dynamics import State
+
+TICKS = 60
+CONTROL, PHYSICS = 0.02, 0.002
+START = Start.at((0.5, -0.3, 2.0), heading=0.4)
+
+
+@dataclass(frozen=True)
+class Example:
+    """A block and what to run it on.
+
+    Attributes:
+        block: The block.
+        inputs: Input of each tick, leading axis TICKS on every array.
+        dt: Tick [s].
+        shared: Which of the inputs' leaves a batch shares, as vmap's in_axes for one input; 0 is none.
+        differentiable: Whether the outputs have a gradient by parameters and inputs.
+    """
+
+    block: Block
+    inputs: Any
+    dt: float = CONTROL
+    shared: Any = 0
+    differentiable: bool = True
+
+
+def over_time(*shape: int, seed: int = 0, size: float = 0.3) -> jax.Array:
+    """Smooth random functions of time, shape (TICKS, *shape)."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 1, TICKS).reshape(-1, *[1] * len(shape))
+    a, b, w, phase = (rng.uniform(-1, 1, shape) for _ in range(4))
+    return jnp.asarray(size * (a + b * np.sin(6 * w * t + 3 * phase)))
+
+
+def every_tick(tree: Any) -> Any:
+    """The same in every tick."""
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf), (TICKS, *jnp.shape(leaf))), tree)
+
+
+@functools.cache
+def model():
+    return build(3, count=6)
+
+
+def states() -> State:
+    attitude = jax.vmap(quaternion_from_euler)(over_time(3, seed=1))
+    position = START.position + over_time(3, seed=2)
+    return State(position, attitude, over_time(6, seed=3), over_time(THRUSTERS, seed=4, size=3.0))
+
+
+def estimates() -> Estimate:
+    eta = jnp.concatenate([START.position + over_time(3, seed=5), over_time(3, seed=6)], axis=1)
+    covariance = every_tick(0.01 * jnp.eye(12))
+    return Estimate(eta, over_time(6, seed=7), over_time(6, seed=8), covariance, over_time(5), every_tick(jnp.ones(5)))
+
+
+def way_points() -> Mission:
+    near = {"x": 0.6, "y": -0.2, "depth": 2.1, "speed": 0.2, "acceptance": 0.3}
+    return mission([near, near | {"x": 4.0}, near | {"y": 3.0, "heading": 1.0, "hold_time": 0.1}])
+
+
+def setpoints() -> Setpoint:
+    eta = jnp.concatenate([START.position + over_time(3, seed=9), over_time(3, seed=10, size=3.0)], axis=1)
+    leg = every_tick(START.position), every_tick(START.position + 1.0)
+    number = every_tick(jnp.zeros((), dtype=int))
+    return Setpoint(eta, over_time(6, seed=11), *leg, number == 0, number, number + DIVE, number + NO_REASON)
+
+
+def references() -> Reference:
+    return Reference(START.position.repeat(2) + over_time(6, seed=12), over_time(6, seed=13), over_time(6, seed=14))
+
+
+def commands() -> Command:
+    return Command(over_time(THRUSTERS, seed=15, size=0.8))
+
+
+def requests():
+    return every_tick(jnp.asarray(NO_REQUEST))
+
+
+def sensor_inputs() -> SensorInput:
+    return SensorInput(states(), over_time(6, seed=16), jnp.arange(TICKS) + 450)
+
+
+# One class serves every kind: one with all that can go wrong, one that needs the acceleration.
+SENSORS = {
+    "position": {
+        "rate_hz": 50.0,
+        "noise": 0.5,
+        "latency": 0.03,
+        "outlier": 0.2,
+        "outlier_size": 5.0,
+        "dropout": 0.1,
+        "clock_drift": 1e-4,
+        "bias_walk": 1e-3,
+    },
+    "accelerometer": {"rate_hz": 100.0, "noise": 0.03, "bias": 0.017, "lever": (0.1, 0.0, -0.05)},
+}
+
+
+def sensor(kind: str) -> Example:
+    return Example(Sensor(kind, **SENSORS[kind]), sensor_inputs(), PHYSICS, SensorInput(0, 0, None))
+
+
+def sea() -> World:
+    parts = (ShearedCurrent([0.0, 2.0, 5.0], [[0.1, 0, 0], [0.2, 0.1, 0], [0, 0.1, 0.02]]), wandering())
+    return World(CombinedCurrent(parts), ThesisWaves(4.1, 8.7, 0.3, (0.03, 0.03)))
+
+
+def wandering() -> GaussMarkovCurrent:
+    return GaussMarkovCurrent([0.1, -0.1, 0.0], [0.05, 0.05, 0.01], 5.0)
+
+
+def twin() -> Example:
+    sensors = {name: sensor for name, sensor in table_5_7().items() if name in ("accelerometer", "pressure")}
+    block = Twin(model(), sea(), sensors)
+    return Example(block, TwinInput(commands(), jnp.arange(TICKS)), CONTROL, TwinInput(0, None))
+
+
+def measurements() -> Measurements:
+    """Readings about the start, each sensor at a rate of its own; two a tick from the fast ones, absent in between."""
+    about = {"position": START.position[:2], "pressure": START.position[2:], "attitude": jnp.array([0, 0, 0.4])}
+    every = {"position": 20, "pressure": 2, "attitude": 1, "gyro": 1}
+    capacity = {"attitude": 2, "gyro": 2}
+    slots = {}
+    for seed, (name, n) in enumerate(every.items()):
+        middle, rows = about.get(name, jnp.zeros(3)), capacity.get(name, 1)
+        valid = jnp.broadcast_to((jnp.arange(TICKS) % n == n - 1)[:, None], (TICKS, rows))
+        value = middle + over_time(rows, len(middle), seed=20 + seed, size=0.02)
+        t = CONTROL * (jnp.arange(TICKS)[:, None] - jnp.arange(rows)[::-1] / rows)
+        slots[name] = Slot(jnp.where(valid[..., None], value, 0.0), valid, jnp.where(valid, t, 0.0))
+    return slots
+
+
+class Believer(Block):
+    """An observer that takes the readings for the truth; cheap to compile, for blocks that hold an observer."""
+
+    def init(self, key, start: Start) -> Estimate:
+        eta = jnp.concatenate([start.position, euler_from_quaternion(start.attitude)])
+        return Estimate(eta, start.velocity, jnp.zeros(6), 0.01 * jnp.eye(12), jnp.zeros(4), jnp.zeros(4))
+
+    def step(self, memory: Estimate, input: ObserverInput, dt: float) -> tuple[Estimate, Estimate]:
+        def last(name, old):
+            slot = input.measurements[name]
+            return jnp.where(slot.valid[-1], slot.value[-1], old)
+
+        eta, nu = memory.eta, memory.nu
+        place = [last("position", eta[:2]), last("pressure", eta[2:3]), last("attitude", eta[3:])]
+        nu = jnp.concatenate([nu[:3], last("gyro", nu[3:])])
+        after = dataclasses.replace(memory, eta=jnp.concatenate(place), nu=nu)
+        return after, after
+
+
+def ekf(tuning: EkfTuning) -> Example:
+    return Example(Ekf(model(), tuning), ObserverInput(measurements(), commands()))
+
+
+def autopilot(observer: Block) -> Example:
+    block = Autopilot.thesis(model(), observer, way_points(), gains="pole_placement")
+    return Example(block, AutopilotInput(measurements(), requests()))
+
+
+def guidance() -> Example:
+    mode = every_tick(Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(NO_REASON)))
+    return Example(Guidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
+
+
+def pid() -> Example:
+    inputs = ControlInput(estimates(), references(), over_time(6, seed=17))
+    return Example(Pid.pole_placement(model()), inputs)
+
+
+EXAMPLES: dict[str, Callable[[], Example]] = {
+    "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
+    "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
+    "gnc.control.Pid": pid,
+    "gnc.guidance.Guidance": guidance,
+    "gnc.observer.Ekf: consistent": lambda: ekf(EkfTuning.consistent()),
+    "gnc.observer.Ekf: as printed": lambda: ekf(EkfTuning.as_printed(CONTROL)),
+    "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
+    # Modes are integers: there is nothing to differentiate.
+    "gnc.supervisor.Supervisor": lambda: Example(
+        Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
+    ),
+    "simulation.current.CombinedCurrent": lambda: Example(sea().current, states().position, PHYSICS),
+    "simulation.current.ConstantCurrent": lambda: Example(ConstantCurrent([0.1, 0, 0]), states().position, PHYSICS),
+    "simulation.current.GaussMarkovCurrent": lambda: Example(wandering(), states().position, PHYSICS),
+    "simulation.current.ShearedCurrent": lambda: Example(sea().current.parts[0], states().position, PHYSICS),
+    **{f"simulation.sensors.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
+    "simulation.twin.Twin": twin,
+    "simulation.waves.ThesisWaves": lambda: Example(sea().waves, states(), PHYSICS),
+    "simulation.world.World": lambda: Example(sea(), states(), PHYSICS),
+}
+
+# Compiling these takes long: they run in `make test-all`.
+SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
+SLOW_GRADIENT = SLOW | {"gnc.observer.Ekf: consistent", "simulation.twin.Twin"}
+
+__all__ = ["EXAMPLES", "SLOW", "SLOW_GRADIENT", "START", "TICKS", "Example"]
