@@ -1,0 +1,198 @@
+"""The contract of `core.link.Link`, held by every Link in the package, each on a vehicle the test can look at.
+
+Links are found by importing the package; a new one gets its line in RIGS.
+"""
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import rovtwin.links
+from rovtwin.core.flow import Command, Measurement, Slot
+from rovtwin.core.link import Link
+from rovtwin.links.twin import TwinLink
+
+THRUSTERS = 3
+PERIOD = 0.02
+
+
+@dataclass
+class Rig:
+    """A link and the vehicle at its other end.
+
+    Attributes:
+        link: Open.
+        wait: Lets so many seconds pass for the vehicle and for whatever drives the link.
+        applied: What the thrusters do now, normalised, shape (THRUSTERS,).
+    """
+
+    link: Link
+    wait: Callable[[float], None]
+    applied: Callable[[], np.ndarray]
+
+
+def twin_rig() -> Rig:
+    """The twin's link on a vehicle of two sensors, one at every period and one at every fifth."""
+    now, thrusters = [0.0], [np.zeros(THRUSTERS)]
+
+    def advance(memory, command, k):
+        thrusters[0] = np.array(command.u)
+        t = (k + 1) * PERIOD
+        slow = k % 5 == 4
+        depth = Slot(np.array([[2.0 + t]]), np.array([True]), np.array([t]))
+        position = Slot(np.array([[1.0, t]]) * slow, np.array([slow]), np.array([t]) * slow)
+        return memory + 1, {"pressure": depth, "position": position}
+
+    link = TwinLink(advance, 0, THRUSTERS, PERIOD, lambda: now[0])
+
+    def wait(seconds: float) -> None:
+        now[0] += seconds
+
+    def applied() -> np.ndarray:
+        # The twin moves when it is read.
+        wait(PERIOD)
+        link.read()
+        return thrusters[0]
+
+    return Rig(link, wait, applied)
+
+
+RIGS: dict[str, Callable[[], Rig]] = {"twin.TwinLink": twin_rig}
+
+
+def find_links() -> set[str]:
+    """Every concrete Link of the package by module and name."""
+    for found in pkgutil.walk_packages(rovtwin.links.__path__, "rovtwin.links."):
+        importlib.import_module(found.name)
+    links, rest = set(), [Link]
+    while rest:
+        for cls in rest.pop().__subclasses__():
+            rest.append(cls)
+            if cls.__module__.startswith("rovtwin.") and not inspect.isabstract(cls):
+                links.add(f"{cls.__module__}.{cls.__qualname__}".removeprefix("rovtwin.links."))
+    return links
+
+
+def test_every_link_has_a_rig():
+    missing, gone = sorted(find_links() - RIGS.keys()), sorted(RIGS.keys() - find_links())
+    assert not missing, f"add a rig to RIGS in {__name__} for: {', '.join(missing)}"
+    assert not gone, f"no such Link any more, take it out of RIGS: {', '.join(gone)}"
+
+
+@pytest.fixture(params=sorted(RIGS))
+def rig(request):
+    rig = RIGS[request.param]()
+    yield rig
+    rig.link.close()
+
+
+def send(rig: Rig, u) -> None:
+    rig.link.send(Command(np.array(u, dtype=float)))
+
+
+def test_readings(rig):
+    """A list of Measurements with numbers in SI and the time they were valid, in order, none twice."""
+    rig.wait(0.2)
+    readings = rig.link.read()
+    assert isinstance(readings, list) and readings
+    for reading in readings:
+        assert isinstance(reading, Measurement) and isinstance(reading.sensor, str)
+        assert isinstance(reading.value, np.ndarray) and reading.value.ndim == 1 and reading.value.dtype == float
+        assert np.isfinite(reading.value).all() and np.isfinite(reading.t_valid)
+    times = [reading.t_valid for reading in readings]
+    assert times == sorted(times)
+    assert len({(reading.sensor, reading.t_valid) for reading in readings}) == len(readings)
+    rig.wait(0.2)
+    later = rig.link.read()
+    assert min(reading.t_valid for reading in later) > max(times)
+
+
+def test_quiet_vehicle_is_no_error(rig):
+    """Nothing new is an empty list, however often one asks."""
+    rig.link.read()
+    for _ in range(3):
+        assert rig.link.read() == []
+    send(rig, [0.1, 0.1, 0.1])
+
+
+def test_command_arrives(rig):
+    send(rig, [0.5, -0.25, 0.0])
+    np.testing.assert_allclose(rig.applied(), [0.5, -0.25, 0.0], atol=1e-3)
+
+
+def test_nothing_moves_before_the_first_command(rig):
+    assert not rig.applied().any()
+
+
+def test_command_is_clipped(rig):
+    send(rig, [2.0, -7.0, 0.5])
+    np.testing.assert_allclose(rig.applied(), [1.0, -1.0, 0.5], atol=1e-3)
+
+
+def test_command_is_taken_as_it_was(rig):
+    """The array stays the caller's: writing into it later changes nothing."""
+    u = np.array([0.5, 0.5, 0.5])
+    rig.link.send(Command(u))
+    u[:] = -1.0
+    np.testing.assert_allclose(rig.applied(), [0.5, 0.5, 0.5], atol=1e-3)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_command_that_is_no_number_stops(rig, bad):
+    send(rig, [0.5, 0.5, 0.5])
+    send(rig, [0.5, bad, 0.5])
+    assert not rig.applied().any()
+    send(rig, [0.5, 0.5, 0.5])
+    assert not rig.applied().any(), "stop latches"
+
+
+def test_stop_latches(rig):
+    send(rig, [0.5, 0.5, 0.5])
+    rig.link.stop()
+    assert not rig.applied().any()
+    send(rig, [0.5, 0.5, 0.5])
+    assert not rig.applied().any()
+    rig.link.stop()
+    rig.wait(0.2)
+    rig.link.read()  # a stopped vehicle can still be heard
+
+
+def test_command_expires(rig):
+    """0.3 s after the last command the thrusters are off; the next command brings them back."""
+    send(rig, [0.5, 0.5, 0.5])
+    rig.wait(0.1)
+    assert rig.applied().any()
+    rig.wait(0.4)
+    assert not rig.applied().any()
+    send(rig, [0.5, 0.5, 0.5])
+    assert rig.applied().any()
+
+
+def test_close_twice(rig):
+    send(rig, [0.5, 0.5, 0.5])
+    rig.link.close()
+    rig.link.close()
+    assert rig.link.read() == []
+    send(rig, [0.5, 0.5, 0.5])
+    rig.link.stop()
+    rig.wait(0.1)
+    assert rig.link.read() == []
+
+
+def test_leaving_a_with_block_closes(rig):
+    with rig.link as link:
+        assert link is rig.link
+        rig.wait(0.2)
+        assert link.read()
+    rig.wait(0.2)
+    assert rig.link.read() == []
+
+
+def test_error_inside_a_with_block_comes_out(rig):
+    with pytest.raises(ZeroDivisionError), rig.link:
+        raise ZeroDivisionError
