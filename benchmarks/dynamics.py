@@ -1,0 +1,130 @@
+"""The bare plant: steps per second of one vehicle, of many, and the gradient of a roll-out."""
+
+from typing import Any
+
+import numpy as np
+from tests import oracle
+
+from benchmarks.timing import in_turns, rates, ratio
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Environment
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.vehicle import Model, load_vehicle
+from rovtwin.vehicle.dynamics import State, plant_step, rollout
+
+DT = 0.002
+CURRENT = np.array([0.1, -0.05, 0.0])
+SIZES = (1, 32, 256)
+GRADIENT_STEPS = 2000
+
+
+def vehicle() -> Model:
+    return load_vehicle("double_blueye").model()
+
+
+def water() -> Environment:
+    return Environment(jnp.asarray(CURRENT), jnp.zeros(3), jnp.zeros(3), jnp.zeros(6))
+
+
+def commands(model: Model, steps: int, seed: int = 0) -> np.ndarray:
+    """New commands every half second, shape (steps, n)."""
+    rng = np.random.default_rng(seed)
+    every = 250
+    return np.repeat(rng.uniform(-0.6, 0.6, (steps // every + 1, model.thrusters.count)), every, axis=0)[:steps]
+
+
+def fly(model: Model, state: State, u: Any) -> State:
+    """Last state after all commands; nothing is kept on the way, as in the NumPy version."""
+
+    def step(state, u):
+        return plant_step(model, state, Command(u), water(), DT), None
+
+    return jax.lax.scan(step, state, u)[0]
+
+
+def numpy_fly(plant: oracle.Plant, u: np.ndarray) -> np.ndarray:
+    """The same in plain NumPy, from the same start: [eta, nu]."""
+    x, thrust = np.zeros(12), np.zeros(u.shape[1])
+    for command in u:
+        x, thrust = oracle.step(plant, x, thrust, command, DT, CURRENT)
+    return x
+
+
+def single(quick: bool) -> dict[str, Any]:
+    """One vehicle: RK4 steps per second, compiled against NumPy; both end in the same place."""
+    steps, few, rounds = (5_000, 100, 3) if quick else (100_000, 1_000, 11)
+    model = vehicle()
+    plant = oracle.plant_of(model)
+    u, start = commands(model, steps), State.at(model, Start.at())
+    run = jax.jit(fly)
+    same = np.asarray(run(model, start, jnp.asarray(u[:few])).position)
+    np.testing.assert_allclose(same, numpy_fly(plant, u[:few])[:3], atol=1e-7)
+    u_device = jnp.asarray(u)
+    times = in_turns(
+        {
+            "compiled": lambda: run(model, start, u_device).position.block_until_ready(),
+            "numpy": lambda: numpy_fly(plant, u[:few]),
+        },
+        rounds,
+    )
+    return {
+        "compiled_steps_per_s": rates(times["compiled"], steps),
+        "numpy_steps_per_s": rates(times["numpy"], few),
+        "ratio": ratio(times["compiled"], times["numpy"], steps, few),
+    }
+
+
+def batch(quick: bool) -> dict[str, Any]:
+    """Many vehicles under vmap, each with parameters, start and commands of its own: vehicle-steps per second."""
+    steps, rounds = (250, 3) if quick else (2_000, 7)
+    model = vehicle()
+    actions, sizes = {}, SIZES[:2] if quick else SIZES
+    run = jax.jit(jax.vmap(fly))
+    for n in sizes:
+        scale = jnp.linspace(0.9, 1.1, n)
+        models = jax.vmap(lambda s: model.replace(added_mass=s * model.added_mass))(scale)
+        starts = jax.vmap(lambda s: State.at(model, Start.at((s, 0.0, 1.0))))(scale)
+        u = jnp.asarray(np.stack([commands(model, steps, seed) for seed in range(n)]))
+
+        def action(models=models, starts=starts, u=u):
+            run(models, starts, u).position.block_until_ready()
+
+        actions[str(n)] = action
+    times = in_turns(actions, rounds)
+    return {f"vehicles_{n}": rates(times[str(n)], n * steps) for n in sizes}
+
+
+def gradient(quick: bool) -> dict[str, Any]:
+    """Gradient of a cost over 2,000 steps with respect to 20 parameters: in seconds, and in roll-outs."""
+    steps, rounds = (200, 3) if quick else (GRADIENT_STEPS, 11)
+    model = vehicle()
+    start, u = State.at(model, Start.at()), Command(jnp.asarray(commands(model, steps)))
+    diagonals = [model.added_mass, model.linear_damping_ahead, model.quadratic_damping_ahead]
+    theta = jnp.concatenate([*(jnp.diagonal(m) for m in diagonals), model.center_of_gravity[2:], model.buoyancy[None]])
+
+    def cost(theta):
+        M_A, linear, quadratic = (jnp.diag(theta[i : i + 6]) for i in (0, 6, 12))
+        changed = model.replace(
+            added_mass=M_A,
+            linear_damping_ahead=linear,
+            linear_damping_astern=linear,
+            quadratic_damping_ahead=quadratic,
+            quadratic_damping_astern=quadratic,
+            center_of_gravity=model.center_of_gravity.at[2].set(theta[18]),
+            buoyancy=theta[19],
+        )
+        states = rollout(changed, start, u, water(), DT)
+        return jnp.mean(states.position**2) + jnp.mean(states.nu**2)
+
+    value, slope = jax.jit(cost), jax.jit(jax.grad(cost))
+    assert theta.shape == (20,) and np.isfinite(slope(theta)).all()
+    times = in_turns(
+        {"cost": lambda: value(theta).block_until_ready(), "gradient": lambda: slope(theta).block_until_ready()}, rounds
+    )
+    return {
+        "steps": steps,
+        "parameters": 20,
+        "gradient_s": 1.0 / rates(times["gradient"], 1.0)["median"],
+        "cost_s": 1.0 / rates(times["cost"], 1.0)["median"],
+        "gradient_in_costs": ratio(times["cost"], times["gradient"], 1.0, 1.0)["median"],
+    }
