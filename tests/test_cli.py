@@ -195,12 +195,15 @@ def test_ctrl_c_ends_with_a_readable_log_and_a_report(tmp_path):
         [sys.executable, "-m", "rovtwin.cli", "fly", "lawnmower_waves", "--realtime", "--out", folder, "--json"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    deadline = time.monotonic() + 120
-    while not (folder / "log.mcap").exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(4.0)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
+    try:
+        deadline = time.monotonic() + 120
+        while not (folder / "log.mcap").exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(4.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
     said = json.loads(out)
     assert process.returncode == 1 and "Traceback" not in err
     assert said["reason"] == "interrupted" and said["interrupted"] is True

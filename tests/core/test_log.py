@@ -403,8 +403,9 @@ def test_an_exception_in_the_run_still_gives_a_whole_log(tmp_path: Path) -> None
 
 
 INTERRUPTED = """
-import sys
+import signal, sys
 import numpy as np
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job starts deaf to it
 from rovtwin.core.log import Channel, LogWriter
 with LogWriter(sys.argv[1], [Channel("clock", ("k",), "1", "")]) as writer:
     for k in range(10**6):
@@ -419,11 +420,14 @@ with LogWriter(sys.argv[1], [Channel("clock", ("k",), "1", "")]) as writer:
 def test_ctrl_c_leaves_a_whole_log(tmp_path: Path, wait: float) -> None:
     path = tmp_path / "run.mcap"
     command = [sys.executable, "-c", INTERRUPTED, str(path)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    assert process.stdout is not None and process.stdout.readline() == "going\n"
-    time.sleep(wait)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=10) != 0
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout is not None and process.stdout.readline() == "going\n"
+            time.sleep(wait)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=30) != 0
+        finally:
+            process.kill()
     series = Log.read(path)["clock"]
     assert len(series) >= 11_000 and (series["k"] == np.arange(len(series))).all()
 
