@@ -97,6 +97,7 @@ class EkfTuning(eqx.Module):
         force_walk: float = 0.03,
         moment_walk: float = 0.5,
         velocity_noise: float = 1e-3,
+        heave_noise: float = 1e-2,
         rate_noise: float = 0.05,
         attitude_walk: float = 3e-5,
         thrust_noise: float = 0.0,
@@ -106,11 +107,17 @@ class EkfTuning(eqx.Module):
     ) -> "EkfTuning":
         """What the filter is told is what holds: sensors' real noise, a declared intensity of the disturbance.
 
+        Heave and the moments are declared far worse known than the disturbance asks for. Through C(nu) nu they depend
+        on u and v (a sideways drift makes a yaw moment, Munk's), and pressure, gyro and compass are so good that the
+        filter would read the horizontal velocity off them to millimetres a second: right for a perfect model, and off
+        by decimetres where added masses err by a tenth. It costs nothing, since those states are measured themselves.
+
         Args:
             sensor_std: Standard deviations by sensor name, instead of those of `SENSOR_STD`.
             force_walk: Random walk of the disturbance force, each axis of n [N/sqrt(s)].
             moment_walk: Of the disturbance moment, each axis of b [N m/sqrt(s)].
-            velocity_noise: Unmodelled linear acceleration as white noise [m/s/sqrt(s)].
+            velocity_noise: Unmodelled acceleration in surge and sway as white noise [m/s/sqrt(s)].
+            heave_noise: The same in heave.
             rate_noise: Unmodelled angular acceleration as white noise [rad/s/sqrt(s)].
             attitude_walk: What the gyro's bias, which is no state here, does to the attitude between readings of the
                 compass [rad/sqrt(s)].
@@ -130,13 +137,16 @@ class EkfTuning(eqx.Module):
             force_walk=force_walk,
             moment_walk=moment_walk,
             velocity_noise=velocity_noise,
+            heave_noise=heave_noise,
             rate_noise=rate_noise,
             attitude_walk=attitude_walk,
             thrust_noise=thrust_noise,
             initial_force=initial_force,
             max_age=max_age,
         )
-        noise = np.r_[np.zeros(3), np.full(3, attitude_walk), np.full(3, velocity_noise), np.full(3, rate_noise)]
+        noise = np.r_[
+            np.zeros(3), np.full(3, attitude_walk), np.full(2, velocity_noise), heave_noise, np.full(3, rate_noise)
+        ]
         walk = np.r_[np.full(3, force_walk), np.full(3, moment_walk)]
         return cls(
             measurement_variance={name: as_array(value) ** 2 for name, value in std.items()},
