@@ -241,7 +241,8 @@ def test_positions_may_come_late(model):
     """0.8 s of latency, stamped: compared with where the vehicle was then. Unstamped they would hold it back."""
     u = np.tile([0.6, 0.0, 0.0, 0.6, 0.0, 0.0], (round(80 / DT), 1))
     straight = Run.of(model, u, None, at(model, euler=(0.0, 0.0, 3.0)))
-    slots = silent(readings(np.random.default_rng(6), straight, ALL), "dvl")
+    # Positions quieter than the filter believes: the lag is to be seen, not the noise.
+    slots = silent(readings(np.random.default_rng(6), straight, ALL, std=STD | {"position": 0.05}), "dvl")
     late = jax.tree.map(lambda leaf: jnp.roll(leaf, 40, axis=0), slots["position"])
     slots["position"] = eqx.tree_at(lambda s: s.valid, late, late.valid.at[:40].set(False))
     behind = []
@@ -249,8 +250,8 @@ def test_positions_may_come_late(model):
         error, *_ = follow(model, straight, slots, EkfTuning.consistent(max_age=max_age))
         behind.append(-error[LATE, :2].mean(0) @ np.array([np.cos(3.0), np.sin(3.0)]))
     lag = 0.8 * straight.x[-1, 6]
-    assert behind[0] == pytest.approx(0.0, abs=0.3 * lag)
-    assert behind[1] == pytest.approx(lag, rel=0.4)
+    assert behind[0] == pytest.approx(0.0, abs=0.2 * lag)
+    assert behind[1] == pytest.approx(lag, rel=0.2)
 
 
 def test_gyro_bias_is_allowed_for(model, turning, turning_slots):
