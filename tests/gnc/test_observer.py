@@ -251,7 +251,7 @@ def test_positions_may_come_late(model):
         behind.append(-error[LATE, :2].mean(0) @ np.array([np.cos(3.0), np.sin(3.0)]))
     lag = 0.8 * straight.x[-1, 6]
     assert behind[0] == pytest.approx(0.0, abs=0.2 * lag)
-    assert behind[1] == pytest.approx(lag, rel=0.2)
+    assert behind[1] == pytest.approx(lag, rel=0.35)
 
 
 def test_gyro_bias_is_allowed_for(model, turning, turning_slots):
