@@ -1,6 +1,6 @@
 """Observer: the extended Kalman filter of the thesis (2.13), put right. The baseline that later observers must beat.
 
-State [eta, nu, b] with zyx Euler angles, as in the thesis (design.md's quaternions stay outside): singular at
+State [eta, nu, b] with zyx Euler angles, as in the thesis (quaternions stay outside): singular at
 theta = +-90 deg. Prediction with the full model (`ekf_model`), one scalar update in Joseph form for each component of
 each reading, so that every sensor comes at its own rate and no matrix is inverted.
 
@@ -12,7 +12,7 @@ already says what the acceleration is, and to be worth more than that the readin
 states than the thesis's filter has. What it would be worth, `bound.position_bound` says.
 
 Reference: Thesis sec. 2.13 and 7.3; Bar-Shalom, Li and Kirubarajan (2001), Estimation with Applications to Tracking
-and Navigation, sec. 5.4 (consistency), 7.2 (sequential updates, Joseph form).
+and Navigation, sec. 5.2.3 (Joseph form), 5.4 (consistency), ch. 7 (measurements one after the other).
 """
 
 import equinox as eqx
