@@ -150,6 +150,12 @@ def test_thesis_matrix_is_no_rotation():
     assert np.linalg.norm(printed @ printed.T - np.eye(3)) > 0.1
 
 
+def test_pitch_from_a_quaternion_rounded_up():
+    """A length of 1 + 1e-15 makes a sine above one."""
+    angles = frames.euler_from_quaternion(jnp.sqrt(0.5) * jnp.array([1.0, 0.0, 1.0, 0.0]) * (1 + 1e-15))
+    np.testing.assert_allclose(angles[1], np.pi / 2, atol=1e-7)
+
+
 # -- rates
 
 
