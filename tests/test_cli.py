@@ -151,7 +151,11 @@ BAD = [
     (("fly", "square", "--set", "mission=mission_text.yaml"), "position"),
     (("fly", "square", "--set", "world.current=[.nan,0,0]"), "finite"),
     (("fly", "square", "--set", "vehicle=negative_mass.yaml"), "mass"),
-    (("fly", "square", "--set", "sensors.latency={dvl: 1}"), "DVL"),
+    (("fly", "square", "--set", "sensors.dvl.latency=1"), "on_board"),
+    (("fly", "square", "--set", "vehicle=uhi"), "no thrusters"),
+    (("fly", "square", "--set", "world.net_buoyancy=-1000"), "no more buoyancy"),
+    (("scenario", "check", "x" * 5000), "File name too long"),
+    (("report", "not.mcap", "--out", "empty.yaml"), "not an MCAP"),
     (("fly",), "SCENARIO"),
     (("fly", "square", "--seed", "minus"), "seed"),
     (("score", "square", "--seeds", "x"), "seeds"),
@@ -165,7 +169,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("words", "expected"), BAD, ids=[" ".join(words) for words, _ in BAD])
+@pytest.mark.parametrize(("words", "expected"), BAD, ids=[" ".join(words)[:60] for words, _ in BAD])
 def test_bad_input_is_one_message_and_exit_code_2(words, expected, tmp_path, monkeypatch, capsys):
     files(tmp_path)
     monkeypatch.chdir(tmp_path)

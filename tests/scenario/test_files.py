@@ -20,8 +20,8 @@ def test_all_reference_scenarios_but_the_airy_sea_are_shipped():
 @pytest.mark.parametrize("name", list_scenarios())
 def test_shipped_scenarios_load_also_with_a_dvl_and_survive_writing(name):
     plain, dvl = load_scenario(name), load_scenario(f"{name}_dvl")
-    assert plain.name == name and not plain.sensors.dvl
-    assert dvl.name == f"{name}_dvl" and dvl.sensors.dvl
+    assert plain.name == name and not plain.sensors.dvl.on_board
+    assert dvl.name == f"{name}_dvl" and dvl.sensors.dvl.on_board
     assert plain.vehicle == "double_blueye" and plain.start.position == [0.0, 0.0, 0.5]
     assert plain.rates.physics == 500 and plain.rates.control == 50 and plain.duration == 1500
     assert Scenario.model_validate(yaml.safe_load(dump_scenario(plain))) == plain
@@ -37,12 +37,12 @@ def test_missions_are_those_of_the_thesis():
 def test_overrides_reach_every_depth_and_short_forms():
     scenario = load_scenario(
         "lawnmower_calm",
-        ["world.current=[0.1,0,0]", "sensors.position_outliers=5e-2", "autopilot.controller.gains=pole_placement",
+        ["world.current=[0.1,0,0]", "sensors.position.outlier=5e-2", "autopilot.controller.gains=pole_placement",
          "mission=square", "world.waves.drift=0.1", "world.mismatch=true"],
         seed=7,
     )  # fmt: skip
     assert scenario.world.current.velocity == [0.1, 0, 0]
-    assert scenario.sensors.position_outliers == 0.05
+    assert scenario.sensors.position.outlier == 0.05
     assert scenario.autopilot.controller.gains == "pole_placement"
     assert scenario.mission.name == "square" and scenario.seed == 7
     assert scenario.world.waves is not None and scenario.world.waves.drift == 0.1
@@ -74,8 +74,14 @@ def test_a_preset_can_be_named_and_then_changed():
         ("seed=[", "not YAML"),
         ("autopilot=pid", "no autopilot 'pid'"),
         ("autopilot.observer.tuning=printed", "expected 'consistent' or 'as_printed'"),
-        ("sensors.latency={gyros: 1}", "no sensor 'gyros'"),
-        ("sensors.position_blackouts=[[140, 80]]", "begins before it ends"),
+        ("sensors.gyros.latency=1", "sensors.gyros: no such key. Did you mean 'gyro'?"),
+        ("sensors.position.latency=1e12", "sensors.position.latency: found 1000000000000.0"),
+        ("sensors.position.blackouts=[[140, 80]]", "begins before it ends"),
+        ("duration=true", "duration: found True"),
+        ("seed=true", "seed: found True"),
+        ("start.position=[0,0,-5]", "expected a depth of at least 0"),
+        ("mission.waypoints=[{position: [0, 0, 300]}]", "where the supervisor aborts"),
+        ("log.rate=7", "does not divide"),
         ("rates.control=60", "control rate 60 Hz does not divide the physics rate 500 Hz"),
         ("start.heading_deg=720", "start.heading_deg"),
         ("duration=0", "duration: found 0, expected a number greater than 0"),
@@ -104,6 +110,7 @@ def test_missions_and_vehicles_are_found_beside_the_scenario_file(tmp_path, monk
 
 def test_seeds():
     assert parse_seeds("1-3,7") == [1, 2, 3, 7]
-    for bad in ("", "a", "1-", "-3", "5-1"):
+    assert parse_seeds("3,3,2-4") == [3, 2, 4]
+    for bad in ("", "a", "1-", "-3", "5-1", "1-100000000000", "3000000000"):
         with pytest.raises(ConfigError, match="expected"):
             parse_seeds(bad)

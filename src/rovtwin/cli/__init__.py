@@ -56,3 +56,7 @@ def main() -> None:
         # The reader, such as `head`, has seen enough.
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:
+        # A folder that cannot be written, a name that is too long, a full disk: the system says what and where.
+        report_error(error, as_json="--json" in sys.argv)
+        sys.exit(2)

@@ -1,7 +1,5 @@
 """What all commands share: where output goes, how figures are shown, how errors are said."""
 
-import json
-import math
 import sys
 from typing import Annotated, Any
 
@@ -9,6 +7,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from rovtwin.core.jsontext import to_json
 
 AsJson = Annotated[bool, typer.Option("--json", help="One machine-readable object on standard output.")]
 
@@ -24,19 +24,8 @@ def console(as_json: bool) -> Console:
 
 
 def emit(data: Any) -> None:
-    """One JSON object on standard output; what JSON cannot say (NaN, infinity) is null."""
-    json.dump(_plain(data), sys.stdout, indent=2)
-    sys.stdout.write("\n")
-
-
-def _plain(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {str(key): _plain(value) for key, value in data.items()}
-    if isinstance(data, list | tuple):
-        return [_plain(value) for value in data]
-    if isinstance(data, float) and not math.isfinite(data):
-        return None
-    return data
+    """One JSON object on standard output."""
+    sys.stdout.write(to_json(data) + "\n")
 
 
 def report_error(error: Exception, as_json: bool) -> None:

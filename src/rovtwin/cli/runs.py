@@ -148,33 +148,42 @@ def demo(
 def score(
     scenarios: Annotated[list[str] | None, typer.Argument(help="Scenarios; default all that are shipped.")] = None,
     seeds: Annotated[str, typer.Option(help="Seeds, such as 1-10 or 3,5,8.")] = "1-10",
-    vehicle: Annotated[str, typer.Option(help="Vehicle to fly them with.")] = "double_blueye",
-    autopilot: Annotated[str, typer.Option(help="thesis, thesis_as_printed or thesis_placed.")] = "thesis",
+    vehicle: Annotated[str | None, typer.Option(help="Vehicle to fly them with; default the scenario's.")] = None,
+    autopilot: Annotated[
+        str | None, typer.Option(help="thesis, thesis_as_printed or thesis_placed; default the scenario's.")
+    ] = None,
     overrides: Overrides = None,
     batch: Annotated[bool, typer.Option("--batch", help="All seeds side by side under vmap, as on a GPU.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly scenarios over many seeds and print the table of scores; nothing is written."""
+    """Fly scenarios over many seeds and print the table of scores; nothing is written.
+
+    Exit code 1 if any run did not complete.
+    """
     from rovtwin.scenario.files import list_scenarios, load_scenario
     from rovtwin.scenario.seeds import parse_seeds
 
     numbers = parse_seeds(seeds)
-    extra = [f"vehicle={vehicle}", f"autopilot={autopilot}", *(overrides or ())]
-    wanted = [load_scenario(name, extra) for name in scenarios or list_scenarios()]
+    given = {"vehicle": vehicle, "autopilot": autopilot}
+    extra = [*(f"{key}={value}" for key, value in given.items() if value), *(overrides or ())]
+    wanted = {name: load_scenario(name, extra) for name in scenarios or list_scenarios()}
     results = {}
     with _bar("") as bar:
-        for scenario in wanted:
-            task = bar.add_task(f"{scenario.name}: compiling", total=1.0)
+        for label, scenario in wanted.items():
+            task = bar.add_task(f"{label}: compiling", total=1.0)
             from rovtwin.scenario.batch import score_batch, score_seeds
 
-            def progress(share: float, what: str, task: Any = task, name: str = scenario.name) -> None:
+            def progress(share: float, what: str, task: Any = task, name: str = label) -> None:
                 bar.update(task, completed=share, description=f"{name}: {what}")
 
-            results[scenario.name] = (score_batch if batch else score_seeds)(scenario, numbers, progress)
+            results[label] = (score_batch if batch else score_seeds)(scenario, numbers, progress)
     screen = console(as_json)
-    screen.print(_score_table(results, f"{vehicle}, autopilot {autopilot}, seeds {seeds}"))
+    title = ", ".join([*(f"{key} {value}" for key, value in given.items() if value), f"seeds {seeds}"])
+    screen.print(_score_table(results, title))
     if as_json:
-        emit({"vehicle": vehicle, "autopilot": autopilot, "seeds": numbers, "scenarios": results})
+        emit({**given, "seeds": numbers, "scenarios": results})
+    completed = all(run["completed"] for runs in results.values() for run in runs)
+    raise typer.Exit(DONE if completed else FAILED)
 
 
 def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
@@ -235,7 +244,7 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
 
 
 @scenario_app.command("schema")
-def schema() -> None:
+def schema(as_json: AsJson = True) -> None:
     """The JSON Schema of scenario files, for editors to complete and check them."""
     from rovtwin.scenario.schema import Scenario
 

@@ -56,7 +56,7 @@ def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
 
 
 @vehicle_app.command("schema")
-def schema() -> None:
+def schema(as_json: AsJson = True) -> None:
     """The JSON Schema of vehicle files, for editors to complete and check them."""
     from rovtwin.vehicle import vehicle_schema
 

@@ -14,7 +14,7 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def read(self) -> list[Measurement]:
-        """Readings that arrived since the last call, in order of arrival."""
+        """Readings that arrived since the last call, those of each sensor in order of arrival."""
 
     @abc.abstractmethod
     def send(self, command: Command) -> None:

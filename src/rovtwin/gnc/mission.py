@@ -11,7 +11,7 @@ from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array, jnp
 
 _REQUIRED = ("x", "y", "depth")
-_DEFAULTS: dict[str, float | None] = {"speed": 0.3, "acceptance": 0.2, "hold_time": 0.0, "heading": None}
+_DEFAULTS: dict[str, float | None] = {"speed": 0.2, "acceptance": 0.2, "hold_time": 0.0, "heading": None}
 _KEYS = (*_REQUIRED, *_DEFAULTS)
 
 

@@ -80,7 +80,7 @@ COLUMNS = (
     "error\n[m]",
     "bound\n[m]",
     "NEES",
-    "if consistent",
+    "if consistent\n(samples)",
     "saturated",
     "effort\n[N2 s]",
 )
@@ -90,10 +90,10 @@ def table_row(runs: list[dict[str, Any]]) -> list[str]:
     """A row of the table of scores under COLUMNS: means over the runs, the largest of the maxima.
 
     A run that stays at one place has its distance from there instead of the cross-track distance. NEES stands beside
-    the interval of its mean over these runs if the filter were consistent.
+    the interval of its mean over these runs if the filter were consistent, and the effective number of samples.
     """
     done = sum(run["completed"] for run in runs)
-    path = "cross_track" if any(run["cross_track_rms_m"] is not None for run in runs) else "station"
+    path = "station" if any(run["station_rms_m"] is not None for run in runs) else "cross_track"
     largest = [run[f"{path}_max_m"] for run in runs if run[f"{path}_max_m"] is not None]
     low, high = nees_interval(runs)
     return [
@@ -104,7 +104,7 @@ def table_row(runs: list[dict[str, Any]]) -> list[str]:
         f"{mean_over(runs, 'position_error_rms_m'):.3f}",
         f"{mean_over(runs, 'bound_position_m'):.3f}",
         f"{mean_over(runs, 'nees_position_mean'):.3g}",
-        f"{low:.2f} to {high:.2f}",
+        f"{low:.2f} to {high:.2f} ({sum(run['nees_effective_samples'] or 0 for run in runs):.0f})",
         f"{100 * mean_over(runs, 'saturated_share'):.1f} %",
         f"{mean_over(runs, 'effort_n2s'):.0f}",
     ]

@@ -36,7 +36,7 @@ def log_channels(thrusters: list[str], sensors: list[str], rate: float, with_sen
         ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves and drift at CO"),
         ("autopilot/eta", ETA, ETA_UNITS, "n", "estimated pose of CO"),
         ("autopilot/nu", NU, NU_UNITS, "b", "estimated velocity over ground"),
-        ("autopilot/bias", TAU, TAU_UNITS, "n", "estimated disturbance"),
+        ("autopilot/bias", TAU, TAU_UNITS, "", "estimated disturbance: force in n, moment in b"),
         ("autopilot/std", STD, ETA_UNITS + NU_UNITS, "", "standard deviation of eta and nu, as the filter believes"),
         ("autopilot/setpoint", ETA, ETA_UNITS, "n", "pose that guidance asks for"),
         ("autopilot/reference", ETA, ETA_UNITS, "n", "pose of the reference model"),
@@ -50,7 +50,11 @@ def log_channels(thrusters: list[str], sensors: list[str], rate: float, with_sen
         ("score/nees", ("position", "pose_velocity"), "1", "", "normalised estimation error squared, 2 and 12 dof"),
         ("score/cross_track", ("distance", "valid"), ("m", "1"), "n", "horizontal distance of CO to the leg"),
     ]
-    channels = [Channel(n, f, u, frame, description=d, rate=rate) for n, f, u, frame, d in table]
+    every_tick, rest = ("autopilot/nis", "autopilot/nis_dof"), ("score/",)
+    channels = [
+        Channel(n, f, u, frame, description=d, rate=None if n in every_tick or n.startswith(rest) else rate)
+        for n, f, u, frame, d in table
+    ]
     if with_sensors:
         for name in sensors:
             fields, unit, frame, description = SENSORS[name]

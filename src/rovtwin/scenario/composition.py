@@ -7,6 +7,7 @@ from typing import Any
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
+from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.bound import position_bound
@@ -17,10 +18,12 @@ from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
+    SENSOR_NAMES,
     AutopilotSection,
     ConstantCurrentSection,
     MissionSection,
     Scenario,
+    SensorSection,
     ShearedCurrentSection,
     WorldSection,
 )
@@ -67,7 +70,7 @@ class Composed:
             speed: At which the model is linearised [m/s].
         """
         sensors = self.loop.twin.sensors
-        dvl = sensors.get("dvl")
+        dvl, accelerometer = sensors.get("dvl"), sensors["accelerometer"]
         waves = self.scenario.world.waves
         result = position_bound(
             self.model,
@@ -77,6 +80,8 @@ class Composed:
             waves.drift if waves and waves.drift > 0 else DESIGN_FORCE_WALK,
             dvl_sigma=float(dvl.noise[0]) if dvl else None,
             dvl_rate=dvl.rate / 1000 if dvl else None,
+            accelerometer_sigma=float(accelerometer.noise[0]),
+            accelerometer_rate=accelerometer.rate / 1000,
         )
         return [float(value) for value in result]
 
@@ -89,10 +94,12 @@ def compose(scenario: Scenario) -> Composed:
     """
     vehicle = vehicle_of(scenario)
     model = vehicle.model()
+    if not vehicle.thruster_names:
+        raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
     key_plant, key_run = jax.random.split(jax.random.key(scenario.seed))
     sensors = sensors_of(scenario)
     loop = Loop(
-        autopilot=autopilot_of(scenario.autopilot, model, scenario.mission, scenario.control_dt),
+        autopilot=autopilot_of(scenario, model, sensors),
         twin=Twin(
             plant_of(scenario.world, vehicle, model, key_plant), world_of(scenario.world), sensors, scenario.substeps
         ),
@@ -135,7 +142,13 @@ def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) ->
                 raise ConfigError(f"world.thruster_health: no thruster {name!r}; {vehicle.name} has {', '.join(names)}")
         health = as_array([world.thruster_health.get(name, 1.0) for name in names])
         plant = plant.replace(thrusters=replace(plant.thrusters, health=plant.thrusters.health * health))
-    return lifted(plant, world.net_buoyancy)
+    plant = lifted(plant, world.net_buoyancy)
+    if float(plant.buoyancy) < 0:
+        raise ConfigError(
+            f"world.net_buoyancy: found {world.net_buoyancy:g} N, expected at least {-float(model.buoyancy):g} N: "
+            f"{vehicle.name} has no more buoyancy to lose"
+        )
+    return plant
 
 
 def world_of(world: WorldSection) -> World:
@@ -166,29 +179,33 @@ def _waves_of(world: WorldSection) -> Block | None:
 
 
 def sensors_of(scenario: Scenario) -> dict[str, Sensor]:
-    """The sensors by name, with the scenario's faults."""
+    """The sensors by name, with what the scenario changes about them."""
     section = scenario.sensors
-    changes: dict[str, dict[str, Any]] = {"position": {}}
-    for key in ("latency", "dropout"):
-        for name, value in getattr(section, key).items():
-            if name == "dvl" and not section.dvl:
-                raise ConfigError(f"sensors.{key}: there is no DVL on board; set sensors.dvl to true to have one")
-            changes.setdefault(name, {})[key] = value
-    changes["position"] |= {
-        "blackouts": section.position_blackouts,
-        "outlier": section.position_outliers,
-        "outlier_size": section.outlier_size,
-    }
-    return table_5_7(section.preset == "as_printed", section.dvl, scenario.rates.physics, changes)
+    changes = {name: _changes_of(getattr(section, name)) for name in SENSOR_NAMES}
+    if not section.dvl.on_board:
+        if changes.pop("dvl"):
+            raise ConfigError("sensors.dvl: there is none on board; set sensors.dvl.on_board to true to have one")
+    return table_5_7(section.preset == "as_printed", section.dvl.on_board, scenario.rates.physics, changes)
 
 
-def autopilot_of(section: AutopilotSection, model: Model, mission: MissionSection, control_dt: float) -> Autopilot:
-    """The thesis's autopilot around a model."""
+def _changes_of(section: SensorSection) -> dict[str, Any]:
+    """Arguments of `Sensor` that differ from the preset."""
+    given = section.model_dump(exclude_none=True, exclude={"on_board", "position", "attitude_deg"})
+    if section.position is not None:
+        given["lever"] = section.position
+    if section.attitude_deg is not None:
+        given["rotation"] = rotation_from_euler(jnp.radians(as_array(section.attitude_deg)))
+    return given
+
+
+def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor]) -> Autopilot:
+    """The thesis's autopilot around a model; it knows how noisy its sensors are, not how they fail."""
+    section = scenario.autopilot
     supervisor = section.supervisor
     thesis = Autopilot.thesis(
         model,
-        Ekf(model, _tuning_of(section, control_dt)),
-        way_points(mission),
+        Ekf(model, _tuning_of(section, sensors, scenario.control_dt)),
+        way_points(scenario.mission),
         gains=section.controller.gains,
         supervisor=Supervisor(
             depth_limit=supervisor.depth_limit,
@@ -204,11 +221,13 @@ def autopilot_of(section: AutopilotSection, model: Model, mission: MissionSectio
     )
 
 
-def _tuning_of(section: AutopilotSection, control_dt: float) -> EkfTuning:
+def _tuning_of(section: AutopilotSection, sensors: dict[str, Sensor], control_dt: float) -> EkfTuning:
     if section.observer.tuning == "as_printed":
         return EkfTuning.as_printed(control_dt)
     walk = section.observer.force_walk
-    return EkfTuning.consistent(force_walk=DESIGN_FORCE_WALK if walk is None else walk)
+    std = {name: float(sensor.noise[0]) for name, sensor in sensors.items() if name != "accelerometer"}
+    known = {name: value for name, value in std.items() if value > 0}
+    return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
 
 
 def way_points(section: MissionSection) -> Mission:

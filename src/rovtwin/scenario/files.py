@@ -72,7 +72,7 @@ def _find(name: str) -> tuple[dict[str, Any], Path]:
     data = read_yaml(path)
     if dvl:
         data["name"] = name
-        data["sensors"] = (data.get("sensors") or {}) | {"dvl": True}
+        data["sensors"] = (data.get("sensors") or {}) | {"dvl": {"on_board": True}}
     return data, path
 
 

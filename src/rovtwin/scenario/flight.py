@@ -1,6 +1,5 @@
 """Flying a scenario: run it, log it while it runs, score it, report it."""
 
-import json
 import platform
 import re
 import sys
@@ -14,6 +13,7 @@ import numpy as np
 
 from rovtwin import __version__
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.channels import (
@@ -32,6 +32,7 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, score
 
 Progress = Callable[[float, str], None]  # simulated time [s], phase
+SCORE_RATE = 10  # samples that scores are computed from, whatever is logged [1/s]
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ class Recorder:
 
     def __init__(self, scenario: Scenario, write: Callable[[str, np.ndarray, np.ndarray], None]):
         self._dt = scenario.control_dt
-        self._every = max(1, round(scenario.rates.control / scenario.log.rate))
+        self._log_every = scenario.rates.control // scenario.log.rate
+        self._score_every = max(1, scenario.rates.control // SCORE_RATE)
         self._sensors = scenario.log.sensors
         self._write = write
         self._tick = 0
@@ -73,21 +75,21 @@ class Recorder:
         length = len(record.water_velocity)
         k = self._tick + np.arange(length)
         self._tick += length
-        # The last tick of a run is kept whatever its number: it holds the verdict.
-        chosen = np.flatnonzero((k % self._every == 0) | (k == k[-1]) & _ends(record))
-        sampled = jax.tree.map(lambda leaf: leaf[chosen], record)
-        samples = truth_samples(sampled) | autopilot_samples(sampled)
         t = k * self._dt
+        samples = truth_samples(record) | autopilot_samples(record)
+        # The last tick of a run is kept whatever its number: it holds the verdict.
+        last = (k == k[-1]) & _ends(record)
+        logged = (k % self._log_every == 0) | last
         for name, values in samples.items():
-            self._write(name, t[chosen], values)
+            self._write(name, t[logged], values[logged])
         for name, values in nis_samples(record).items():
             self._write(name, t, values)
         if self._sensors:
             for name, (times, values) in sensor_samples(record, t).items():
                 self._write(name, times, values)
-        samples["t"] = t[chosen]
-        samples["covariance"] = np.asarray(sampled.autopilot.estimate.covariance)
-        self._kept.append(samples)
+        scored = (k % self._score_every == 0) | last
+        samples |= {"t": t, "covariance": np.asarray(record.autopilot.estimate.covariance)}
+        self._kept.append({name: values[scored] for name, values in samples.items()})
         self._thrust.append(np.asarray(record.state.thrust))
         self._saturated.append(np.any(np.abs(record.autopilot.command.u) >= 1.0 - 1e-9, axis=1))
 
@@ -165,7 +167,7 @@ def fly(
         for name, (t, values) in _scores(recorder.flown()).items():
             log.write_many(name, t, values)
         log.annotate(_closing(summary))
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     flight = Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
     if report:
         from rovtwin.report import write_report
@@ -207,7 +209,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
         "reason": reason,
         "interrupted": interrupted,
         "nees_position_interval": [low, high],
-        "bound_position_m": composed.bound(speed),
+        "bound_position_m": composed.bound(speed) if np.isfinite(speed) else None,
         "speed_rms_m_s": speed,
     }
 
@@ -223,9 +225,9 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "python": platform.python_version(),
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
-        "vehicle_table": json.dumps(composed.vehicle_table),
+        "vehicle_table": to_json(composed.vehicle_table),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
-        "mission": json.dumps([w.model_dump() for w in scenario.mission.waypoints]),
+        "mission": to_json([w.model_dump() for w in scenario.mission.waypoints]),
     }
 
 
@@ -244,7 +246,7 @@ def _scores(flown: Flown) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _closing(summary: dict[str, Any]) -> dict[str, str]:
-    return {"summary": json.dumps(summary)}
+    return {"summary": to_json(summary)}
 
 
 def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:

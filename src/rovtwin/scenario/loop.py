@@ -43,13 +43,14 @@ class Loop(eqx.Module):
         key_autopilot, key_twin = jax.random.split(key)
         twin = self.twin.init(key_twin, start)
         state = State.at(self.twin.model, start)
+        _, water = self.twin.world.step(twin.world, state, control_dt / self.twin.substeps)
         return LoopMemory(
             autopilot=self.autopilot.init(key_autopilot, start),
             twin=twin,
             state=state,
             measurements=self.twin.empty(),
-            water_velocity=jnp.zeros(3),
-            external_wrench=jnp.zeros(6),
+            water_velocity=water.velocity,
+            external_wrench=water.wrench,
         )
 
     def tick(self, memory: LoopMemory, k: Array, control_dt: float) -> tuple[LoopMemory, Record]:

@@ -80,7 +80,7 @@ def realtime_chunks(
     with link:
         for k in range(total):
             readings = empty
-            while link.tick < k:  # not so where the clock has run ahead: then this tick has no readings of its own
+            while link.tick < k:
                 sleep(max(0.0, k * control_dt - now()))
                 readings = pack(link.read(), empty)
             state, water_velocity, external_wrench = truth.now

@@ -7,17 +7,25 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.config import Degrees, Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
 
+
+def _under_water(place: list[float]) -> list[float]:
+    if place[2] < 0:
+        raise ValueError(f"found {place[2]:g} m as the third number, expected a depth of at least 0 (down is positive)")
+    return place
+
+
+Place = Annotated[Vector3, AfterValidator(_under_water)]
 Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class StartSection(Strict):
     """Where the vehicle begins, at rest and level."""
 
-    position: Vector3 = Field(default=[0.0, 0.0, 0.5], description="CO, north, east, down [m]")
+    position: Place = Field(default=[0.0, 0.0, 0.5], description="CO, north, east, down [m]")
     heading_deg: Degrees = 0.0
 
 
@@ -81,7 +89,7 @@ class ThesisWavesSection(Strict):
 class MismatchSection(Strict):
     """How the plant differs from the autopilot's model; the damping factors are drawn from the seed."""
 
-    damping: Annotated[float, Field(ge=0, lt=1)] = Field(
+    damping: Annotated[Number, Field(ge=0, lt=1)] = Field(
         default=0.25, description="each coefficient times U[1 - d, 1 + d]"
     )
     mass: Positive = Field(default=1.10, description="factor on rigid-body and added mass, weight and buoyancy")
@@ -114,35 +122,56 @@ class WorldSection(Strict):
         return {} if value is True else None if value is False else value
 
 
+class SensorSection(Strict):
+    """What is different about one sensor; all that is not given is the preset's."""
+
+    rate_hz: Positive | None = Field(default=None, description="readings a second")
+    noise: NonNegative | None = Field(default=None, description="standard deviation per axis, in the sensor's unit")
+    bias: Number | None = Field(default=None, description="constant, on every axis")
+    bias_walk: NonNegative | None = Field(default=None, description="random walk of the bias, per sqrt(s)")
+    latency: Annotated[Number, Field(ge=0, le=1)] | None = Field(default=None, description="delay of delivery [s]")
+    clock_drift: Annotated[Number, Field(ge=-0.1, le=0.1)] | None = Field(default=None, description="relative")
+    clock_offset: Number | None = Field(default=None, description="of its time stamps [s]")
+    dropout: Share | None = Field(default=None, description="share of the readings that are lost")
+    outlier: Share | None = Field(default=None, description="share of the others that are outliers")
+    outlier_size: NonNegative | None = Field(default=None, description="length of an outlier, any direction")
+    blackouts: list[Window] | None = Field(default=None, description="from, to [s]: no readings")
+    position: Vector3 | None = Field(default=None, description="mounting place seen from CO, body frame [m]")
+    attitude_deg: Degrees3 | None = Field(default=None, description="mounting roll, pitch, yaw")
+
+    @field_validator("blackouts")
+    @classmethod
+    def _ordered(cls, windows: list[Window] | None) -> list[Window] | None:
+        for begin, end in windows or []:
+            if not 0 <= begin < end:
+                raise ValueError(f"a blackout begins before it ends, found [{begin:g}, {end:g}]")
+        return windows
+
+
+class DvlSection(SensorSection):
+    """A Doppler log, 5 mm/s per axis at 10 Hz."""
+
+    on_board: bool = False
+
+
+SENSOR_NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl")
+
+
 class SensorsSection(Strict):
     """Sensors of thesis table 5.7 with their biases put right (`table_5_7`) or as printed (`as_printed`)."""
 
     preset: Literal["table_5_7", "as_printed"] = "table_5_7"
-    dvl: bool = Field(default=False, description="a Doppler log, 5 mm/s per axis at 10 Hz")
-    position_blackouts: list[Window] = Field(default_factory=list, description="from, to [s]: no acoustic positions")
-    position_outliers: Share = Field(default=0.0, description="share of the acoustic positions that are outliers")
-    outlier_size: NonNegative = Field(
-        default=5.0, description="distance of an outlier, in any horizontal direction [m]"
-    )
-    latency: dict[str, NonNegative] = Field(default_factory=dict, description="delay of a sensor by its name [s]")
-    dropout: dict[str, Share] = Field(default_factory=dict, description="share of lost readings by sensor name")
+    position: SensorSection = SensorSection()
+    pressure: SensorSection = SensorSection()
+    accelerometer: SensorSection = SensorSection()
+    gyro: SensorSection = SensorSection()
+    attitude: SensorSection = SensorSection()
+    dvl: DvlSection = DvlSection()
 
-    @field_validator("position_blackouts")
+    @field_validator("dvl", mode="before")
     @classmethod
-    def _ordered(cls, windows: list[Window]) -> list[Window]:
-        for begin, end in windows:
-            if not 0 <= begin < end:
-                raise ValueError(f"a blackout begins before it ends, found [{begin}, {end}]")
-        return windows
-
-    @field_validator("latency", "dropout")
-    @classmethod
-    def _known_sensor(cls, table: dict[str, float]) -> dict[str, float]:
-        known = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl")
-        for name in table:
-            if name not in known:
-                raise ValueError(f"no sensor {name!r}; there are {', '.join(known)}")
-        return table
+    def _dvl_by_default(cls, value: Any) -> Any:
+        return {"on_board": value} if isinstance(value, bool) else value
 
 
 class ObserverSection(Strict):
@@ -181,8 +210,10 @@ class GuidanceSection(Strict):
 class SupervisorSection(Strict):
     """When to give up: thrusters off, reason in the log."""
 
-    depth_limit: Positive = Field(default=20.0, description="[m]")
-    attitude_limit_deg: Annotated[float, Field(gt=0, le=90)] = Field(default=80.0, description="roll or pitch")
+    depth_limit: Positive = Field(default=100.0, description="[m]")
+    attitude_limit_deg: Annotated[Number, Field(gt=0, le=85)] = Field(
+        default=80.0, description="roll or pitch; Euler angles fail at 90"
+    )
     position_std_limit: Positive = Field(default=10.0, description="estimate counts as lost beyond it [m]")
 
 
@@ -200,7 +231,7 @@ class AutopilotSection(Strict):
 class Waypoint(Strict):
     """One way-point."""
 
-    position: Vector3 = Field(description="north, east, down [m]")
+    position: Place = Field(description="north, east, down [m]")
     acceptance: Positive = Field(default=0.2, description="radius [m]")
     speed: Positive = Field(default=0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
     hold_time: NonNegative = Field(default=0.0, description="time to stay [s]")
@@ -218,8 +249,8 @@ class MissionSection(Strict):
 class RatesSection(Strict):
     """Steps per second; control must divide physics."""
 
-    physics: Annotated[int, Field(gt=0, le=10_000)] = 500
-    control: Annotated[int, Field(gt=0, le=1_000)] = 50
+    physics: Annotated[int, Field(strict=True, gt=0, le=10_000)] = 500
+    control: Annotated[int, Field(strict=True, gt=0, le=1_000)] = 50
 
     @model_validator(mode="after")
     def _divides(self) -> "RatesSection":
@@ -231,7 +262,9 @@ class RatesSection(Strict):
 class LogSection(Strict):
     """How often the channels are written; sensors are logged as they come."""
 
-    rate: Annotated[int, Field(gt=0, le=1_000)] = Field(default=10, description="of truth and autopilot channels [1/s]")
+    rate: Annotated[int, Field(strict=True, gt=0, le=1_000)] = Field(
+        default=10, description="of truth and autopilot channels [1/s]"
+    )
     sensors: bool = Field(default=True, description="log every sensor reading")
 
 
@@ -251,8 +284,8 @@ class Scenario(Strict):
     vehicle: str | dict[str, Any] = Field(
         default="double_blueye", description="library name, file, or the description itself"
     )
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    duration: Annotated[float, Field(gt=0, le=86_400)] = Field(default=1500.0, description="longest run [s]")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 1
+    duration: Annotated[Number, Field(gt=0, le=86_400)] = Field(default=1500.0, description="longest run [s]")
     start: StartSection = StartSection()
     rates: RatesSection = RatesSection()
     world: WorldSection = WorldSection()
@@ -274,6 +307,19 @@ class Scenario(Strict):
                 raise ValueError(f"no autopilot {value!r}; there are {', '.join(PRESETS)}")
             return PRESETS[value]
         return value
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "Scenario":
+        if self.rates.control % self.log.rate:
+            raise ValueError(f"log.rate {self.log.rate} Hz does not divide the control rate {self.rates.control} Hz")
+        limit = self.autopilot.supervisor.depth_limit
+        for i, waypoint in enumerate(self.mission.waypoints):
+            if waypoint.position[2] >= limit:
+                raise ValueError(
+                    f"mission.waypoints[{i}] is {waypoint.position[2]:g} m deep, where the supervisor aborts; stay "
+                    f"above {limit:g} m or raise autopilot.supervisor.depth_limit"
+                )
+        return self
 
     @property
     def control_dt(self) -> float:

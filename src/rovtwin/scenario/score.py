@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
-from rovtwin.core.flow import ABORTED, DIVE, FINISHED, HOLD, IDLE, PHASES, REASONS
+from rovtwin.core.flow import ABORTED, FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
 STATION = 10.0  # holding counts as keeping a station from this long on [s]
@@ -25,7 +25,6 @@ class Flown:
         leg: Start and end of the leg, shape (n, 6).
         mode: phase, reason, waypoint, on_leg, shape (n, 4).
         thrust: Every control tick, shape (m, n_thrusters) [N].
-        limits: Lowest and highest force of each thruster [N], shape (2, n_thrusters).
         control_dt: Period of `thrust` [s].
         saturated: Every control tick, whether any thruster was at its limit, shape (m,).
         duration: From arming to the end [s].
@@ -56,8 +55,8 @@ def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
 
 
 def after_first_dive(mode: np.ndarray) -> np.ndarray:
-    """Whether the first dive is over, shape (n,), bool."""
-    return np.logical_or.accumulate((mode[:, 0] != DIVE) & (mode[:, 0] != IDLE))
+    """Whether the first dive is over, shape (n,), bool: from the first turn, leg, hold or finish on."""
+    return np.logical_or.accumulate(np.isin(mode[:, 0], (TURN, GO, HOLD, FINISHED)))
 
 
 def nees(flown: Flown) -> np.ndarray:

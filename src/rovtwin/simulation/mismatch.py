@@ -16,15 +16,23 @@ def perturbed(
     Args:
         model: What the autopilot believes.
         key: Seeds the draws.
-        damping: Every damping coefficient (linear and quadratic, ahead and astern, each entry) is multiplied by its
-            own draw, uniform in [1 - damping, 1 + damping].
+        damping: Every damping coefficient (linear and quadratic, each entry, ahead and astern where they differ) is
+            multiplied by its own draw, uniform in [1 - damping, 1 + damping].
         mass: Factor on rigid-body and added mass; weight, buoyancy and displaced mass go with it.
         thrust: Factor on the force of every thruster.
     """
 
+    def factors(name: str) -> Array:
+        ahead = name.replace("astern", "ahead")
+        own, shared = (
+            jax.random.uniform(key_for(key, n), (6, 6), minval=1.0 - damping, maxval=1.0 + damping)
+            for n in (name, ahead)
+        )
+        # A coefficient that is the same ahead and astern is one coefficient, and has one draw.
+        return jnp.where(getattr(model, name) == getattr(model, ahead), shared, own)
+
     def scaled(name: str) -> Array:
-        matrix = getattr(model, name)
-        return matrix * jax.random.uniform(key_for(key, name), matrix.shape, matrix.dtype, 1.0 - damping, 1.0 + damping)
+        return getattr(model, name) * factors(name)
 
     heavier = ("rigid_body_mass", "added_mass", "weight", "buoyancy", "displaced_mass")
     return model.replace(

@@ -75,8 +75,8 @@ def _has_tables(thrusters: Thrusters) -> bool:
 def static_force(thrusters: Thrusters, u: Array) -> Array:
     """Force that each thruster settles at [N], shape (n,), for commands u, shape (n,); beyond +-1 they are clipped."""
     step = jnp.where(thrusters.quantisation > 0, thrusters.quantisation, 1.0)
-    u = jnp.clip(u, -1.0, 1.0)
     u = jnp.where(thrusters.quantisation > 0, jnp.round(u / step) * step, u)
+    u = jnp.clip(u, -1.0, 1.0)  # last: rounding must not ask for more than there is
     x = (jnp.abs(u) - thrusters.dead_band) / (1.0 - thrusters.dead_band)
     moving = x > 0.0
     # The inner `where` keeps the gradient of a power finite at zero.
