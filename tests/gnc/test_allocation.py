@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from tests.gnc.flying import ARM, thirty_kg, two_bodies
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import Allocation, rank, reachable_share, uncontrollable_directions, wrench_limits
+from rovtwin.gnc.allocation import Allocation, coupled, reachable_share, weighted_pseudo_inverse
+from rovtwin.vehicle.reach import rank, uncontrollable_directions, wrench_limits
 from rovtwin.vehicle.thrusters import force_limits, static_force, thrusters_from
 
 # Four vectored horizontal thrusters, which surge, sway and yaw share, and two vertical ones: a common small ROV.
@@ -105,6 +106,30 @@ def test_plain_axes_are_named_as_such():
     np.testing.assert_array_equal(np.abs(uncontrollable_directions(surge_and_heave)).sum(axis=0), [0, 1, 0, 1, 1, 1])
     assert uncontrollable_directions(np.eye(6)).shape == (0, 6)
     np.testing.assert_allclose(np.abs(uncontrollable_directions(VECTORED)), [[0, 0, 0, 0, 1, 0]], atol=1e-12)
+
+
+@given(seeds)
+def test_noise_of_the_geometry_is_no_direction(seed):
+    """A nanometre of misfit gives nobody pitch, and does not tilt the answer either."""
+    noisy = VECTORED + np.random.default_rng(seed).normal(0, 1e-9, VECTORED.shape)
+    assert rank(noisy) == 5
+    np.testing.assert_allclose(uncontrollable_directions(noisy), [[0, 0, 0, 0, 1, 0]], atol=1e-7)
+
+
+def test_no_thrusters_reach_nothing():
+    nothing = np.zeros((6, 0))
+    assert rank(nothing) == 0 and rank(np.zeros((6, 2))) == 0
+    np.testing.assert_array_equal(uncontrollable_directions(nothing), np.eye(6))
+    np.testing.assert_array_equal(uncontrollable_directions(np.zeros((6, 2))), np.eye(6))
+    np.testing.assert_array_equal(reachable_share(nothing), np.zeros(6))
+    assert weighted_pseudo_inverse(nothing).shape == (0, 6) and coupled(nothing).shape == (0, 0)
+    thrusters = thrusters_from(jnp.zeros((6, 0)), jnp.zeros(0))
+    for limit in wrench_limits(thrusters):
+        np.testing.assert_array_equal(limit, np.zeros(6))
+    for saturation in ("scale", "clip"):
+        allocate = Allocation.of(thirty_kg().replace(thrusters=thrusters), saturation=saturation)
+        command, told = allocate(jnp.ones(6))
+        assert command.u.shape == (0,) and not np.any(told)
 
 
 @given(seeds)

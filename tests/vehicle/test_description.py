@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -255,6 +256,68 @@ def test_voltage_is_interpolated_between_tables():
         vehicle(thrusters=[data], **BALL).model()
 
 
+TESTED = {"12": [[-1, -2], [0, 0], [1, 4]], "16": [[-1, -4], [0, 0], [0.5, 3], [1, 8]]}
+POD = {"thrusters": [{"name": "t", "direction": [1, 0, 0], "curve": {"table": TESTED}}]}
+
+
+def test_the_nearest_part_that_gives_a_voltage_wins():
+    inner = {"name": "inner", **POD}
+    parts = [
+        {"name": "a", "supply_voltage": 12, **POD},
+        {"name": "b", **POD},
+        {"name": "c", "supply_voltage": 13, "parts": [inner, {"name": "own", "supply_voltage": 14, **POD}]},
+    ]
+
+    def forces(voltage=None, **keys):
+        found = vehicle(parts=parts, **BALL, **keys)
+        assert found.thruster_names == ["a.t", "b.t", "c.inner.t", "c.own.t"]
+        return np.asarray(found.model(supply_voltage=voltage).thrusters.force_ahead)
+
+    np.testing.assert_allclose(forces(supply_voltage=16), [4, 8, 5, 6])
+    np.testing.assert_allclose(forces(supply_voltage=16, voltage=15), [7, 7, 7, 7])
+    with pytest.raises(ConfigError, match="thruster 'b.t': tables for 12, 16 V, but no supply voltage"):
+        forces()
+    alone = model(parts=[{"name": "a", "supply_voltage": 12, **POD}], **BALL)
+    np.testing.assert_allclose(alone.thrusters.force_ahead, [4.0])
+
+
+def test_a_voltage_in_a_part_file_stays_with_the_part(tmp_path):
+    (tmp_path / "pod.yaml").write_text(json.dumps({"name": "pod", "description": "d", "supply_voltage": 12, **POD}))
+    data = {"name": "v", "description": "d", "supply_voltage": 16, "parts": [{"name": "p", "part": "pod.yaml"}], **BALL}
+    found = vehicle_from_dict(data, folder=tmp_path)
+    for one in (found, vehicle_from_dict(found.to_dict())):
+        np.testing.assert_allclose(one.model().thrusters.force_ahead, [4.0])
+
+
+def test_a_vehicle_written_out_needs_no_file(tmp_path):
+    """Tables of a part in another folder are in the dump as points, exactly."""
+    folder = tmp_path / "lab" / "tests"
+    folder.mkdir(parents=True)
+    # Wider than full command: the points at +-1 lie between those of the test.
+    for volts, ahead in ((12.03, 2.9), (15.98, 5.1)):
+        rows = [(1080, -1.05 * ahead), (1200, -0.61 * ahead), (1500, 0), (1700, 0.37 * ahead), (1920, 1.05 * ahead)]
+        lines = [f"{pwm},{volts},{force}" for pwm, force in rows]
+        (folder / f"{volts}.csv").write_text("\n".join(["PWM,Voltage,Force", *lines]))
+    tables = ["tests/15.98.csv", "tests/12.03.csv"]
+    thrusters = [{"name": n, "direction": [1, 0, 0], "curve": {"table": t}} for n, t in (("a", tables), ("b", tables))]
+    pod = {"name": "pod", "description": "d", "supply_voltage": 14, "thrusters": thrusters}
+    (tmp_path / "lab" / "pod.yaml").write_text(json.dumps(pod))
+    whole = {"name": "v", "description": "d", "parts": [{"name": "p", "part": "lab/pod.yaml"}], **BALL}
+    (tmp_path / "v.yaml").write_text(json.dumps(whole))
+    found = load_vehicle(tmp_path / "v.yaml")
+    before = found.model()
+    dump = json.loads(json.dumps(found.to_dict()))
+    for file in folder.iterdir():
+        file.unlink()
+    after = vehicle_from_dict(dump).model()
+    for a, b in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert ".csv" not in json.dumps(dump)
+    end = np.interp((14 - 12.03) / (15.98 - 12.03), [0, 1], [2.9, 5.1]) * 9.80665
+    at_full = 0.37 + (1.05 - 0.37) * 200 / 220
+    np.testing.assert_allclose(before.thrusters.force_ahead, [end * at_full] * 2, rtol=1e-12)
+
+
 # --- schema, summary, findings
 
 
@@ -341,6 +404,44 @@ def test_render_prints_every_name():
     text = out.export_text()
     for word in ("starboard.heave", "pitch (M)", "Z_wdot", "metacentric height BG", "[0, -0.28, 0]", "thesis (3.2)"):
         assert word in text
+
+
+@pytest.mark.parametrize("name", ["double_blueye", "bluerov2_heavy"])
+def test_tables_break_no_word_at_80_columns(name):
+    from rich.console import Console
+
+    from rovtwin.vehicle import render
+
+    def printed(found, width):
+        out = Console(width=width, record=True, file=io.StringIO())
+        for item in render(found):
+            out.print(item)
+        return re.sub("[─│╭╮╰╯]", " ", out.export_text())
+
+    vehicle_itself = load_vehicle(name)
+    found = summary(vehicle_itself)
+    narrow = printed(found, 80)
+    assert max(len(line) for line in narrow.splitlines()) <= 80
+    assert sorted(narrow.split()) == sorted(printed(found, 400).split())
+    for column, thruster_name in enumerate(vehicle_itself.thruster_names):
+        number = str(column + 1)
+        rows = [line.split() for line in narrow.splitlines() if line.split()[:1] == [number]]
+        assert len(rows) == 3 and rows[0][1] == thruster_name
+        T = np.array(found["allocation"]["matrix"])[:, column]
+        np.testing.assert_allclose([float(cell) for cell in rows[2][1:]], T, rtol=1e-3)
+
+
+def test_a_name_wider_than_the_terminal_is_folded_and_not_cut():
+    from rich.console import Console
+
+    from rovtwin.vehicle import render
+
+    name = "a" * 90
+    out = Console(width=80, record=True, file=io.StringIO())
+    for item in render(summary(vehicle(thrusters=[thruster(name=name)], **BALL))):
+        out.print(item)
+    assert out.export_text().count("a" * 9) >= 9
+    assert "…" not in out.export_text()
 
 
 def test_uncontrollable_directions_that_are_no_axis():

@@ -46,6 +46,21 @@ CASES = {
     "attitude": ({"parts": [{"name": "a", "pose": {"attitude_deg": [0, 0, 400]}}]}, "a number of at most 360"),
     "density": ({"water_density": 1.025}, "water_density: found 1.025, expected a number of at least 900"),
     "same part": ({"parts": [{"name": "a"}, {"name": "a"}]}, "parts: the name 'a' is given twice; names must differ"),
+    "hyphen": (
+        {"thrusters": [T | {"name": "a-b"}]},
+        "thrusters[0].name: found 'a-b', expected a letter, then letters, digits and _: logs are named after it",
+    ),
+    "part name": ({"parts": [{"name": "2nd"}]}, "parts[0].name: found '2nd', expected a letter, then letters"),
+    "part name, dot": ({"parts": [{"name": "a.b"}]}, "parts[0].name: found 'a.b', expected a letter, then letters"),
+    "part name, accent": ({"parts": [{"name": "hélice"}]}, "parts[0].name: found 'hélice', expected a letter"),
+    "one name in logs": (
+        {"thrusters": [T | {"name": "port_t"}], "parts": [{"name": "port", "thrusters": [T]}]},
+        "v.yaml: the thrusters 'port_t' and 'port.t' are both 'port_t' in logs; rename one",
+    ),
+    "no tables": (
+        {"thrusters": [{"name": "t", "direction": [1, 0, 0], "curve": {"table": {}}}]},
+        "curve.table: found {}, expected a CSV file",
+    ),
     "same thruster": ({"thrusters": [T, T]}, "thrusters: the name 't' is given twice"),
     "part and mass": (
         {"parts": [{"name": "a", "part": "uhi", "mass": 2}]},
@@ -172,6 +187,7 @@ def test_mistakes_in_a_part_file_name_that_file(tmp_path):
         ("PWM,Voltage,Force\n1200,16,-4\n1500,16,0\n1900,16,5\n", "PWM from 1200 to 1900, expected 1100 to 1900"),
         ("PWM,Voltage,Force\n1100,16,-4\n", "found 2 lines"),
         ("PWM,Voltage,Force\n1100,16,-4\n1500,16,nan\n1900,16,5\n", "not finite"),
+        ("PWM,Voltage,Force\n1100,0,-4\n1500,0,0\n1900,0,5\n", "found a voltage of 0 V, expected more than 0"),
     ],
 )
 def test_bad_thrust_tables(text, said, tmp_path):
@@ -181,3 +197,13 @@ def test_bad_thrust_tables(text, said, tmp_path):
     with pytest.raises(ConfigError) as error:
         load_vehicle(tmp_path / "v.yaml").model()
     assert said in str(error.value)
+    assert str(error.value).startswith("v.yaml: thrusters[0].curve.table: ")
+
+
+def test_two_tables_at_one_voltage(tmp_path):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("PWM,Voltage,Force\n1100,16,-4\n1500,16,0\n1900,16,5\n")
+    data = GOOD | {"thrusters": [{"name": "t", "direction": [1, 0, 0], "curve": {"table": ["a.csv", "b.csv"]}}]}
+    (tmp_path / "v.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match=r"thrusters\[0\].curve.table: b.csv: a second table at 16 V; keep one"):
+        load_vehicle(tmp_path / "v.yaml")

@@ -12,13 +12,11 @@ import numpy as np
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import RANK_TOLERANCE
+from rovtwin.vehicle.reach import wrench_limits as wrench_limits  # control takes it from here
 from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 
 Saturation = Literal["scale", "clip"]
-
-# Singular values below this share of the largest count as zero: geometry in files is given to a millimetre or so,
-# and rounding alone leaves 1e-16.
-_RANK_TOLERANCE = 1e-6
 
 
 class Allocation(eqx.Module):
@@ -89,7 +87,7 @@ class Allocation(eqx.Module):
         # A thruster that cannot push this way at all is left to the clip: it must not stop the others.
         asked = jnp.where(limit > 0, jnp.abs(force), 0.0)
         excess = asked / jnp.where(limit > 0, limit, 1.0)
-        return 1.0 / jnp.maximum(jnp.max(jnp.where(self.together, excess, 0.0), axis=1), 1.0)
+        return 1.0 / jnp.maximum(jnp.max(jnp.where(self.together, excess, 0.0), axis=1, initial=0.0), 1.0)
 
 
 def weighted_pseudo_inverse(T: Any, weights: Any = None) -> np.ndarray:
@@ -101,63 +99,20 @@ def weighted_pseudo_inverse(T: Any, weights: Any = None) -> np.ndarray:
     root = np.ones(T.shape[1]) if weights is None else np.sqrt(np.asarray(weights, dtype=float))
     if root.shape != (T.shape[1],) or not np.all(root > 0):
         raise ValueError(f"weights are {weights!r}, expected {T.shape[1]} positive numbers, one per thruster")
-    return np.linalg.pinv(T / root, rcond=_RANK_TOLERANCE) / root[:, None]
+    return np.linalg.pinv(T / root, rcond=RANK_TOLERANCE) / root[:, None]
 
 
 def coupled(T: Any) -> np.ndarray:
     """Which thrusters of T, shape (6, n), share an axis, directly or through others, shape (n, n), bool."""
     T = np.asarray(T, dtype=float)
-    acts = np.abs(T) > _RANK_TOLERANCE * np.abs(T).max()
+    acts = np.abs(T) > RANK_TOLERANCE * np.abs(T).max(initial=0.0)
     linked = (acts.T @ acts) | np.eye(T.shape[1], dtype=bool)
     for _ in range(T.shape[1]):
         linked = linked @ linked
     return linked
 
 
-def rank(T: Any) -> int:
-    """Number of independent directions in which thrusters can push."""
-    return int(np.linalg.matrix_rank(np.asarray(T, dtype=float), tol=_smallest(T)))
-
-
-def uncontrollable_directions(T: Any) -> np.ndarray:
-    """Unit wrenches [X, Y, Z, K, M, N] that no command can make, one per row, shape (6 - rank, 6).
-
-    They span all wrenches orthogonal to the range of T. Where a plain axis is among them, it is given as such:
-    the Double Blueye's answer is the pitch axis, not a mixture.
-    """
-    T = np.asarray(T, dtype=float)
-    U, _, _ = np.linalg.svd(T)
-    null = U[:, rank(T) :]
-    # Gauss-Jordan elimination on the rows brings a basis to its sparsest readable form.
-    rows = null.T.copy()
-    pivots: list[int] = []
-    for i in range(len(rows)):
-        candidates = np.abs(rows[i:]).max(axis=0)
-        candidates[pivots] = 0.0
-        column = int(np.argmax(candidates > 0.5 * candidates.max()))
-        best = i + int(np.argmax(np.abs(rows[i:, column])))
-        rows[[i, best]] = rows[[best, i]]
-        rows[i] /= rows[i, column]
-        for j in range(len(rows)):
-            if j != i:
-                rows[j] -= rows[j, column] * rows[i]
-        pivots.append(column)
-    rows[np.abs(rows) < 1e-9] = 0.0
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True) if len(rows) else rows
-
-
 def reachable_share(T: Any) -> np.ndarray:
     """How much of a pure force or moment along each axis thrusters can make, 0 to 1, shape (6,): diagonal of T T^+."""
     T = np.asarray(T, dtype=float)
     return np.diagonal(T @ weighted_pseudo_inverse(T)).copy()
-
-
-def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
-    """Lowest and highest wrench of each axis alone [N, N m], shapes (6,) and (6,), other axes left free."""
-    low, high = force_limits(thrusters)
-    one_end, other_end = thrusters.configuration * low, thrusters.configuration * high
-    return jnp.sum(jnp.minimum(one_end, other_end), axis=1), jnp.sum(jnp.maximum(one_end, other_end), axis=1)
-
-
-def _smallest(T: Any) -> float:
-    return _RANK_TOLERANCE * float(np.linalg.norm(np.asarray(T, dtype=float), 2))

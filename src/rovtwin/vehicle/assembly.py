@@ -7,12 +7,12 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
+from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.damping import Damping, DragElements, drag_elements, tamed
 from rovtwin.vehicle.fields import inertia_matrix
 from rovtwin.vehicle.hydrodynamics import Solid, added_mass, move_matrix
 from rovtwin.vehicle.rigid_body import HERE, MassProperties, Placement, combine
 
-GRAVITY = 9.81  # as in `model`, which is not imported here: reading a file needs no JAX [m/s2]
 FRESH_WATER = 1000.0  # [kg/m3]
 
 
@@ -24,11 +24,13 @@ class Mounted:
         name: With the names of the parts it sits in, `port.camera`.
         item: What the file says of it.
         placement: Its frame in b; of a thruster, the frame of its part.
+        supply_voltage: Of a thruster: that of the nearest part around it that gives one [V].
     """
 
     name: str
     item: schema.Thruster | schema.Camera | schema.Sensor
     placement: Placement
+    supply_voltage: float | None = None
 
     @property
     def position(self) -> np.ndarray:
@@ -108,18 +110,22 @@ class Assembly:
         return replace(self, added_mass=added, measured=measured, elements=elements, density=density)
 
 
-def assemble(body: schema.Body, where: str, density: float = FRESH_WATER) -> Assembly:
+def assemble(
+    body: schema.Body, where: str, density: float = FRESH_WATER, supply_voltage: float | None = None
+) -> Assembly:
     """Totals of a body at its own origin.
 
     Args:
         body: With all `part:` files already in place.
         where: For messages: file and place in it.
         density: Water of the parent, for bodies that don't say in which water their values hold [kg/m3].
+        supply_voltage: Of the parent, for bodies that give none [V].
     """
     density = body.water_density or density
-    pieces = [_own(body, density)]
+    voltage = body.supply_voltage or supply_voltage
+    pieces = [_own(body, density, voltage)]
     for part in body.parts:
-        inner = assemble(part, f"{where}: part '{part.name}'", density).in_water(density)
+        inner = assemble(part, f"{where}: part '{part.name}'", density, voltage).in_water(density)
         pieces.append(inner.moved(Placement.of(part.pose.position, part.pose.attitude_deg), part.name))
     total = _sum(pieces, density)
     total = _with_rigid_body(total, body.rigid_body)
@@ -127,7 +133,7 @@ def assemble(body: schema.Body, where: str, density: float = FRESH_WATER) -> Ass
     return _with_hydrodynamics(total, body.hydrodynamics, where)
 
 
-def _own(body: schema.Body, density: float) -> Assembly:
+def _own(body: schema.Body, density: float, supply_voltage: float | None) -> Assembly:
     """What the body itself adds to its parts."""
     solid = None if body.shape is None else Solid.of(body.shape)
     center = HERE.position if solid is None else solid.placement.position
@@ -142,7 +148,7 @@ def _own(body: schema.Body, density: float) -> Assembly:
         Damping.none(),
         () if solid is None else (drag_elements(solid, density),),
         density,
-        tuple(Mounted(t.name, t, HERE) for t in body.thrusters),
+        tuple(Mounted(t.name, t, HERE, supply_voltage) for t in body.thrusters),
         tuple(Mounted(c.name, c, Placement.of(c.pose.position, c.pose.attitude_deg)) for c in body.cameras),
         tuple(Mounted(s.name, s, Placement.of(s.pose.position, s.pose.attitude_deg)) for s in body.sensors),
     )

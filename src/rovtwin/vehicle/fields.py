@@ -3,10 +3,11 @@
 Each is a list or mapping as YAML gives it, checked here and left as it is; `schema` names them as field types.
 """
 
+import re
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, WithJsonSchema
 
 _NUMBER = {"type": "number"}
 _ARRAY = {"type": "array", "items": _NUMBER}
@@ -115,6 +116,8 @@ def _check_table(value: Any) -> Any:
     if isinstance(value, str):
         return value
     if isinstance(value, dict):
+        if not value:
+            raise ValueError(f"found {value!r}, expected {what}")
         for voltage, points in value.items():
             if not _is_voltage(voltage):
                 raise ValueError(f"found key {voltage!r}, expected a voltage")
@@ -141,6 +144,19 @@ def _check_points(value: Any, what: str) -> None:
         raise ValueError("the commands of a table must increase from -1 to 1")
 
 
+_LOG_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+
+
+def _check_log_name(value: str) -> str:
+    if not _LOG_NAME.fullmatch(value):
+        raise ValueError(f"found {value!r}, expected a letter, then letters, digits and _: logs are named after it")
+    return value
+
+
+# Of thrusters and parts: their commands and forces are fields of log channels.
+LogName = Annotated[
+    str, AfterValidator(_check_log_name), WithJsonSchema({"type": "string", "pattern": f"^{_LOG_NAME.pattern}$"})
+]
 Inertia = Annotated[
     Any,
     BeforeValidator(_check_inertia),

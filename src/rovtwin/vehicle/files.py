@@ -6,6 +6,7 @@ from typing import Any
 from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.schema import Body, Part, VehicleFile
+from rovtwin.vehicle.thrust_curve import read_bollard_csv
 
 LIBRARY = Path(__file__).parent / "library"
 SUFFIXES = (".yaml", ".yml")
@@ -56,7 +57,7 @@ def from_data(data: dict[str, Any], where: str, folder: Path | None = None) -> V
 
 
 def _filled(body: Any, path: Path, chain: tuple[Path, ...], place: str = "") -> Any:
-    """A body whose parts, at any depth, no longer refer to files. Table files become absolute paths."""
+    """A body whose parts, at any depth, no longer refer to files: neither parts nor thrust tables."""
     parts = []
     for i, part in enumerate(body.parts):
         here = f"{place}parts[{i}]"
@@ -65,7 +66,7 @@ def _filled(body: Any, path: Path, chain: tuple[Path, ...], place: str = "") -> 
         else:
             part = _filled(part, path, chain, f"{here}.")
         parts.append(part)
-    thrusters = [_with_absolute_tables(t, path.parent) for t in body.thrusters]
+    thrusters = [_with_table_read(t, path, f"{place}thrusters[{i}]") for i, t in enumerate(body.thrusters)]
     return body.model_copy(update={"parts": parts, "thrusters": thrusters})
 
 
@@ -83,12 +84,19 @@ def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Pa
     return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose)
 
 
-def _with_absolute_tables(thruster: Any, folder: Path) -> Any:
+def _with_table_read(thruster: Any, path: Path, here: str) -> Any:
+    """A thruster whose CSV files, if any, are points by voltage, as a file could hold them."""
     table = getattr(thruster.curve, "table", None)
-    if isinstance(table, str):
-        absolute: Any = str(folder / table)
-    elif isinstance(table, list) and table and isinstance(table[0], str):
-        absolute = [str(folder / t) for t in table]
-    else:
+    names = [table] if isinstance(table, str) else table
+    if not isinstance(names, list) or not isinstance(names[0], str):
         return thruster
-    return thruster.model_copy(update={"curve": thruster.curve.model_copy(update={"table": absolute})})
+    points: dict[str, list[list[float]]] = {}
+    for name in names:
+        try:
+            voltage, curve = read_bollard_csv(path.parent / Path(name).expanduser())
+        except ConfigError as error:
+            raise ConfigError(f"{path.name}: {here}.curve.table: {error}") from None
+        if f"{voltage:.10g}" in points:
+            raise ConfigError(f"{path.name}: {here}.curve.table: {name}: a second table at {voltage:g} V; keep one")
+        points[f"{voltage:.10g}"] = curve.tolist()
+    return thruster.model_copy(update={"curve": thruster.curve.model_copy(update={"table": points})})

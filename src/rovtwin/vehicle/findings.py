@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.vehicle.assembly import bodies
+from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import rank, uncontrollable_directions
 from rovtwin.vehicle.schema import Thruster
-from rovtwin.vehicle.trim import AXES, SPEED_LIMIT, hang, reach, stability, steady_speed
+from rovtwin.vehicle.trim import SPEED_LIMIT, hang, reach, stability, steady_speed
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
@@ -30,30 +32,8 @@ def findings(vehicle: Vehicle, model: Model) -> list[str]:
 
 
 def uncontrollable(T: np.ndarray) -> list[str]:
-    """Directions that no combination of thrusters reaches, for an allocation matrix T, shape (6, n)."""
-    if T.shape[1] == 0:
-        return [f"{axis} ({symbol})" for axis, symbol in zip(AXES, SYMBOLS, strict=True)]
-    # Directions with tau' T = 0; reduced to echelon form, so that single axes stand alone.
-    U, s, _ = np.linalg.svd(T)
-    rank = int((s > 1e-9 * s[0]).sum())
-    return [_named(row) for row in _echelon(U[:, rank:].T)]
-
-
-def _echelon(rows: np.ndarray) -> np.ndarray:
-    rows, used = rows.copy(), 0
-    for column in range(rows.shape[1]):
-        if used == len(rows):
-            break
-        pivot = used + int(np.abs(rows[used:, column]).argmax())
-        if abs(rows[pivot, column]) < 1e-9:
-            continue
-        rows[[used, pivot]] = rows[[pivot, used]]
-        rows[used] /= rows[used, column]
-        for other in range(len(rows)):
-            if other != used:
-                rows[other] -= rows[other, column] * rows[used]
-        used += 1
-    return rows
+    """Directions that no combination of thrusters reaches, in words, for an allocation matrix T, shape (6, n)."""
+    return [_named(direction) for direction in uncontrollable_directions(T)]
 
 
 def _named(direction: np.ndarray) -> str:
@@ -85,8 +65,7 @@ def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
         return
     missing = uncontrollable(T)
     if missing:
-        rank = 6 - len(missing)
-        yield f"allocation has rank {rank} of 6: no thruster reaches {', '.join(missing)}"
+        yield f"allocation has rank {rank(T)} of 6: no thruster reaches {', '.join(missing)}"
     for mounted in vehicle.assembly.thrusters:
         item = mounted.item
         if not isinstance(item, Thruster):

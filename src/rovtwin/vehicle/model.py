@@ -6,9 +6,8 @@ import equinox as eqx
 
 from rovtwin.core.frames import skew
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.thrusters import Thrusters
-
-GRAVITY = 9.81  # the value behind the thesis's and the MSS toolbox's weights [m/s2]
 
 
 class Model(eqx.Module):

@@ -1,13 +1,12 @@
 """Thrusters of a description as the arrays of `Thrusters`."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rovtwin.vehicle.assembly import Mounted
 from rovtwin.vehicle.schema import Curve, Thruster
-from rovtwin.vehicle.thrust_curve import at_voltage, increasing, read_bollard_csv
+from rovtwin.vehicle.thrust_curve import at_voltage, increasing
 
 
 def direction_vector(direction: Any) -> np.ndarray:
@@ -33,27 +32,30 @@ def configuration(thrusters: tuple[Mounted, ...]) -> np.ndarray:
 
 
 def thrust_points(thruster: Thruster, supply_voltage: float | None, where: str) -> np.ndarray | None:
-    """(command, force) of a tabulated thruster, shape (k, 2), or None."""
+    """(command, force) of a tabulated thruster, shape (k, 2), or None; `files` has read its CSV files."""
     if not isinstance(thruster.curve, Curve) or thruster.curve.table is None:
         return None
     table = thruster.curve.table
-    if isinstance(table, str):
-        curves = [read_bollard_csv(Path(table))]
-    elif isinstance(table, dict):
+    if isinstance(table, dict):
         curves = [(float(voltage), np.array(points, dtype=float)) for voltage, points in table.items()]
-    elif isinstance(table[0], str):
-        curves = [read_bollard_csv(Path(t)) for t in table]
     else:
         curves = [(float("nan"), np.array(table, dtype=float))]
     return increasing(at_voltage(curves, supply_voltage, where), where)
 
 
 def thruster_arrays(thrusters: tuple[Mounted, ...], supply_voltage: float | None, where: str) -> dict[str, np.ndarray]:
-    """The fields of `Thrusters`, by name."""
+    """The fields of `Thrusters`, by name.
+
+    Args:
+        thrusters: Of an assembly.
+        supply_voltage: At which all tables are read [V]; None: each at the voltage of its part.
+        where: For messages.
+    """
     items = [m.item for m in thrusters if isinstance(m.item, Thruster)]
-    tables = [
-        thrust_points(t, supply_voltage, f"{where}: thruster '{m.name}'") for m, t in zip(thrusters, items, strict=True)
-    ]
+    tables = []
+    for mounted, item in zip(thrusters, items, strict=True):
+        voltage = mounted.supply_voltage if supply_voltage is None else supply_voltage
+        tables.append(thrust_points(item, voltage, f"{where}: thruster '{mounted.name}'"))
     n = len(items)
     grid, table_force = _common_grid(tables)
     ahead, astern = np.zeros(n), np.zeros(n)

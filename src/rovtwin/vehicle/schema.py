@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
-from rovtwin.vehicle.fields import Buoyancy, Coefficients, Direction, Force, Inertia, Table
+from rovtwin.vehicle.fields import Buoyancy, Coefficients, Direction, Force, Inertia, LogName, Table
 
 Source = Annotated[str | None, Field(description="where the values of this block come from")]
 
@@ -66,7 +66,7 @@ class Curve(Strict):
 class Thruster(Strict):
     """One thruster, or a pseudo-thruster that stands for several."""
 
-    name: str
+    name: LogName
     position: Vector3 = Field([0.0, 0.0, 0.0], description="where the force acts, in the part's frame [m]")
     direction: Direction = Field(description="of the force for a positive command: a vector, or azimuth and elevation")
     force: Force = Field(None, description="at full command [N]: one number, or {ahead, astern}")
@@ -178,7 +178,7 @@ class Body(Strict):
         None, description="of the water in which the given values hold [kg/m3]; else the parent's, or 1000"
     )
     supply_voltage: Annotated[Number, Field(gt=0, le=1000)] | None = Field(
-        None, description="at which thrust tables are read [V]"
+        None, description="at which thrust tables here and in the parts are read [V]; else the parent's"
     )
 
     @model_validator(mode="after")
@@ -194,7 +194,7 @@ class Body(Strict):
 class Part(Body):
     """A part: its own description, or `part: <library name or file>`, placed by `pose`."""
 
-    name: str
+    name: LogName
     part: str | None = Field(None, description="name of a library file, or path of a file, that describes the part")
     pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
 

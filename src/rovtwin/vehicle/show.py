@@ -4,12 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.vehicle.assembly import GRAVITY, bodies
+from rovtwin.vehicle.assembly import bodies
+from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.findings import findings, uncontrollable
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.propulsion import direction_vector
+from rovtwin.vehicle.reach import rank
 from rovtwin.vehicle.schema import Curve, Thruster
-from rovtwin.vehicle.trim import AXES, hang, reach, stability, steady_speed
+from rovtwin.vehicle.trim import hang, reach, stability, steady_speed
 from rovtwin.vehicle.vehicle import Vehicle
 
 FORCES, VELOCITIES = "XYZKMN", "uvwpqr"
@@ -60,7 +62,7 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
         "allocation": {
             "matrix": _plain(T),
             "rows": list(FORCES),
-            "rank": int(np.linalg.matrix_rank(T, tol=1e-9)) if T.size else 0,
+            "rank": rank(T),
             "uncontrollable": uncontrollable(T),
         },
         "largest_wrench": {axis: _plain(limits[i]) for i, axis in enumerate(AXES)},

@@ -4,29 +4,31 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.assembly import Assembly
+from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.damping import Damping, coupling_load
-from rovtwin.vehicle.rigid_body import MassProperties, skew
-
-NAMES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
-def rigid_body_matrix(solid: MassProperties) -> np.ndarray:
-    """M_RB at the origin, shape (6, 6). Fossen (2021), eq. 3.49."""
-    S = skew(solid.center_of_gravity)
-    inertia = solid.inertia_about(np.zeros(3))
-    return np.block([[solid.mass * np.eye(3), -solid.mass * S], [solid.mass * S, inertia]])
+def require_distinct_in_logs(names: list[str], where: str) -> None:
+    """ConfigError when two thrusters have one name in logs, where dots between parts become _."""
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(name.replace(".", "_"), name)
+        if other != name:
+            raise ConfigError(
+                f"{where}: the thrusters '{other}' and '{name}' are both '{name.replace('.', '_')}' in logs; rename one"
+            )
 
 
-def require_sound(total: Assembly, where: str) -> None:
-    """ConfigError when M is not symmetric positive definite or the damping can drive the vehicle."""
+def require_sound(total: Assembly, rigid_body_mass: np.ndarray, where: str) -> None:
+    """ConfigError when M = M_RB + M_A, shape (6, 6), is no inertia or the damping can drive the vehicle."""
     if total.solid.mass <= 0:
         raise ConfigError(f"{where}: no part has a mass; give 'mass' [kg] to parts, or rigid_body.mass")
     if not np.allclose(total.added_mass, total.added_mass.T, rtol=1e-6, atol=1e-9):
         raise ConfigError(f"{where}: hydrodynamics.added_mass is not symmetric; potential flow makes it so")
-    M = rigid_body_matrix(total.solid) + total.added_mass
+    M = rigid_body_mass + total.added_mass
     values, vectors = np.linalg.eigh(0.5 * (M + M.T))
     if values[0] <= 1e-9 * values[-1]:
-        axis = NAMES[int(np.abs(vectors[:, 0]).argmax())]
+        axis = AXES[int(np.abs(vectors[:, 0]).argmax())]
         raise ConfigError(
             f"{where}: the inertia M = M_RB + M_A is not positive definite (eigenvalue {values[0]:.3g}, mostly {axis})"
             "; give parts an inertia or a shape, or check the added mass"

@@ -1,5 +1,6 @@
-"""A vehicle's summary as tables for a terminal."""
+"""A vehicle's summary as tables for a terminal, readable at 80 columns: a name or a number is never broken."""
 
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from rich.console import Group
@@ -7,27 +8,46 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from rovtwin.vehicle.trim import AXES
+from rovtwin.vehicle.constants import AXES
+
+LONGEST = 45  # width that a column may keep for itself
 
 
 def tables(found: dict[str, Any]) -> list[Any]:
     """Rich renderables of what `show.summary` returns, in reading order."""
     shown: list[Any] = [Panel(_safe(found["description"]), title=found["name"], title_align="left", expand=False)]
-    shown += [_body(found), *_matrices(found), _derivatives(found), _thrusters(found), _allocation(found)]
-    shown += [_floating(found)]
+    shown += [_body(found), *_matrices(found), _derivatives(found)]
+    shown += [*_thrusters(found), _allocation(found), _reach(found), _floating(found)]
     if found["cameras"] or found["sensors"]:
         shown.append(_mounted(found))
     if found["sources"]:
-        shown.append(_pairs("where the values come from", [(s["where"], s["source"]) for s in found["sources"]]))
+        inside = f"{found['name']}."  # what all places have in common takes width and says nothing
+        rows = [(s["where"].removeprefix(inside), s["source"]) for s in found["sources"]]
+        shown.append(_pairs("where the values come from", rows))
     if found["findings"]:
         shown.append(_pairs("to know", [("-", line) for line in found["findings"]]))
     return shown
 
 
-def _table(*heads: str) -> Table:
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], text: Collection[int] = (), numbers: int = 0) -> Table:
+    """A table without lines.
+
+    Args:
+        heads: Of the columns; all empty: none are shown.
+        rows: Plain text.
+        text: Columns that may wrap between words when there is no room; others keep their width.
+        numbers: From this column on to the right, 0 for none.
+    """
+    rows = list(rows)
     table = Table(show_header=any(heads), box=None, pad_edge=False)
     for i, head in enumerate(heads):
-        table.add_column(_safe(head), style="cyan" if i == 0 else None, overflow="fold")
+        # A path of parts may be longer than any terminal is wide: then it is folded, not cut off.
+        kept = i not in text and max((len(row[i]) for row in rows), default=0) <= LONGEST
+        right = bool(numbers) and i >= numbers and i not in text
+        justify, style = ("right" if right else "left"), ("cyan" if i == 0 else None)
+        table.add_column(_safe(head), style=style, overflow="fold", no_wrap=kept, justify=justify)
+    for row in rows:
+        table.add_row(*(_safe(cell) for cell in row))
     return table
 
 
@@ -37,10 +57,7 @@ def _titled(title: str, table: Table) -> Group:
 
 
 def _pairs(title: str, rows: list[tuple[str, str]]) -> Group:
-    table = _table("", "")
-    for name, value in rows:
-        table.add_row(_safe(name), _safe(value))
-    return _titled(title, table)
+    return _titled(title, _table(("", ""), rows, text=(1,)))
 
 
 def _safe(text: str) -> str:
@@ -53,8 +70,8 @@ def _g(value: float | None, digits: int = 4) -> str:
     return "0" if abs(value) < 1e-9 else f"{value:.{digits}g}"
 
 
-def _vector(values: list[float]) -> str:
-    return "[" + ", ".join(_g(v) for v in values) + "]"
+def _vector(values: list[float], digits: int = 4) -> str:
+    return "[" + ", ".join(_g(v, digits) for v in values) + "]"
 
 
 def _body(found: dict[str, Any]) -> Group:
@@ -79,50 +96,59 @@ def _matrices(found: dict[str, Any]) -> list[Group]:
         if name.endswith("astern") and matrix["values"] == ahead["values"]:
             continue
         (force_v, force_w), (moment_v, moment_w) = matrix["units"]
-        table = _table("", *AXES)
-        for column in table.columns[1:]:
-            column.justify = "right"
-        for axis, row in zip(AXES, matrix["values"], strict=True):
-            table.add_row(axis, *(_g(v) for v in row))
+        rows = [(axis, *(_g(v) for v in row)) for axis, row in zip(AXES, matrix["values"], strict=True)]
         units = f"[{force_v}, {force_w}; {moment_v}, {moment_w}]"
-        shown.append(_titled(f"{matrix['symbol']}, {name.replace('_', ' ')} {units}", table))
+        shown.append(
+            _titled(f"{matrix['symbol']}, {name.replace('_', ' ')} {units}", _table(("", *AXES), rows, numbers=1))
+        )
     return shown
 
 
 def _derivatives(found: dict[str, Any]) -> Group:
-    """One row per force and velocity: inertia, linear, quadratic."""
+    """One row per force and velocity: inertia, linear, quadratic; rows of what differs astern say so in front."""
     rows: dict[str, list[str]] = {}
     for d in found["derivatives"]:
         force, rest = d["symbol"].split("_", 1)
-        kept = rows.setdefault(f"{force} {rest[0]} {'astern' if 'astern' in rest else ''}", [])
-        kept.append(f"{d['symbol'].removesuffix(' astern')} = {_g(d['value'])} {d['unit']}")
-    table = _table("", "", "", "")
-    for name, cells in rows.items():
-        table.add_row("astern" if "astern" in name else "", *(_safe(c) for c in cells))
-    return _titled("hydrodynamic derivatives, SNAME signs", table)
+        astern = "astern" in rest
+        cells = rows.setdefault(f"{force} {rest[0]} {astern}", ["astern" if astern else "", "", ""])
+        column = 2 if "|" in rest else 0 if rest.endswith("dot") else 1
+        cells[column] = f"{d['symbol'].removesuffix(' astern')} = {_g(d['value'])} {d['unit']}"
+    return _titled("hydrodynamic derivatives, SNAME signs", _table(("", "", ""), rows.values(), text=(0, 1, 2)))
 
 
-def _thrusters(found: dict[str, Any]) -> Group:
-    heads = ("name", "position [m]", "direction", "ahead [N]", "astern [N]", "curve", "dead band", "lag [s]")
-    table = _table(*heads)
-    for t in found["thrusters"]:
-        cells = [t["name"], _vector(t["position_m"]), _vector(t["direction"]), _g(t["force_ahead"])]
-        cells += [_g(t["force_astern"]), t["curve"], _g(t["dead_band"]), _g(t["time_constant_s"])]
-        table.add_row(*(_safe(c) for c in cells))
-    return _titled("thrusters", table)
+def _thrusters(found: dict[str, Any]) -> list[Group]:
+    """Where they are and what they do: two tables, held together by a number."""
+    thrusters = list(enumerate(found["thrusters"], start=1))
+    places = [(str(i), t["name"], _vector(t["position_m"]), _vector(t["direction"], 3)) for i, t in thrusters]
+    forces = [
+        (str(i), _g(t["force_ahead"]), _g(t["force_astern"]), t["curve"], _g(t["dead_band"]), _g(t["time_constant_s"]))
+        for i, t in thrusters
+    ]
+    heads = ("", "ahead [N]", "astern [N]", "curve", "dead band", "lag [s]")
+    return [
+        _titled("thrusters", _table(("", "name", "position [m]", "direction"), places, text=(2, 3))),
+        _titled("thrust", _table(heads, forces, numbers=1)),
+    ]
 
 
 def _allocation(found: dict[str, Any]) -> Group:
+    """T with a row per thruster, so that any number of them fits."""
     allocation = found["allocation"]
     missing = ", ".join(allocation["uncontrollable"]) or "none"
-    table = _table("", *(t["name"] for t in found["thrusters"]), "reach [N, N m]", "top speed")
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for i, (row, axis) in enumerate(zip(allocation["matrix"], AXES, strict=True)):
-        low, high = found["largest_wrench"][axis]
-        speed = f"{_g(found['top_speed'][axis], 3)} {'m/s' if i < 3 else 'rad/s'}"
-        table.add_row(allocation["rows"][i], *(_g(v) for v in row), f"{_g(low)} to {_g(high)}", speed)
-    return _titled(f"allocation T, rank {allocation['rank']} of 6; uncontrollable: {missing}", table)
+    columns = zip(*allocation["matrix"], strict=True)
+    rows = [(str(i), *(_g(v) for v in column)) for i, column in enumerate(columns, start=1)]
+    title = f"allocation T', a row per thruster; rank {allocation['rank']} of 6; uncontrollable: {missing}"
+    return _titled(title, _table(("", *allocation["rows"]), rows, numbers=1))
+
+
+def _reach(found: dict[str, Any]) -> Group:
+    rows = []
+    for i, axis in enumerate(AXES):
+        limits = [_g(limit) for limit in found["largest_wrench"][axis]]
+        units = ("N", "m/s") if i < 3 else ("N m", "rad/s")
+        rows.append((axis, *limits, units[0], _g(found["top_speed"][axis], 3), units[1]))
+    heads = ("", "lowest", "highest", "", "top speed", "")
+    return _titled("reach of all thrusters together, each direction by itself", _table(heads, rows, numbers=1))
 
 
 def _floating(found: dict[str, Any]) -> Group:
@@ -147,8 +173,7 @@ def _floating(found: dict[str, Any]) -> Group:
 
 
 def _mounted(found: dict[str, Any]) -> Group:
-    table = _table("name", "kind", "position [m]", "roll, pitch, yaw [deg]")
-    for item in [c | {"kind": "camera"} for c in found["cameras"]] + found["sensors"]:
-        cells = [item["name"], item["kind"], _vector(item["position_m"]), _vector(item["attitude_deg"])]
-        table.add_row(*(_safe(c) for c in cells))
+    items = [c | {"kind": "camera"} for c in found["cameras"]] + found["sensors"]
+    rows = [(i["name"], i["kind"], _vector(i["position_m"]), _vector(i["attitude_deg"])) for i in items]
+    table = _table(("name", "kind", "position [m]", "roll, pitch, yaw [deg]"), rows, text=(2, 3))
     return _titled("cameras and sensors", table)

@@ -43,11 +43,13 @@ def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
         raise ConfigError(f"{path}: holds values that are not finite")
     if (np.diff(pwm) <= 0).any():
         raise ConfigError(f"{path}: PWM must increase from line to line")
-    command = np.clip((pwm - PWM_NEUTRAL) / PWM_RANGE, -1, 1)
-    points = np.stack([command, force * KGF], axis=1)
+    if np.median(voltage) <= 0:
+        raise ConfigError(f"{path}: found a voltage of {np.median(voltage):g} V, expected more than 0")
+    command = (pwm - PWM_NEUTRAL) / PWM_RANGE
     if command[0] > -1 or command[-1] < 1:
         raise ConfigError(f"{path}: PWM from {pwm[0]:g} to {pwm[-1]:g}, expected 1100 to 1900")
-    return float(np.median(voltage)), points
+    within = np.concatenate([[-1.0], command[(command > -1) & (command < 1)], [1.0]])
+    return float(np.median(voltage)), np.stack([within, np.interp(within, command, force * KGF)], axis=1)
 
 
 def at_voltage(curves: list[tuple[float, np.ndarray]], voltage: float | None, where: str) -> np.ndarray:

@@ -21,9 +21,9 @@ from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import force_limits, thrusters_from
+from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.thrusters import thrusters_from
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 SPEED_LIMIT = 3.0  # stability is looked for up to here [m/s]
 LONGITUDINAL = (0, 2, 4, 7)  # u, w, q, theta in the state of `linearised`
 LATERAL = (1, 3, 5, 6)  # v, p, r, phi
@@ -183,10 +183,7 @@ def reach(model: Model) -> np.ndarray:
 
     Each direction by itself: what the same thrusters do elsewhere is not balanced.
     """
-    low, high = (np.asarray(f) for f in force_limits(model.thrusters))
-    T = np.asarray(model.thrusters.configuration)
-    extremes = np.stack([T * low, T * high])
-    return np.stack([extremes.min(axis=0).sum(axis=1), extremes.max(axis=0).sum(axis=1)], axis=1)
+    return np.stack([np.asarray(limit) for limit in wrench_limits(model.thrusters)], axis=1)
 
 
 def steady_speed(model: Model, axis: int, force: float) -> float:

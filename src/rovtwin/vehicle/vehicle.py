@@ -11,10 +11,11 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import files
-from rovtwin.vehicle.assembly import GRAVITY, Assembly, Mounted, assemble
+from rovtwin.vehicle.assembly import Assembly, Mounted, assemble
+from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.propulsion import thruster_arrays
 from rovtwin.vehicle.schema import VehicleFile
-from rovtwin.vehicle.soundness import require_sound
+from rovtwin.vehicle.soundness import require_distinct_in_logs, require_sound
 
 if TYPE_CHECKING:
     from rovtwin.vehicle.model import Model
@@ -43,7 +44,9 @@ class Vehicle:
     @cached_property
     def assembly(self) -> Assembly:
         """Totals at CO, in the water the file is written for."""
-        return assemble(self.file, self.where)
+        total = assemble(self.file, self.where)
+        require_distinct_in_logs([t.name for t in total.thrusters], self.where)
+        return total
 
     @property
     def thruster_names(self) -> list[str]:
@@ -70,7 +73,7 @@ class Vehicle:
         """The arrays that equations use.
 
         Args:
-            supply_voltage: At which thrust tables are read [V]; else the file's.
+            supply_voltage: At which all thrust tables are read [V]; else each at that of the nearest part.
             water_density: Buoyancy, added mass and drag scale with it [kg/m3]; else that of the file.
             net_buoyancy: Buoyancy less weight, positive floats [N]; else as the file says.
 
@@ -83,13 +86,13 @@ class Vehicle:
 
         total = self._total(water_density, net_buoyancy)
         damping = total.damping()
-        require_sound(total, self.where)
         solid = total.solid
-        voltage = self.file.supply_voltage if supply_voltage is None else supply_voltage
-        arrays = thruster_arrays(total.thrusters, voltage, self.where)
+        rigid_body_mass = rigid_body_matrix(solid.mass, solid.inertia, solid.center_of_gravity)
+        require_sound(total, np.asarray(rigid_body_mass), self.where)
+        arrays = thruster_arrays(total.thrusters, supply_voltage, self.where)
         tabulated = arrays.pop("tabulated")
         return Model(
-            rigid_body_mass=rigid_body_matrix(solid.mass, solid.inertia, solid.center_of_gravity),
+            rigid_body_mass=rigid_body_mass,
             added_mass=total.added_mass,
             linear_damping_ahead=damping.linear_ahead,
             linear_damping_astern=damping.linear_astern,
@@ -119,7 +122,7 @@ class Vehicle:
         return total
 
     def to_dict(self) -> dict[str, Any]:
-        """The complete description as plain data: no references to part files, loadable by `vehicle_from_dict`."""
+        """The complete description as plain data: no references to files, loadable by `vehicle_from_dict`."""
         return self.file.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
 
 

@@ -1,0 +1,4 @@
+"""What the description and the model share; imports nothing, so that reading a file starts no JAX."""
+
+GRAVITY = 9.81  # the value behind the thesis's and the MSS toolbox's weights [m/s2]
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")

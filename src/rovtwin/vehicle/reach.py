@@ -1,0 +1,60 @@
+"""What thrusters can push: rank, directions out of reach, largest wrenches. The one place where these are decided.
+
+Configuration matrices T, shape (6, n), are NumPy here: this is done once, outside the loop. No thrusters, n = 0, is an
+answer like any other: rank 0 and nothing in reach.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.numerics import Array, jnp
+from rovtwin.vehicle.thrusters import Thrusters, force_limits
+
+# Singular values below this share of the largest count as zero: geometry in files is given to a millimetre or so,
+# and rounding alone leaves 1e-16.
+RANK_TOLERANCE = 1e-6
+
+
+def rank(T: Any) -> int:
+    """Number of independent directions in which thrusters can push."""
+    return _rank_of(np.linalg.svd(np.asarray(T, dtype=float), compute_uv=False))
+
+
+def _rank_of(singular_values: np.ndarray) -> int:
+    return int((singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)).sum())
+
+
+def uncontrollable_directions(T: Any) -> np.ndarray:
+    """Unit wrenches [X, Y, Z, K, M, N] that no command can make, one per row, shape (6 - rank, 6).
+
+    They span all wrenches orthogonal to the range of T. Where a plain axis is among them, it is given as such:
+    the Double Blueye's answer is the pitch axis, not a mixture. The first entry of each is positive, and rows go by it.
+    """
+    U, s, _ = np.linalg.svd(np.asarray(T, dtype=float))
+    null = U[:, _rank_of(s) :]
+    count = null.shape[1]
+    # Elimination (Gauss-Jordan) brings a basis to a readable form. It starts from the projector, which is unique,
+    # and not from the basis, of which any rotation would do as well.
+    rows = null @ null.T
+    for i in range(count):
+        largest = np.abs(rows[i:]).max(axis=0)
+        column = int(np.argmax(largest > 0.5 * largest.max()))
+        best = i + int(np.argmax(np.abs(rows[i:, column])))
+        rows[[i, best]] = rows[[best, i]]
+        rows[i] /= rows[i, column]
+        others = np.arange(6) != i
+        rows[others] -= np.outer(rows[others, column], rows[i])
+    rows = rows[:count]
+    rows[np.abs(rows) < 1e-9] = 0.0
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    first = np.argmax(np.abs(rows) > 10 * RANK_TOLERANCE, axis=1)
+    rows *= np.sign(rows[np.arange(count), first])[:, None]
+    return rows[np.argsort(first, kind="stable")] + 0.0  # no -0.0
+
+
+def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
+    """Lowest and highest wrench of each axis alone [N, N m], shapes (6,) and (6,), other axes left free."""
+    low, high = force_limits(thrusters)
+    one_end, other_end = thrusters.configuration * low, thrusters.configuration * high
+    return jnp.sum(jnp.minimum(one_end, other_end), axis=1), jnp.sum(jnp.maximum(one_end, other_end), axis=1)
