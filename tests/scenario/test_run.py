@@ -126,7 +126,7 @@ def test_whole_missions_have_the_same_verdict_alone_and_in_a_batch(name):
 
 
 def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):
-    scenario = load_scenario("lawnmower_waves", ["duration=12", "autopilot.supervisor.attitude_limit_deg=0.5"])
+    scenario = load_scenario("lawnmower_waves", ["duration=12", "autopilot.supervisor.attitude_limit_deg=0.005"])
     flight = fly(scenario)
     assert flight.summary["phase"] == "aborted" and flight.summary["reason"] == "attitude limit"
     assert not flight.completed and flight.summary["duration_s"] < 12
