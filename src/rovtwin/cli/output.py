@@ -1,5 +1,6 @@
 """What all commands share: where output goes, how figures are shown, how errors are said."""
 
+import os
 import sys
 from typing import Annotated, Any
 
@@ -18,8 +19,8 @@ DONE, FAILED = 0, 1
 def console(as_json: bool) -> Console:
     """For people: standard output, or standard error when standard output is for a machine."""
     screen = Console(stderr=as_json, highlight=False)
-    if not screen.is_terminal:
-        screen.width = max(screen.width, 120)  # a file or a pipe has no edge to wrap at
+    if not screen.is_terminal and "COLUMNS" not in os.environ:
+        screen.width = 120  # a file or a pipe has no edge to wrap at
     return screen
 
 

@@ -13,7 +13,6 @@ from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import RANK_TOLERANCE
-from rovtwin.vehicle.reach import wrench_limits as wrench_limits  # control takes it from here
 from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 
 Saturation = Literal["scale", "clip"]

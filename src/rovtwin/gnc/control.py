@@ -15,8 +15,9 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
 from rovtwin.core.frames import rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.gnc.allocation import reachable_share, wrench_limits
+from rovtwin.gnc.allocation import reachable_share
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import wrench_limits
 
 
 class ControlInput(eqx.Module):

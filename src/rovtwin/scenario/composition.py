@@ -125,9 +125,8 @@ def vehicle_of(scenario: Scenario) -> Vehicle:
 
 
 def _field_name(name: str) -> str:
-    """A thruster's name as a field of a log channel: letters, digits and _."""
-    text = "".join(c if c.isalnum() and c.isascii() else "_" for c in name)
-    return text if text[:1].isalpha() else f"t_{text}"
+    """A thruster's name as a field of a log channel, which has no dots."""
+    return name.replace(".", "_")
 
 
 def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) -> Model:

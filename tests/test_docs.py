@@ -1,0 +1,74 @@
+"""What README and docs say: commands run, code runs, links lead somewhere."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import rovtwin.cli
+from rovtwin.vehicle import load_vehicle
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def commands(page: Path) -> list[str]:
+    """Lines of the page's shell blocks that call rovtwin, without comments."""
+    blocks = re.findall(r"```sh\n(.*?)```", page.read_text(), re.S)
+    lines = [re.sub(r"\s+#.*$", "", line).strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if line.startswith("rovtwin ")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_lead_to_files(page):
+    targets = re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text())
+    missing = [t for t in targets if "://" not in t and not (page.parent / t).exists()]
+    assert not missing, f"{page.name} leads to what is not there: {missing}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_shown_exists_with_its_options(page, capsys):
+    """`--help` behind each command: click checks names of commands and options before it answers."""
+    for line in commands(page):
+        words = shlex.split(line.split(" > ")[0].split(" | ")[0])[1:]
+        depth = 2 if words and words[0] in ("vehicle", "scenario", "log") else 1
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["rovtwin", *words[:depth], "--help"])
+            with pytest.raises(SystemExit) as stopped:
+                rovtwin.cli.main()
+        shown = capsys.readouterr().out
+        assert stopped.value.code in (0, None), line
+        for option in (word.split("=")[0] for word in words if word.startswith("--")):
+            assert option in shown, f"{page.name}: {line}: no option {option}"
+
+
+def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
+    """All of them, in order, in one folder; flights are cut to 12 s."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_vehicle.yaml").write_text(yaml.safe_dump(load_vehicle("double_blueye").to_dict()))
+    lines = commands(ROOT / "README.md")
+    assert len(lines) >= 8
+    for line in lines:
+        words = shlex.split(line)
+        if words[1] in ("fly", "score"):
+            words += ["--set", "duration=12"] + (["--no-report"] if words[1] == "fly" else [])
+        runs = sorted(Path("runs").glob("*")) if Path("runs").exists() else []
+        words = [word.replace("runs/<run>", str(runs[-1])) if runs else word for word in words]
+        monkeypatch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit) as stopped:
+            rovtwin.cli.main()
+        expected = (1,) if words[1] in ("fly", "score") else (0, None)  # 12 s are too few to finish
+        assert stopped.value.code in expected, f"{line}: {capsys.readouterr().err}"
+    assert (tmp_path / "run.nc").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_the_examples_run(tmp_path):
+    for example in sorted((ROOT / "examples").glob("*.py")):
+        done = subprocess.run([sys.executable, example, "square"], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "path.png").stat().st_size > 10_000
