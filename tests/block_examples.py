@@ -146,18 +146,21 @@ def sensor(kind: str) -> Example:
     return Example(Sensor(kind, **SENSORS[kind]), sensor_inputs(), PHYSICS, SensorInput(0, 0, None))
 
 
-def sea() -> World:
-    parts = (ShearedCurrent([0.0, 2.0, 5.0], [[0.1, 0, 0], [0.2, 0.1, 0], [0, 0.1, 0.02]]), wandering())
-    return World(CombinedCurrent(parts), ThesisWaves(4.1, 8.7, 0.3, (0.03, 0.03)))
+def sheared() -> ShearedCurrent:
+    return ShearedCurrent([0.0, 2.0, 5.0], [[0.1, 0, 0], [0.2, 0.1, 0], [0, 0.1, 0.02]])
 
 
 def wandering() -> GaussMarkovCurrent:
     return GaussMarkovCurrent([0.1, -0.1, 0.0], [0.05, 0.05, 0.01], 5.0)
 
 
+def waves() -> ThesisWaves:
+    return ThesisWaves(4.1, 8.7, 0.3, (0.03, 0.03))
+
+
 def twin() -> Example:
     sensors = {name: sensor for name, sensor in table_5_7().items() if name in ("accelerometer", "pressure")}
-    block = Twin(model(), sea(), sensors)
+    block = Twin(model(), World(wandering()), sensors)
     return Example(block, TwinInput(commands(), jnp.arange(TICKS)), CONTROL, TwinInput(0, None))
 
 
@@ -226,18 +229,21 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.supervisor.Supervisor": lambda: Example(
         Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
     ),
-    "simulation.current.CombinedCurrent": lambda: Example(sea().current, states().position, PHYSICS),
+    "simulation.current.CombinedCurrent": lambda: Example(
+        CombinedCurrent((sheared(), wandering())), states().position, PHYSICS
+    ),
     "simulation.current.ConstantCurrent": lambda: Example(ConstantCurrent([0.1, 0, 0]), states().position, PHYSICS),
     "simulation.current.GaussMarkovCurrent": lambda: Example(wandering(), states().position, PHYSICS),
-    "simulation.current.ShearedCurrent": lambda: Example(sea().current.parts[0], states().position, PHYSICS),
+    "simulation.current.ShearedCurrent": lambda: Example(sheared(), states().position, PHYSICS),
     **{f"simulation.sensors.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
     "simulation.twin.Twin": twin,
-    "simulation.waves.ThesisWaves": lambda: Example(sea().waves, states(), PHYSICS),
-    "simulation.world.World": lambda: Example(sea(), states(), PHYSICS),
+    "simulation.waves.ThesisWaves": lambda: Example(waves(), states(), PHYSICS),
+    "simulation.world.World": lambda: Example(World(sheared(), waves()), states(), PHYSICS),
 }
 
 # Compiling these takes long: they run in `make test-all`.
 SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
+SLOW_BATCH = SLOW | {"simulation.twin.Twin"}  # tests/simulation/test_twin.py has one
 SLOW_GRADIENT = SLOW | {"gnc.observer.Ekf: consistent", "simulation.twin.Twin"}
 
-__all__ = ["EXAMPLES", "SLOW", "SLOW_GRADIENT", "START", "TICKS", "Example"]
+__all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

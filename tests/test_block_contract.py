@@ -11,7 +11,7 @@ import pkgutil
 import equinox as eqx
 import numpy as np
 import pytest
-from tests.block_examples import EXAMPLES, SLOW, SLOW_GRADIENT, START, TICKS, Example
+from tests.block_examples import EXAMPLES, SLOW, SLOW_BATCH, SLOW_GRADIENT, START, TICKS, Example
 
 import rovtwin
 from rovtwin.core.block import Block
@@ -60,7 +60,6 @@ class Compiled:
     def __init__(self, example: Example):
         self.example = example
         self.arrays, self.rest = eqx.partition(example.block, eqx.is_array)
-        self.init = jax.jit(self._init)
         self.step = jax.jit(self._step)
         self.run = jax.jit(self._run)
 
@@ -81,10 +80,11 @@ class Compiled:
 
     def _run(self, arrays, seed, start, inputs):
         begin = self._init(arrays, seed, start)
-        return jax.lax.scan(lambda memory, input: self._step(arrays, memory, input), begin, inputs)
+        return begin, *jax.lax.scan(lambda memory, input: self._step(arrays, memory, input), begin, inputs)
 
     @functools.cached_property
     def result(self):
+        """Memory before and after a run, and its outputs with a leading axis TICKS."""
         return self.run(self.arrays, SEED, START, self.example.inputs)
 
     @functools.cached_property
@@ -152,8 +152,7 @@ def close(a, b, atol=1e-9):
 def test_memory_keeps_its_form_and_all_is_finite(name):
     """Structure, shapes and types stay from tick to tick; no NaN and no infinity in memory or output."""
     block = compiled(name)
-    begin = block.init(block.arrays, SEED, START)
-    memory, outputs = block.result
+    begin, memory, outputs = block.result
     assert form(begin) == form(memory)
     assert jax.tree.leaves(outputs), "a block has an output"
     for leaf in jax.tree.leaves((begin, memory, outputs)):
@@ -170,23 +169,24 @@ def test_same_arguments_give_the_same_result(name):
     for a, b in zip(jax.tree.leaves(block.result), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(a, b)
     first = jax.tree.map(lambda leaf: leaf[0], block.example.inputs)
-    memory = block.init(block.arrays, SEED, START)
-    traces = [str(jax.make_jaxpr(lambda *a: block._step(*a))(block.arrays, memory, first)) for _ in range(2)]
+    arguments = block.arrays, block.result[0], first
+    traces = [str(jax.make_jaxpr(lambda *a: block._step(*a))(*arguments)) for _ in range(2)]
     assert traces[0] == traces[1]
 
 
 @every_block
 def test_python_loop_equals_compiled_scan(name):
     block = compiled(name)
-    memory, outputs = block.init(block.arrays, SEED, START), []
+    begin, *after = block.result
+    memory, outputs = begin, []
     inputs = jax.tree.map(np.asarray, block.example.inputs)
     for k in range(TICKS):
         memory, output = block.step(block.arrays, memory, jax.tree.map(lambda leaf, k=k: leaf[k], inputs))
         outputs.append(output)
-    close((memory, jax.tree.map(lambda *leaves: np.stack(leaves), *outputs)), block.result)
+    close((memory, jax.tree.map(lambda *leaves: np.stack(leaves), *outputs)), tuple(after))
 
 
-@every_block
+@pytest.mark.parametrize("name", names(SLOW_BATCH))
 def test_batch_equals_singles(name):
     block = compiled(name)
     for i in range(BATCH):
@@ -206,7 +206,7 @@ def test_gradient_is_finite(name):
     @jax.grad
     def slopes(x):
         parameters, start, inputs = x
-        _, outputs = block._run(eqx.combine(parameters, others), SEED, start, eqx.combine(inputs, fixed))
+        *_, outputs = block._run(eqx.combine(parameters, others), SEED, start, eqx.combine(inputs, fixed))
         floats = [leaf for leaf in jax.tree.leaves(outputs) if jnp.issubdtype(leaf.dtype, jnp.floating)]
         return sum(jnp.sum(leaf) for leaf in floats)
 
