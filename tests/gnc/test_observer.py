@@ -26,10 +26,10 @@ from tests.gnc.observer_cases import (
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.flow import Slot
+from rovtwin.core.flow import Command, Slot
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.ekf_tuning import SENSORS
-from rovtwin.gnc.observer import Ekf, EkfTuning, squared_norm
+from rovtwin.gnc.observer import Ekf, EkfTuning, ObserverInput, squared_norm
 
 RUNS, SECONDS = 16, 100.0
 NAMES = sorted(THESIS_SENSORS)
@@ -403,3 +403,13 @@ def test_squared_norm():
 def test_nonsense_is_refused(change, message):
     with pytest.raises(ConfigError, match=message):
         EkfTuning.consistent(**change)
+
+
+def test_a_gated_compass_is_believed_across_south(model):
+    """Readings on both sides of +-pi differ by little; a gate that forgot to wrap would reject them."""
+    ekf = Ekf(model, EkfTuning.consistent(gate={"attitude": 30.0}))
+    memory = ekf.init(jax.random.key(0), Start.at(heading=np.pi - 1e-3))
+    attitude = Slot(jnp.array([[0.0, 0.0, 1e-3 - np.pi]]), jnp.array([True]), jnp.array([0.02]))
+    command = Command(jnp.zeros(model.thrusters.count))
+    _, estimate = jax.jit(lambda m: ekf.step(m, ObserverInput({"attitude": attitude}, command), 0.02))(memory)
+    assert estimate.nis_dof[0] == 3.0 and estimate.nis[0] < 1.0

@@ -152,7 +152,10 @@ class _Prior(eqx.Module):
             believed = []
             for row in range(rows):
                 S = self.P[here, here] + jnp.diag(variance[row])
-                outlier = squared_norm(z[row] - self.x[here], S) > self.tuning.gate[name]
+                innovation = z[row] - self.x[here]
+                if name == "attitude":
+                    innovation = wrap(innovation)
+                outlier = squared_norm(innovation, S) > self.tuning.gate[name]
                 believed.append(used[row] & ~(outlier & (rejected < self.tuning.patience)))
                 rejected = jnp.where(used[row], jnp.where(outlier, rejected + 1, 0), rejected)
             used = jnp.stack(believed)

@@ -54,7 +54,7 @@ class Supervisor(Block):
     """
 
     depth_limit: Array = eqx.field(converter=as_array, default=100.0)
-    attitude_limit: Array = eqx.field(converter=as_array, default=1.396)
+    attitude_limit: Array = eqx.field(converter=as_array, default=1.0472)
     position_limit: Array = eqx.field(converter=as_array, default=10.0)
 
     def init(self, key: Array, start: Start) -> Mode:

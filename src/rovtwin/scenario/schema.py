@@ -212,7 +212,7 @@ class SupervisorSection(Strict):
 
     depth_limit: Positive = Field(default=100.0, description="[m]")
     attitude_limit_deg: Annotated[Number, Field(gt=0, le=85)] = Field(
-        default=80.0, description="roll or pitch; Euler angles fail at 90"
+        default=60.0, description="roll or pitch; Euler angles fail at 90"
     )
     position_std_limit: Positive = Field(default=10.0, description="estimate counts as lost beyond it [m]")
 
