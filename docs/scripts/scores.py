@@ -1,7 +1,7 @@
 """Markdown tables of scores, from what `rovtwin score ... --json` printed.
 
-    rovtwin score --vehicle double_blueye --autopilot thesis --seeds 1-10 --json > scores.json
-    python docs/scripts/scores.py scores.json [more.json ...]
+rovtwin score --vehicle double_blueye --autopilot thesis --seeds 1-10 --json > scores.json
+python docs/scripts/scores.py scores.json [more.json ...]
 """
 
 import json
@@ -15,7 +15,7 @@ def table(result: dict) -> str:
     """One file's scenarios as a table with a heading."""
     heads = ["scenario", *(" ".join(column.split()) for column in COLUMNS)]
     lines = [
-        f"**`{result['vehicle']}`, autopilot `{result['autopilot']}`**, seeds {result['seeds'][0]} to {result['seeds'][-1]}",
+        f"**`{result['vehicle'] or 'as the scenario says'}`, autopilot `{result['autopilot'] or 'as the scenario says'}`**, seeds {result['seeds'][0]} to {result['seeds'][-1]}",
         "",
         "| " + " | ".join(heads) + " |",
         "|" + "---|" * len(heads),
