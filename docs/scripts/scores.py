@@ -14,8 +14,9 @@ from rovtwin.scenario.batch import COLUMNS, table_row
 def table(result: dict) -> str:
     """One file's scenarios as a table with a heading."""
     heads = ["scenario", *(" ".join(column.split()) for column in COLUMNS)]
+    vehicle, autopilot = (result[key] or "as the scenario says" for key in ("vehicle", "autopilot"))
     lines = [
-        f"**`{result['vehicle'] or 'as the scenario says'}`, autopilot `{result['autopilot'] or 'as the scenario says'}`**, seeds {result['seeds'][0]} to {result['seeds'][-1]}",
+        f"**`{vehicle}`, autopilot `{autopilot}`**, seeds {result['seeds'][0]} to {result['seeds'][-1]}",
         "",
         "| " + " | ".join(heads) + " |",
         "|" + "---|" * len(heads),
