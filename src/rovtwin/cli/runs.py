@@ -28,7 +28,7 @@ FIGURES = (
     ("station rms", "station_rms_m", "m"),
     ("depth rms", "depth_rms_m", "m"),
     ("position error rms, north / east", "position_error_rms_m", "m"),
-    ("bound of any filter, surge / sway", "bound_position_m", "m"),
+    ("bound (best filter), surge / sway", "bound_position_m", "m"),
     ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),
     ("  its 95 % interval if consistent", "nees_position_interval", ""),
     ("effort", "effort_n2s", "N2 s"),
