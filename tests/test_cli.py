@@ -163,6 +163,7 @@ BAD = [
     (("log", "info", "empty.mcap"), "empty"),
     (("log", "info", "not.mcap"), "not an MCAP"),
     (("log", "export", "not.mcap", "out.nc"), "not an MCAP"),
+    (("log", "export", "not.mcap", "out.xyz"), "expected .nc"),
     (("log", "repair", "empty.mcap"), "empty.mcap"),
     (("report", "not.mcap"), "not an MCAP"),
     (("flyy",), "flyy"),

@@ -55,7 +55,8 @@ def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
     for line in lines:
         words = shlex.split(line)
         if words[1] in ("fly", "score"):
-            words += ["--set", "duration=12"] + (["--no-report"] if words[1] == "fly" else [])
+            words += ["--set", f"duration={2 if '--realtime' in words else 12}"]
+            words += ["--no-report"] if words[1] == "fly" else []
         runs = sorted(Path("runs").glob("*")) if Path("runs").exists() else []
         words = [word.replace("runs/<run>", str(runs[-1])) if runs else word for word in words]
         monkeypatch.setattr(sys, "argv", words)

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from rovtwin.cli.output import AsJson, console, emit, figure, table
+from rovtwin.core.errors import LogError
 
 log_app = typer.Typer(no_args_is_help=True, help="Look at logs, export them to netCDF or CSV, rescue unfinished ones.")
 
@@ -45,6 +46,10 @@ def export(
     from rovtwin.core.log import Log
     from rovtwin.core.log.export import export_csv, export_netcdf
 
+    if target.suffix not in (".nc", ""):
+        raise LogError(
+            f"{target}: found the ending {target.suffix!r}, expected .nc for netCDF or a folder for CSV files"
+        )
     log = Log.read(path)
     if target.suffix == ".nc":
         export_netcdf(log, target, overwrite=overwrite)

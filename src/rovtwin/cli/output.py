@@ -45,7 +45,7 @@ def figure(value: Any, unit: str = "") -> str:
     if isinstance(value, list | tuple):
         return " / ".join(figure(v) for v in value) + (f" {unit}" if unit else "")
     if isinstance(value, float):
-        text = f"{value:.3g}" if abs(value) < 1e4 else f"{value:.3e}"
+        text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}" if abs(value) < 1e6 else f"{value:.2e}"
         return f"{text} {unit}".strip()
     return f"{value} {unit}".strip()
 
@@ -56,5 +56,5 @@ def table(title: str, *columns: str) -> Table:
         title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
     )
     for i, name in enumerate(columns):
-        out.add_column(escape(name), justify="left" if i == 0 else "right")
+        out.add_column(escape(name), justify="left" if i == 0 else "right", no_wrap=i == 0)
     return out

@@ -32,7 +32,7 @@ FIGURES = (
     ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),
     ("  its 95 % interval if consistent", "nees_position_interval", ""),
     ("effort", "effort_n2s", "N2 s"),
-    ("time saturated", "saturated_share", ""),
+    ("time saturated", "saturated_share", "%"),
     ("thruster activity, rms", "thruster_activity_n_per_s", "N/s"),
 )
 
@@ -72,7 +72,6 @@ def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, s
             from rovtwin.report import write_report
 
             write_report(flight.log, folder)
-        bar.update(task, completed=scenario.duration, description=f"{scenario.name}: {flight.summary['phase']}")
     _closing_table(flight, screen)
     return flight
 
@@ -91,10 +90,12 @@ def _bar(counter: str) -> Progress:
 def _closing_table(flight: Any, screen: Console) -> None:
     summary = flight.summary
     verdict = "completed" if flight.completed else f"not completed: {summary['reason']}"
-    rows = table(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", "figure", "value")
+    rows = table("", "figure", "value")
     for label, key, unit in FIGURES:
-        if summary.get(key) is not None:
-            rows.add_row(label, figure(summary[key], unit))
+        judged = key != "nees_position_interval" or summary["nees_position_mean"] is not None
+        if summary.get(key) is not None and judged:
+            rows.add_row(label, figure(100 * summary[key] if unit == "%" else summary[key], unit))
+    screen.print(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", style="bold", markup=False)
     screen.print(rows)
     if flight.folder:
         screen.print(f"wrote {flight.folder}", markup=False, soft_wrap=True)
@@ -137,6 +138,12 @@ def demo(
     from rovtwin.scenario.flight import run_folder
 
     screen = console(as_json)
+    screen.print(
+        "Three flights: the thesis's gains in calm water and in waves, then gains placed from the vehicle's model."
+    )
+    screen.print(
+        "In waves the thesis's gains are expected to fail: they have no integral against the drift (see the page).\n"
+    )
     folder = out or run_folder("demo")
     result = run_demo(folder, lambda scenario, where: _fly(scenario, where, False, True, screen))
     screen.print(f"\nOpen [bold]{result['report']}[/bold] in a browser.", soft_wrap=True)
@@ -178,6 +185,8 @@ def score(
 
             results[label] = (score_batch if batch else score_seeds)(scenario, numbers, progress)
     screen = console(as_json)
+    if screen.width < 110:
+        screen.width = 110  # broken lines of a table are easier to read than broken words
     title = ", ".join([*(f"{key} {value}" for key, value in given.items() if value), f"seeds {seeds}"])
     screen.print(_score_table(results, title))
     if as_json:

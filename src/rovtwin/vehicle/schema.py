@@ -15,6 +15,21 @@ from rovtwin.vehicle.fields import Buoyancy, Coefficients, Direction, Force, Ine
 Source = Annotated[str | None, Field(description="where the values of this block come from")]
 
 
+SensorKind = Literal[
+    "position",
+    "pressure",
+    "imu",
+    "accelerometer",
+    "gyro",
+    "magnetometer",
+    "attitude",
+    "dvl",
+    "altimeter",
+    "sonar",
+    "imager",
+]
+
+
 class Pose(Strict):
     """Where a part sits in its parent's frame."""
 
@@ -106,7 +121,7 @@ class Sensor(Strict):
     """Where a sensor sits; how well it measures is the scenario's business."""
 
     name: str
-    kind: str = Field(description="position, pressure, imu, attitude, dvl, imager, ...")
+    kind: SensorKind = Field(description="what it measures")
     pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
     source: Source = None
 
