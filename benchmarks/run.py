@@ -1,6 +1,6 @@
 """Run the benchmarks, print a table, write the figures as JSON.
 
-make bench                                    # all, about five minutes on two cores
+make bench                                    # all, about three minutes on two cores
 python benchmarks/run.py --only single_vehicle latency
 python benchmarks/run.py --quick              # a smoke test: the figures mean little
 """
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))  # `benchmarks` and `tests.oracle` are not part of the installed package
 
-from benchmarks import closed_loop, compile, dynamics, latency  # noqa: E402
+from benchmarks import closed_loop, compile, dynamics, latency  # noqa: E402  (the path above comes first)
 from benchmarks.timing import machine  # noqa: E402
 
 PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {

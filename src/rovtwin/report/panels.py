@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -31,9 +32,9 @@ class Panels:
     handles: list[Artist] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
 
-    def entry(self, label: str, **style: object) -> None:
+    def entry(self, label: str, **style: Any) -> None:
         """One line of the legend."""
-        self.handles.append(Line2D([], [], label=label, **style))  # type: ignore[arg-type]
+        self.handles.append(Line2D([], [], label=label, **style))
 
     def done(self, columns: int = 6) -> Figure:
         """The figure with its legend."""

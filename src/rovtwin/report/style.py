@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
@@ -46,9 +47,8 @@ PHASE_COLOURS = {
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty white figure [inch] whose parts are laid out without overlap."""
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    figure.get_layout_engine().set(w_pad=0.04, h_pad=0.03, hspace=0.02, wspace=0.03)  # type: ignore[union-attr]
-    return figure
+    layout = ConstrainedLayoutEngine(w_pad=0.04, h_pad=0.03, hspace=0.02, wspace=0.03)
+    return Figure(figsize=(width, height), layout=layout, facecolor="white")
 
 
 def dress(axes: Axes, ylabel: str = "", xlabel: str = "", ticks: int = 5) -> Axes:

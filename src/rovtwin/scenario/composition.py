@@ -64,7 +64,7 @@ class Composed:
     scenario: Scenario
 
     def bound(self, speed: float) -> list[float]:
-        """Steady-state sigma of the position in surge and sway that no filter with these sensors can beat [m].
+        """Steady-state sigma of the position in surge and sway of the best filter with these sensors [m].
 
         Args:
             speed: At which the model is linearised [m/s].

@@ -13,6 +13,7 @@ import numpy as np
 
 from rovtwin import __version__
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import PHASES
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
@@ -27,7 +28,7 @@ from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.loop import Record
-from rovtwin.scenario.run import chunks, realtime_chunks
+from rovtwin.scenario.run import chunks, realtime_chunks, until_the_end
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, score
 
@@ -118,8 +119,7 @@ class Recorder:
 
 
 def _ends(record: Record) -> bool:
-    from rovtwin.scenario.run import until_the_end
-
+    """Whether the mission ends within this chunk."""
     return until_the_end(record, len(record.water_velocity) + 1)[1]
 
 
@@ -154,8 +154,9 @@ def fly(
     if folder is None:
         recorder = Recorder(scenario, lambda name, t, values: pieces[name].append((t, values)))
         interrupted = _run(composed, scenario, recorder, realtime, progress)
-        summary = summarise(recorder.flown(), composed, interrupted)
-        data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(recorder.flown())
+        flown = recorder.flown()
+        summary = summarise(flown, composed, interrupted)
+        data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(flown)
         return Flight(scenario, None, Log.from_arrays(channels, data, metadata | _closing(summary)), summary)
 
     folder = _new_folder(folder)
@@ -163,8 +164,9 @@ def fly(
     with LogWriter(folder / "log.mcap", channels, metadata) as log:
         recorder = Recorder(scenario, log.write_many)
         interrupted = _run(composed, scenario, recorder, realtime, progress)
-        summary = summarise(recorder.flown(), composed, interrupted)
-        for name, (t, values) in _scores(recorder.flown()).items():
+        flown = recorder.flown()
+        summary = summarise(flown, composed, interrupted)
+        for name, (t, values) in _scores(flown).items():
             log.write_many(name, t, values)
         log.annotate(_closing(summary))
     (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
@@ -186,8 +188,6 @@ def _run(composed: Composed, scenario: Scenario, recorder: Recorder, realtime: b
         for record in stream:
             recorder.take(record)
             if progress:
-                from rovtwin.core.flow import PHASES
-
                 progress(recorder.seconds, PHASES[int(record.autopilot.setpoint.phase[-1])])
             if interrupt.asked:
                 return True
@@ -195,8 +195,9 @@ def _run(composed: Composed, scenario: Scenario, recorder: Recorder, realtime: b
 
 
 def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, Any]:
-    """Scores, verdict in words, NEES interval and the bound that no filter can beat."""
+    """Scores, the reason where the mission was not completed, NEES interval and the bound of the best filter."""
     figures = score(flown)
+    interrupted = interrupted and not figures["completed"]  # Ctrl-C in the last second of a mission changes nothing
     low, high = nees_interval([figures])
     if interrupted:
         reason = "interrupted"
