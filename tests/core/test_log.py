@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -15,12 +16,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LogError
 from rovtwin.core.log import (
     Channel,
     Log,
     LogWriter,
     export_csv,
+    export_map,
     export_netcdf,
     info,
     repair,
@@ -722,6 +725,125 @@ def test_netcdf_names_do_not_collide(tmp_path: Path) -> None:
         assert {name: data[name].item() for name in data.variables} == {
             "a_time": 0.0, "a_b_c": 1.0, "a_time_2": 2.0, "a_b_time": 5.0, "a_b_c_2": 3.0,
         }  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------------------- maps
+
+ETA = ("x", "y", "z", "phi", "theta", "psi")
+DATUM = Datum(63.45, 10.36, 40.0, "2021-06-01T10:00:00Z")
+MISSION = [{"position": [6.0, 0.0, 3.0], "speed": 0.2}, {"position": [6.0, 3.0, 3.0]}]
+
+
+@pytest.fixture
+def flown() -> Log:
+    """Truth and estimate on a circle at 3 m depth, with a datum and way-points."""
+    t = np.arange(100) * 0.1
+    pose = np.column_stack([50 * np.sin(t), 50 * np.cos(t), 3 + 0 * t, 0 * t, 0 * t, t])
+    units = ("m",) * 3 + ("rad",) * 3
+    channels = [Channel(name, ETA, units, "n", rate=10.0) for name in ("truth/eta", "autopilot/eta")]
+    metadata = {"name": "circle", "datum": DATUM.metadata(), "mission": MISSION}
+    return Log.from_arrays([*channels, PHASE], {"truth/eta": (t, pose), "autopilot/eta": (t, pose + 0.25)}, metadata)
+
+
+def test_netcdf_has_the_tracks_on_the_map(flown: Log, tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(export_netcdf(flown, tmp_path / "run.nc")) as data:
+        assert data.attrs["utc_start"] == data.attrs["time_coverage_start"] == "2021-06-01T10:00:00Z"
+        assert json.loads(data.attrs["rovtwin_datum"])["height"] == 40.0
+        for name in ("truth_eta", "autopilot_eta"):
+            latitude, longitude = data[f"{name}_latitude"], data[f"{name}_longitude"]
+            for variable, what in ((latitude, "latitude"), (longitude, "longitude")):
+                assert variable.attrs["standard_name"] == what
+                assert variable.dims == (f"{name}_time",)
+            assert latitude.attrs["units"] == "degrees_north" and longitude.attrs["units"] == "degrees_east"
+            depth = data[f"{name}_z"]
+            assert {f"{name}_latitude", f"{name}_longitude"} <= set(depth.coords)
+            assert depth.attrs.get("grid_mapping", depth.encoding.get("grid_mapping")) == "crs"
+            place = DATUM.position(latitude, longitude, depth)
+            np.testing.assert_allclose(place, flown[name.replace("_", "/")].values[:, :3], rtol=0, atol=1e-6)
+        crs = data["crs"].attrs
+        assert crs["grid_mapping_name"] == "latitude_longitude" and crs["semi_major_axis"] == 6378137.0
+        assert crs["inverse_flattening"] == pytest.approx(298.257223563)
+        assert "autopilot_phase_latitude" not in data
+        assert data["truth_eta_time"].attrs["units"] == "s"  # relative still
+
+
+def test_netcdf_without_a_datum_has_no_map(log: Log, tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    with xarray.open_dataset(export_netcdf(log, tmp_path / "run.nc")) as data:
+        assert "crs" not in data and "utc_start" not in data.attrs
+
+
+def test_geojson_is_that_of_rfc_7946(flown: Log, tmp_path: Path) -> None:
+    found = json.loads(export_map(flown, tmp_path / "track.geojson").read_text())
+    assert found["type"] == "FeatureCollection" and found["name"] == "circle" and found["datum"]["latitude"] == 63.45
+    kinds = [(f["geometry"]["type"], f["properties"]["name"], f["properties"]["kind"]) for f in found["features"]]
+    assert kinds == [("LineString", "truth", "track"), ("LineString", "estimate", "track"),
+                     ("Point", "1", "way-point"), ("Point", "2", "way-point")]  # fmt: skip
+    assert all(feature["type"] == "Feature" for feature in found["features"])
+    truth, estimate, first, _ = found["features"]
+    longitude, latitude, height = np.array(truth["geometry"]["coordinates"]).T
+    np.testing.assert_allclose(longitude, 10.36, atol=0.01)  # longitude first
+    place = DATUM.position(latitude, longitude, 40.0 - height)
+    np.testing.assert_allclose(place, flown["truth/eta"].values[:, :3], rtol=0, atol=1e-3)
+    assert truth["properties"]["utc_start"] == "2021-06-01T10:00:00.000Z"
+    assert truth["properties"]["utc_end"] == "2021-06-01T10:00:09.900Z"
+    assert len(estimate["geometry"]["coordinates"]) == 100
+    point = first["geometry"]["coordinates"]
+    np.testing.assert_allclose(DATUM.position(point[1], point[0], 40.0 - point[2]), [6, 0, 3], rtol=0, atol=1e-3)
+    assert first["properties"]["depth_m"] == 3.0
+
+
+def test_gpx_and_kml_say_the_same(flown: Log, tmp_path: Path) -> None:
+    json_rows = json.loads(export_map(flown, tmp_path / "t.geojson").read_text())["features"][0]["geometry"]
+    gpx = ElementTree.parse(export_map(flown, tmp_path / "t.gpx")).getroot()
+    space = {"g": "http://www.topografix.com/GPX/1/1", "k": "http://www.opengis.net/kml/2.2"}
+    points = gpx.findall("g:trk[g:name='truth']/g:trkseg/g:trkpt", space)
+    rows = [[float(p.attrib["lon"]), float(p.attrib["lat"])] for p in points]
+    assert rows == [row[:2] for row in json_rows["coordinates"]]
+    assert points[15].findtext("g:time", namespaces=space) == "2021-06-01T10:00:01.500Z"
+    assert points[15].findtext("g:ele", namespaces=space) == "-3.000"
+    assert [w.findtext("g:name", namespaces=space) for w in gpx.findall("g:wpt", space)] == ["1", "2"]
+    kml = ElementTree.parse(export_map(flown, tmp_path / "t.kml")).getroot()
+    marks = kml.findall("k:Document/k:Placemark", space)
+    assert [mark.findtext("k:name", namespaces=space) for mark in marks] == ["truth", "estimate", "1", "2"]
+    line = marks[0].findtext("k:LineString/k:coordinates", namespaces=space)
+    assert line is not None
+    assert [[float(v) for v in row.split(",")[:2]] for row in line.split()] == rows
+
+
+def test_a_track_over_the_date_line_does_not_jump(tmp_path: Path) -> None:
+    t = np.arange(3.0)
+    channel = Channel("truth/eta", ETA, "m", "n")
+    pose = np.zeros((3, 6))
+    pose[:, 1] = [-100, 0, 100]
+    log = Log.from_arrays([channel], {"truth/eta": (t, pose)}, {"datum": Datum(-17.0, 180.0).metadata()})
+    rows = json.loads(export_map(log, tmp_path / "t.geojson").read_text())["features"][0]["geometry"]["coordinates"]
+    assert np.abs(np.diff([row[0] for row in rows])).max() < 0.01
+    gpx = ElementTree.parse(export_map(log, tmp_path / "t.gpx")).getroot()
+    longitudes = [float(p.attrib["lon"]) for p in gpx.iter("{http://www.topografix.com/GPX/1/1}trkpt")]
+    assert longitudes[0] > 179.9 and longitudes[2] < -179.9
+
+
+def test_what_cannot_be_drawn_on_a_map(log: Log, flown: Log, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="log: has no datum"):
+        export_map(log, tmp_path / "t.geojson")
+    with pytest.raises(LogError, match=r"found the ending '.shp', expected .geojson, .gpx, .kml"):
+        export_map(flown, tmp_path / "t.shp")
+    bare = Log.from_arrays(CHANNELS, {}, {"datum": DATUM.metadata(), "mission": "not JSON"})
+    with pytest.raises(LogError, match="nothing to draw"):
+        export_map(bare, tmp_path / "t.kml")
+    assert not list(tmp_path.iterdir())
+    one = Log.from_arrays([Channel("truth/eta", ETA, "m", "n")], {"truth/eta": ([0.0, 1.0], [[0.0] * 6, [np.nan] * 6])},
+                          {"datum": DATUM.metadata()})  # fmt: skip
+    (feature,) = json.loads(export_map(one, tmp_path / "t.geojson").read_text())["features"]
+    assert feature["geometry"]["type"] == "Point"
+
+
+def test_info_knows_the_datum(flown: Log, log: Log, tmp_path: Path) -> None:
+    assert info(flown.write(tmp_path / "flown.mcap")).datum == DATUM
+    assert summary(tmp_path / "flown.mcap")["datum"]["longitude"] == 10.36
+    assert info(log.write(tmp_path / "log.mcap")).datum is None
 
 
 def test_csv_keeps_every_digit(log: Log, tmp_path: Path) -> None:

@@ -9,7 +9,9 @@ import typer
 from rovtwin.cli.output import AsJson, console, emit, figure, table
 from rovtwin.core.errors import LogError
 
-log_app = typer.Typer(no_args_is_help=True, help="Look at logs, export them to netCDF or CSV, rescue unfinished ones.")
+log_app = typer.Typer(
+    no_args_is_help=True, help="Look at logs, export them (netCDF, CSV, maps), rescue unfinished ones."
+)
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP log, such as runs/<run>/log.mcap.")]
 
@@ -17,6 +19,7 @@ LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP log, such 
 @log_app.command("info")
 def info(path: LogFile, as_json: AsJson = False) -> None:
     """List the channels with rate, unit and frame, and where the log comes from."""
+    from rovtwin.core.datum import Datum
     from rovtwin.core.log.info import summary
 
     found = summary(path)
@@ -33,26 +36,37 @@ def info(path: LogFile, as_json: AsJson = False) -> None:
     for key in ("name", "seed", "version", "created", "command"):
         if found["metadata"].get(key):
             out.print(f"{key}: {found['metadata'][key]}", markup=False)
+    if found["datum"]:
+        out.print(f"datum: {Datum(**found['datum'])}", markup=False)
 
 
 @log_app.command("export")
 def export(
     path: LogFile,
-    target: Annotated[Path, typer.Argument(help="run.nc for netCDF (CF), or a folder for one CSV per channel.")],
+    target: Annotated[
+        Path,
+        typer.Argument(
+            help="run.nc for netCDF (CF), track.geojson, .gpx or .kml for a map, or a folder for one CSV per channel."
+        ),
+    ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Export a log: netCDF opens in xarray and MATLAB, CSV anywhere."""
+    """Export a log: netCDF opens in xarray and MATLAB, GeoJSON in QGIS, GPX and KML on other maps, CSV anywhere."""
     from rovtwin.core.log import Log
     from rovtwin.core.log.export import export_csv, export_netcdf
+    from rovtwin.core.log.maps import WRITERS, export_map
 
-    if target.suffix not in (".nc", ""):
+    if target.suffix not in (".nc", "", *WRITERS):
         raise LogError(
-            f"{target}: found the ending {target.suffix!r}, expected .nc for netCDF or a folder for CSV files"
+            f"{target}: found the ending {target.suffix!r}, expected .nc for netCDF, {', '.join(WRITERS)} for a map, "
+            "or a folder for CSV files"
         )
     log = Log.read(path)
     if target.suffix == ".nc":
         export_netcdf(log, target, overwrite=overwrite)
+    elif target.suffix in WRITERS:
+        export_map(log, target, overwrite=overwrite)
     else:
         export_csv(log, target, overwrite=overwrite)
     if as_json:

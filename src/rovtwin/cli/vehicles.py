@@ -25,12 +25,22 @@ def list_vehicles(as_json: AsJson = False) -> None:
         console(False).print("\n".join(names))
 
 
+Water = Annotated[
+    str | None,
+    typer.Option(
+        "--water", help="Put it in water: fresh, sea, a density [kg/m3], or temperature and salinity as '12C 34'."
+    ),
+]
+
+
 @vehicle_app.command("show")
-def show(vehicle: VehicleName, as_json: AsJson = False) -> None:
+def show(vehicle: VehicleName, water: Water = None, as_json: AsJson = False) -> None:
     """Mass, CG, CB, inertia, buoyancy, matrices with symbols and units, allocation, trim and stability."""
     from rovtwin.vehicle import load_vehicle, render, summary
+    from rovtwin.vehicle.water import density_of
 
-    found = summary(load_vehicle(vehicle))
+    shown = load_vehicle(vehicle)
+    found = summary(shown if water is None else shown.in_water(density_of(water)))
     if as_json:
         emit(found)
         return

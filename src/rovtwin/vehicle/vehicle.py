@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.propulsion import thruster_arrays
 from rovtwin.vehicle.schema import VehicleFile
 from rovtwin.vehicle.soundness import require_distinct_in_logs, require_sound
+from rovtwin.vehicle.water import check_density
 
 if TYPE_CHECKING:
     from rovtwin.vehicle.model import Model
@@ -28,10 +29,12 @@ class Vehicle:
     Attributes:
         file: The description, all parts in place.
         where: File name, for messages.
+        water_density: Of the water it is in [kg/m3]; None: the water the file is written for.
     """
 
     file: VehicleFile
     where: str
+    water_density: float | None = None
 
     @property
     def name(self) -> str:
@@ -43,10 +46,10 @@ class Vehicle:
 
     @cached_property
     def assembly(self) -> Assembly:
-        """Totals at CO, in the water the file is written for."""
+        """Totals at CO."""
         total = assemble(self.file, self.where)
         require_distinct_in_logs([t.name for t in total.thrusters], self.where)
-        return total
+        return total if self.water_density is None else total.in_water(self.water_density)
 
     @property
     def thruster_names(self) -> list[str]:
@@ -63,6 +66,14 @@ class Vehicle:
         """Sensors with their place in the body frame."""
         return list(self.assembly.sensors)
 
+    def in_water(self, density: float) -> Vehicle:
+        """The same vehicle in water of another density [kg/m3]: buoyancy, drag and added mass scale with it.
+
+        Raises:
+            ConfigError: No water has that density.
+        """
+        return replace(self, water_density=check_density(density))
+
     def model(
         self,
         *,
@@ -74,7 +85,7 @@ class Vehicle:
 
         Args:
             supply_voltage: At which all thrust tables are read [V]; else each at that of the nearest part.
-            water_density: Buoyancy, added mass and drag scale with it [kg/m3]; else that of the file.
+            water_density: As `in_water` [kg/m3]; else the vehicle's.
             net_buoyancy: Buoyancy less weight, positive floats [N]; else as the file says.
 
         Raises:
@@ -111,9 +122,7 @@ class Vehicle:
     def _total(self, water_density: float | None, net_buoyancy: float | None) -> Assembly:
         total = self.assembly
         if water_density is not None:
-            if not 900 <= water_density <= 1100:
-                raise ConfigError(f"water density {water_density:g} kg/m3, expected 900 to 1100 (fresh 1000, sea 1025)")
-            total = total.in_water(float(water_density))
+            total = total.in_water(check_density(water_density))
         if net_buoyancy is not None:
             buoyancy = total.solid.mass * GRAVITY + net_buoyancy
             if not (np.isfinite(buoyancy) and buoyancy >= 0):
@@ -127,8 +136,6 @@ class Vehicle:
 
 
 def _ballasted(total: Assembly, buoyancy: float) -> Assembly:
-    from dataclasses import replace
-
     return replace(total, volume=buoyancy / (total.density * GRAVITY))
 
 

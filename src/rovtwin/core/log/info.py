@@ -11,6 +11,7 @@ import numpy as np
 from mcap import records
 from mcap.opcode import Opcode
 
+from rovtwin.core.datum import Datum, datum_of
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, message_offsets, parse
@@ -38,7 +39,7 @@ class ChannelInfo:
 
 @dataclass(frozen=True)
 class LogInfo:
-    """A log in short: channels as rows, provenance, and what a reader leaves out."""
+    """A log in short: channels as rows, provenance, what a reader leaves out, and where on Earth it is, if it says."""
 
     path: str
     size: int
@@ -47,6 +48,7 @@ class LogInfo:
     rows: tuple[ChannelInfo, ...]
     metadata: dict[str, str]
     notes: tuple[str, ...]
+    datum: Datum | None
 
 
 def info(path: str | Path) -> LogInfo:
@@ -75,6 +77,7 @@ def info(path: str | Path) -> LogInfo:
         tuple(rows),
         metadata,
         tuple(sorted(notes)),
+        datum_of(metadata),
     )
 
 
