@@ -73,6 +73,7 @@ def test_report_of_a_log(short_run, tmp_path, capsys):
     "words",
     [("scenario", "list"), ("scenario", "show", "square"), ("scenario", "check", "square_dvl"), ("scenario", "schema"),
      ("vehicle", "list"), ("vehicle", "show", "double_blueye"), ("vehicle", "check", "bluerov2"), ("vehicle", "schema"),
+     ("vehicle", "ballast", "double_blueye", "--buoyancy", "200g", "--at", "-0.1,0,50mm"),
      ("--version",), ("--help",), ("fly", "--help"), ("log", "--help")],
 )  # fmt: skip
 def test_looking_is_done(words, capsys):
@@ -81,6 +82,7 @@ def test_looking_is_done(words, capsys):
 
 
 @pytest.mark.parametrize("words", [("scenario", "list"), ("vehicle", "list"), ("vehicle", "show", "bluerov2_heavy"),
+                                   ("vehicle", "ballast", "double_blueye", "--buoyancy", "-2N", "--level"),
                                    ("vehicle", "check", "double_blueye"), ("scenario", "show", "square")])  # fmt: skip
 def test_json_is_one_object_on_standard_output(words, capsys):
     code, out, _ = run(capsys, *words, "--json")
@@ -140,6 +142,22 @@ BAD = [
     (("vehicle", "check", "twice.yaml"), "given twice"),
     (("vehicle", "check", "nowhere.yaml"), "no such"),
     (("vehicle", "show", "double_bluey"), "double_blueye"),
+    (("vehicle", "ballast", "double_blueye"), "nothing is asked for"),
+    (("vehicle", "ballast", "double_bluey", "--level"), "double_blueye"),
+    (("vehicle", "ballast", "negative_mass.yaml", "--level"), "mass"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "2mm"), "expected a force such as 2N"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "-5kN"), "can be reached"),
+    (("vehicle", "ballast", "double_blueye", "--bg", "20"), "did you mean 20mm"),
+    (("vehicle", "ballast", "double_blueye", "--bg", "0"), "capsizes"),
+    (("vehicle", "ballast", "double_blueye", "--bg", "nan"), "expected a length"),
+    (("vehicle", "ballast", "double_blueye", "--bg", "500mm", "-o", "x.yaml"), "at most"),
+    (("vehicle", "ballast", "double_blueye", "--level", "--at", "0,0"), "expected x,y,z"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--water", "1.025"), "expected 900 to 1100"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--foam-density", "-1"), "above 0"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--round", "0g"), "above 0"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "empty.yaml"), "not overwritten"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "x.json"), "expected .yaml"),
+    (("vehicle", "ballast", "bluerov2", "--buoyancy", "1"), "no part has a shape"),
     (("scenario", "check", "scenario_unknown.yaml"), "Did you mean 'world'"),
     (("scenario", "check", "scenario_vehicle.yaml"), "double_blueye"),
     (("scenario", "check", "scenario_nan.yaml"), "duration"),
@@ -180,6 +198,19 @@ def test_bad_input_is_one_message_and_exit_code_2(words, expected, tmp_path, mon
     assert expected in " ".join(err.split()) and "Traceback" not in err
     assert out == ""
     assert sorted(tmp_path.iterdir()) == before, "bad input must leave nothing behind"
+
+
+def test_ballast_writes_a_vehicle_that_can_be_checked_and_shown(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ("vehicle", "ballast", "double_blueye", "--buoyancy", "2N", "--level", "--bg", "30mm", "-o", "new.yaml")
+    code, out, _ = run(capsys, *words)
+    assert code == 0 and "lead_1" in out and "wrote new.yaml" in out
+    assert "--bg 30mm" in Path("new.yaml").read_text().splitlines()[0]
+    code, out, _ = run(capsys, "vehicle", "show", "new.yaml", "--json")
+    shown = json.loads(out)
+    assert code == 0 and shown["net_buoyancy_N"] == pytest.approx(2.0, abs=1e-6)
+    assert shown["metacentric_height_m"] == pytest.approx(0.03, abs=1e-6)
+    assert run(capsys, *words)[0] == 2, "an existing file is not overwritten"
 
 
 def test_bad_input_with_json_is_an_object_too(capsys):

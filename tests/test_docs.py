@@ -67,6 +67,20 @@ def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "run.nc").stat().st_size > 10_000
 
 
+def test_the_ballast_of_the_docs_is_what_is_printed(tmp_path, monkeypatch, capsys):
+    text = (ROOT / "docs" / "vehicles.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    Path("my.yaml").write_text(text.split("```yaml\n")[1].split("restoring:")[0])
+    (line,) = [line for line in commands(ROOT / "docs" / "vehicles.md") if "-o ballasted.yaml" in line]
+    monkeypatch.setattr(sys, "argv", shlex.split(line))
+    with pytest.raises(SystemExit):
+        rovtwin.cli.main()
+    printed = [row.rstrip() for row in capsys.readouterr().out.strip().splitlines()]
+    shown = text.split("```\npieces for my")[1].split("```")[0]
+    assert printed == ("pieces for my" + shown).strip().splitlines()
+
+
 @pytest.mark.slow
 def test_the_examples_run(tmp_path):
     for example in sorted((ROOT / "examples").glob("*.py")):

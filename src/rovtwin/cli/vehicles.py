@@ -1,5 +1,8 @@
-"""rovtwin vehicle: look at vehicle files and check them."""
+"""rovtwin vehicle: look at vehicle files, check them, ballast vehicles."""
 
+import shlex
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -7,7 +10,7 @@ import typer
 from rovtwin.cli.output import DONE, AsJson, console, emit
 
 vehicle_app = typer.Typer(
-    no_args_is_help=True, help="Look at vehicles: parameters, trim, controllability; check files."
+    no_args_is_help=True, help="Look at vehicles: parameters, trim, performance; check files; ballast."
 )
 
 VehicleName = Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")]
@@ -63,6 +66,81 @@ def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
         for finding in findings:
             out.print(f"- {finding}", markup=False)
     raise typer.Exit(DONE)
+
+
+@vehicle_app.command("ballast")
+def ballast(
+    vehicle: VehicleName,
+    buoyancy: Annotated[
+        str | None, typer.Option(metavar="FORCE", help="Net buoyancy, positive floats: 2N, 200g; default as it is.")
+    ] = None,
+    level: Annotated[bool, typer.Option("--level", help="Roll and pitch 0 at rest.")] = False,
+    bg: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Metacentric height, CB above CG: 20mm, 0.02.")
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="A place for the middle of a piece: 0.2,0,-0.1 or 200mm,0,-100mm. Repeatable; "
+            "default corners, edges and centres of top and bottom of the box around all shapes.",
+        ),
+    ] = None,
+    water: Annotated[
+        str | None, typer.Option(metavar="DENSITY", help="Of the water, kg/m3; default the file's.")
+    ] = None,
+    foam_density: Annotated[str, typer.Option(metavar="DENSITY", help="kg/m3.")] = "200",
+    weight_density: Annotated[str, typer.Option(metavar="DENSITY", help="kg/m3; lead.")] = "11340",
+    max_mass: Annotated[
+        str | None, typer.Option(metavar="MASS", help="Of all pieces together; default a quarter of the vehicle's.")
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option("--round", metavar="MASS", help="Round weights to this, foam to as much water: 10g; default not."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the vehicle with the pieces on it.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say which foam or lead to put where, so that a vehicle floats, hangs and rights itself as wanted.
+
+    For example: rovtwin vehicle ballast my.yaml --buoyancy 2N --level --bg 20mm -o ballasted.yaml
+    """
+    from rovtwin.core.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
+    from rovtwin.vehicle.ballast import LIFT, Wish
+    from rovtwin.vehicle.ballasted import Materials
+    from rovtwin.vehicle.ballasted import ballast as ballast_it
+    from rovtwin.vehicle.tables import ballast_tables
+
+    wish = Wish(
+        None if buoyancy is None else quantity(buoyancy, LIFT, "--buoyancy"),
+        level,
+        None if bg is None else quantity(bg, LENGTH, "--bg"),
+    )
+    materials = Materials(
+        positive(foam_density, DENSITY, "--foam-density"),
+        positive(weight_density, DENSITY, "--weight-density"),
+        [point(place, "--at") for place in at] if at else None,
+        None if max_mass is None else positive(max_mass, MASS, "--max-mass"),
+    )
+    found = ballast_it(
+        vehicle,
+        wish,
+        materials,
+        water_density=None if water is None else quantity(water, DENSITY, "--water"),
+        step=None if step is None else positive(step, MASS, "--round"),
+        out=out,
+        command=shlex.join(["rovtwin", *sys.argv[1:]]),
+    )
+    if as_json:
+        emit(found)
+        return
+    screen = console(False)
+    for part in ballast_tables(found):
+        screen.print(part)
+    if out is not None:
+        screen.print(f"wrote {out}", markup=False)
 
 
 @vehicle_app.command("schema")

@@ -8,7 +8,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.constants import AXES, GRAVITY
 
 LONGEST = 45  # width that a column may keep for itself
 
@@ -27,6 +27,52 @@ def tables(found: dict[str, Any]) -> list[Any]:
     if found["findings"]:
         shown.append(_pairs("to know", [("-", line) for line in found["findings"]]))
     return shown
+
+
+def ballast_tables(found: dict[str, Any]) -> list[Any]:
+    """Rich renderables of what `ballasted.ballast` returns: the pieces, what they change, remarks."""
+    water = found["water_density_kgm3"]
+    pieces = [
+        (
+            piece["name"],
+            f"{1000 * piece['mass_kg']:.1f}",
+            f"{1e6 * piece['volume_m3']:.1f}",
+            f"{GRAVITY * (water * piece['volume_m3'] - piece['mass_kg']):+.2f}",
+            ", ".join(f"{1000 * x:.0f}" for x in piece["position_m"]),
+            " x ".join(f"{1000 * x:.0f}" for x in piece["size_m"]),
+        )
+        for piece in found["pieces"]
+    ]
+    heads = ("", "mass [g]", "volume [mL]", "lift [N]", "middle at x, y, z [mm]", "such as [mm]")
+    shown: list[Any] = [_titled(f"pieces for {found['vehicle']}", _table(heads, pieces, numbers=1))]
+    if not pieces:
+        shown = [Text(f"{found['vehicle']} is as wanted: no pieces\n", style="bold")]
+    shown.append(_titled(f"in water of {_g(water)} kg/m3", _ballast_figures(found)))
+    if found["notes"]:
+        shown.append(_pairs("to know", [("-", line) for line in found["notes"]]))
+    return shown
+
+
+def _ballast_figures(found: dict[str, Any]) -> Table:
+    rows = (
+        ("net buoyancy [N]", "net_buoyancy_N", 1),
+        ("roll [deg]", "roll_deg", 1),
+        ("pitch [deg]", "pitch_deg", 1),
+        ("BG [mm]", "metacentric_height_m", 1000),
+        ("righting stiffness [N m/rad]", "righting_stiffness_Nm_per_rad", 1),
+        ("mass [kg]", "mass_kg", 1),
+    )
+    step = f"{1000 * found['rounding_kg']:g} g"
+    columns = [found["before"], found["after"]]
+    heads = ["", "before", "after" if found["rounded"] else f"after, in steps of {step}"]
+    if found["rounded"]:
+        columns.append(found["rounded"])
+        heads.append(f"in steps of {step}")
+
+    def cell(value: float | None, scale: float) -> str:
+        return "-" if value is None else f"{round(scale * value, 3) + 0.0:.3f}"
+
+    return _table(heads, [(label, *(cell(c[key], scale) for c in columns)) for label, key, scale in rows], numbers=1)
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], text: Collection[int] = (), numbers: int = 0) -> Table:

@@ -20,6 +20,7 @@ from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.floating import floating
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
 from rovtwin.vehicle.thrusters import thrusters_from
@@ -51,23 +52,17 @@ class Hang:
 def hang(model: Model) -> Hang:
     """Still water: trim, stiffness and natural periods."""
     r_g, r_b = np.asarray(model.center_of_gravity), np.asarray(model.center_of_buoyancy)
-    W, B = float(model.weight), float(model.buoyancy)
-    lever = W * r_g - B * r_b
-    size = float(np.linalg.norm(lever))
-    # At rest the lever points down, as a plumb line does.
-    down = lever / size if size > 1e-9 * W else np.full(3, np.nan)
-    trim = np.array([np.arctan2(down[1], down[2]), -np.arcsin(down[0])])
-    k = np.full(2, lever[2])
+    rest = floating(float(model.weight), float(model.buoyancy), r_g, r_b)
     M = np.asarray(model.mass)
     G = np.zeros((6, 6))
-    G[3, 3], G[4, 4] = k
+    G[3, 3], G[4, 4] = rest.stiffness
     squares, vectors = _eigen(np.linalg.solve(M, G))
     periods = np.full(2, np.nan)
     for square, vector in zip(np.real(squares), np.real(vectors).T, strict=True):
         if square > 1e-12:
             axis = 0 if abs(vector[3]) >= abs(vector[4]) else 1
             periods[axis] = 2 * np.pi / np.sqrt(square)
-    return Hang(k, float(r_g[2] - r_b[2]), trim, B - W, periods)
+    return Hang(rest.stiffness, rest.metacentric_height, rest.trim, rest.net_buoyancy, periods)
 
 
 def linearised(model: Model, surge_speed: Array) -> Array:

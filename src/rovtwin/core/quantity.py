@@ -1,0 +1,71 @@
+"""Quantities as people type them, "20mm" or "200 g", in SI. A plain number is in the SI unit already."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rovtwin.core.errors import ConfigError
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a quantity may be.
+
+    Attributes:
+        name: With its article, for messages.
+        unit: Of plain numbers.
+        units: What one of each unit is in SI.
+        example: As one would type it.
+    """
+
+    name: str
+    unit: str
+    units: Mapping[str, float]
+    example: str
+
+
+LENGTH = Kind("a length", "m", {"m": 1.0, "cm": 0.01, "mm": 0.001}, "20mm")
+MASS = Kind("a mass", "kg", {"kg": 1.0, "g": 0.001}, "10g")
+DENSITY = Kind("a density", "kg/m3", {"kg/m3": 1.0, "kg/m^3": 1.0, "g/cm3": 1000.0, "kg/l": 1000.0}, "1025")
+
+
+def quantity(text: str, kind: Kind, where: str) -> float:
+    """The value in SI.
+
+    Args:
+        text: A number, or a number and a unit of the kind.
+        kind: What is expected.
+        where: Option or key, for messages.
+
+    Raises:
+        ConfigError: No number, a unit of another kind, or not finite.
+    """
+    matched = _QUANTITY.fullmatch(text)
+    units = ", ".join(kind.units)
+    expected = f"expected {kind.name} such as {kind.example}; units: {units}; a plain number is {kind.unit}"
+    if matched is None or not math.isfinite(float(matched[1])):
+        raise ConfigError(f"{where}: found '{text}', {expected}")
+    number, unit = float(matched[1]), matched[2]
+    if unit and unit not in kind.units:
+        raise ConfigError(f"{where}: found the unit '{unit}' in '{text}', {expected}")
+    return number * kind.units[unit] if unit else number
+
+
+def positive(text: str, kind: Kind, where: str) -> float:
+    """The same of a quantity that must be more than zero."""
+    value = quantity(text, kind, where)
+    if value <= 0:
+        raise ConfigError(f"{where}: found '{text}', expected {kind.name} above 0 such as {kind.example}")
+    return value
+
+
+def point(text: str, where: str) -> tuple[float, float, float]:
+    """Three lengths separated by commas, "0.2,0,-100mm", in metres."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise ConfigError(f"{where}: found '{text}', expected x,y,z such as 0.2,0,-0.1 (m) or 200mm,0,-100mm")
+    x, y, z = (quantity(part, LENGTH, where) for part in parts)
+    return x, y, z

@@ -1,0 +1,38 @@
+"""How far a vehicle reaches: the box around the shapes of its parts."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rovtwin.vehicle import schema
+from rovtwin.vehicle.hydrodynamics import Solid
+from rovtwin.vehicle.rigid_body import HERE, Placement
+
+
+def bounding_box(body: schema.Body) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest and highest corner in b [m], shapes (3,) and (3,), of all shapes; None where no part has one."""
+    found = [_extent(solid, placement) for solid, placement in _solids(body, HERE)]
+    if not found:
+        return None
+    low, high = zip(*found, strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def _solids(body: schema.Body, placement: Placement) -> Iterator[tuple[Solid, Placement]]:
+    if body.shape is not None:
+        solid = Solid.of(body.shape)
+        yield solid, solid.placement.after(placement)
+    for part in body.parts:
+        yield from _solids(part, Placement.of(part.pose.position, part.pose.attitude_deg).after(placement))
+
+
+def _extent(solid: Solid, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+    """Exact for each kind of solid, whatever its attitude."""
+    R, half = placement.rotation, solid.size / 2
+    if solid.kind == "box":
+        reach = np.abs(R) @ half
+    elif solid.kind == "ellipsoid":
+        reach = np.linalg.norm(R * half, axis=1)
+    else:  # a cylinder along its x
+        reach = np.abs(R[:, 0]) * half[0] + half[1] * np.sqrt(np.maximum(1 - R[:, 0] ** 2, 0))
+    return placement.position - reach, placement.position + reach

@@ -1,0 +1,34 @@
+"""Quantities as people type them."""
+
+import pytest
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "value"),
+    [
+        ("20mm", LENGTH, 0.02), ("20 mm", LENGTH, 0.02), (" 2 cm ", LENGTH, 0.02), ("0.02", LENGTH, 0.02),
+        ("-1e-2 m", LENGTH, -0.01), (".5", LENGTH, 0.5), ("5.", LENGTH, 5.0), ("+3", LENGTH, 3.0),
+        ("200 g", MASS, 0.2), ("1e3g", MASS, 1.0), ("1.025g/cm3", DENSITY, 1025.0), ("1025 kg/m3", DENSITY, 1025.0),
+    ],
+)  # fmt: skip
+def test_number_and_unit(text, kind, value):
+    assert quantity(text, kind, "--x") == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "mm", "nan", "inf", "1e999", "0,02", "20 mm mm", "2 kg", "two", "1/2", "0x10", "20m m"]
+)
+def test_what_is_no_length_says_what_is(text):
+    with pytest.raises(ConfigError, match="--x: found .*expected a length such as 20mm; units: m, cm, mm"):
+        quantity(text, LENGTH, "--x")
+
+
+def test_points_and_positive_quantities():
+    assert point("200mm, 0,-0.1", "--at") == pytest.approx((0.2, 0.0, -0.1))
+    with pytest.raises(ConfigError, match="--at: found '1,2', expected x,y,z"):
+        point("1,2", "--at")
+    with pytest.raises(ConfigError, match="above 0"):
+        positive("0g", MASS, "--x")
