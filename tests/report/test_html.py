@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.report.synthetic import synthetic
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.log import Channel, Log
 from rovtwin.report import write_comparison, write_report
 from rovtwin.report.flight import Flight
@@ -101,6 +102,18 @@ def test_rates_are_counted(page):
     # acoustic: 1 Hz; its nominal rate is the same, its delay 50 ms
     assert re.search(r"position north, east \[m\] \d+ 1 1 1 50\.0", page.text)
     assert re.search(r"pressure depth \[m\] \d+ 42 42 0\.0238 0\.0", page.text)
+
+
+def test_map_coordinates_where_the_log_has_a_datum(tmp_path, page):
+    assert "On the map" not in page.text and "Latitude" not in page.text
+    log = synthetic(dt=0.5)
+    log.metadata["datum"] = Datum(63.45, 10.36).metadata()
+    placed = Page(write_report(log, tmp_path).read_text())
+    assert "it began at 63.45000" in placed.text and "the clock's zero is 2021-06-01T10:00:00Z" in placed.text
+    first = 63.45 + np.degrees(6 / 6.387e6)  # way-point 1 is 6 m north; the meridian's radius there is 6,387 km
+    assert f"{first:.7f}" in placed.text and "North and east from 63.450000° N, 10.360000° E, WGS 84." in placed.text
+    assert "datum 63.450000° N, 10.360000° E, water level 0 m" in placed.text
+    assert "63.45000" in (tmp_path / "figures" / "path.svg").read_text()
 
 
 def test_same_report_from_a_log_file(tmp_path):

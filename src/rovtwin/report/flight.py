@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.datum import Datum, datum_of, said
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
 
@@ -117,6 +118,21 @@ class Flight:
         found = self.json("mission")
         points = [_waypoint(one) for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
         return [point for point in points if _number(point.get("x")) and _number(point.get("y"))]
+
+    @cached_property
+    def datum(self) -> Datum | None:
+        """Where on Earth n lies; None when the log does not say."""
+        return datum_of(self.log.metadata)
+
+    @cached_property
+    def start_on_map(self) -> str:
+        """Map coordinates of where the vehicle began, in words; empty when unknown."""
+        pose = self.get("truth/eta") or self.get("autopilot/eta")
+        known = [] if pose is None else pose.values[np.isfinite(pose.values[:, :3]).all(axis=1), :3]
+        if self.datum is None or not len(known):
+            return ""
+        latitude, longitude, _ = self.datum.geodetic(known[0])
+        return said(float(latitude), float(longitude))
 
     @cached_property
     def current(self) -> np.ndarray | None:

@@ -191,6 +191,9 @@ def _key(axes: Axes, flight: Flight) -> None:
     )
     for k, (angle, colour, text) in enumerate(_flows(flight)):
         _heading_arrow(axes, 0.36 - 0.22 * k, angle, colour, text)
+    if flight.start_on_map:
+        where = "Start " + flight.start_on_map.replace(", ", ",\n")
+        axes.text(0.0, -0.02, where, fontsize=TINY, color="#444444", va="top")
 
 
 def _flows(flight: Flight) -> list[tuple[float, str, str]]:

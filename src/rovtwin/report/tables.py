@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.datum import METADATA_KEY, said
 from rovtwin.core.log import Series
 from rovtwin.report.flight import Flight
 
@@ -41,18 +42,27 @@ def _sensor_row(name: str, series: Series) -> list[str]:
 
 
 def mission_table(flight: Flight) -> Table | None:
-    """Way-points as commanded; None without a mission."""
+    """Way-points as commanded, and on the map where there is a datum; None without a mission."""
     known = [("x", "North [m]"), ("y", "East [m]"), ("z", "Depth [m]"), ("speed", "Speed [m/s]"),
              ("acceptance", "Acceptance [m]"), ("hold_time", "Hold [s]"), ("heading_deg", "Heading [deg]")]  # fmt: skip
     shown = [(key, label) for key, label in known if any(w.get(key) is not None for w in flight.waypoints)]
     rows = [[str(k + 1), *(text(w.get(key)) for key, _ in shown)] for k, w in enumerate(flight.waypoints)]
-    return Table("Mission", ["Way-point", *(label for _, label in shown)], rows) if rows else None
+    head, note = ["Way-point", *(label for _, label in shown)], ""
+    if (datum := flight.datum) is not None and rows:
+        head += ["Latitude [deg]", "Longitude [deg]"]
+        places = np.array([[w["x"], w["y"], w.get("z") or 0.0] for w in flight.waypoints], dtype=float)
+        degrees = np.stack(datum.geodetic(places)[:2], axis=1)
+        rows = [[*row, *(f"{one:.7f}" for one in pair)] for row, pair in zip(rows, degrees, strict=True)]
+        note = f"North and east from {said(datum.latitude, datum.longitude)}, WGS 84."
+    return Table("Mission", head, rows, note) if rows else None
 
 
 def provenance_table(flight: Flight) -> Table:
     """Where the log comes from: all short metadata."""
     long = {"scenario", "summary", "vehicle_table", "mission", "waves"}
     rows = [[key, value] for key, value in flight.log.metadata.items() if key not in long]
+    if flight.datum is not None:
+        rows = [[key, str(flight.datum) if key == METADATA_KEY else value] for key, value in rows]
     return Table("Provenance", ["Entry", "Value"], [*rows, *([["note", n] for n in flight.log.notes])])
 
 

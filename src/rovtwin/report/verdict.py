@@ -55,7 +55,8 @@ def verdict(flight: Flight) -> Verdict:
     summary = flight.summary
     good = summary.get("completed")
     good = good if isinstance(good, bool) else _completed(flight)
-    return Verdict(good, _headline(flight, good), _sentences(summary), scores(summary))
+    sentences = [*_sentences(summary), *_about_place(flight)]
+    return Verdict(good, _headline(flight, good), sentences, scores(summary))
 
 
 def scores(summary: Mapping[str, Any]) -> list[Score]:
@@ -147,6 +148,12 @@ def _about_thrusters(summary: Mapping[str, Any]) -> str:
     return f"The thrusters could not give all that was asked for during {100 * share:.1f} % of the time" + (
         ": the mission asks for more than the vehicle has." if share > 0.25 else "."
     )
+
+
+def _about_place(flight: Flight) -> list[str]:
+    if flight.datum is None or not flight.start_on_map:
+        return []
+    return [f"On the map it began at {flight.start_on_map} (WGS 84); the clock's zero is {flight.datum.utc_start}."]
 
 
 def _length(value: float) -> str:
