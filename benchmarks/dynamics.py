@@ -23,7 +23,7 @@ def vehicle() -> Model:
 
 
 def water() -> Environment:
-    return Environment(jnp.asarray(CURRENT), jnp.zeros(3), jnp.zeros(3), jnp.zeros(6))
+    return Environment.calm(velocity=jnp.asarray(CURRENT))
 
 
 def commands(model: Model, steps: int, seed: int = 0) -> np.ndarray:

@@ -20,6 +20,7 @@ from rovtwin.core.flow import (
     NO_REQUEST,
     AutopilotInput,
     Command,
+    Environment,
     Estimate,
     Measurements,
     Mission,
@@ -123,7 +124,7 @@ def requests():
 
 
 def sensor_inputs() -> SensorInput:
-    return SensorInput(states(), over_time(6, seed=16), jnp.arange(TICKS) + 450)
+    return SensorInput(states(), over_time(6, seed=16), jnp.arange(TICKS) + 450, every_tick(Environment.calm()))
 
 
 # One class serves every kind: one with all that can go wrong, one that needs the acceleration.
@@ -143,7 +144,7 @@ SENSORS = {
 
 
 def sensor(kind: str) -> Example:
-    return Example(Sensor(kind, **SENSORS[kind]), sensor_inputs(), PHYSICS, SensorInput(0, 0, None))
+    return Example(Sensor(kind, **SENSORS[kind]), sensor_inputs(), PHYSICS, SensorInput(0, 0, None, 0))
 
 
 def sheared() -> ShearedCurrent:

@@ -174,12 +174,12 @@ def acceleration(
     tau: np.ndarray,
     v_c: np.ndarray | None = None,
     a_f: np.ndarray | None = None,
-    shear: np.ndarray | None = None,
+    gradient: np.ndarray | None = None,
 ) -> np.ndarray:
     """nu_dot: M_RB nu_dot + C_RB(nu) nu + M_A nu_r_dot + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau + m_f a_f.
 
     The rigid body obeys Newton in the frame that stands still, whatever the water does. The water seen at CO changes
-    by its own acceleration a_f and, in a shear, by moving through its layers; both count in d(nu_c)/dt.
+    by its particles' acceleration a_f and by what CO leaves them behind with, G (v - v_c); both count in d(nu_c)/dt.
 
     Args:
         plant: The vehicle.
@@ -188,7 +188,7 @@ def acceleration(
         tau: Wrench on the vehicle.
         v_c: Current in n [m/s].
         a_f: Acceleration of the water particles in n [m/s2].
-        shear: d v_c / d depth in n [1/s].
+        gradient: G, d v_c,i / d x_j in n [1/s].
     """
     R = rotation(*eta[3:])
     nu_c, nu_c_dot, pressure = np.zeros(6), np.zeros(6), np.zeros(6)
@@ -197,9 +197,8 @@ def acceleration(
         S = np.array([[0, -r, q], [r, 0, -p], [-q, p, 0]])
         nu_c[:3] = R.T @ v_c
         nu_c_dot[:3] = -S @ nu_c[:3]
-        if shear is not None:
-            sinking = R[2] @ nu[:3] - v_c[2]
-            nu_c_dot[:3] += R.T @ (shear * sinking)
+        if gradient is not None:
+            nu_c_dot[:3] += R.T @ (gradient @ (R @ nu[:3] - v_c))
     if a_f is not None:
         a = R.T @ a_f
         nu_c_dot[:3] += a

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rovtwin.core.block import Start
+from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.simulation.current import GaussMarkovCurrent, ShearedCurrent
 from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
@@ -110,9 +111,11 @@ def figure_sensors(folder):
 def run_sensor(sensor, k):
     """Slots that a sensor on a vehicle at rest delivers in the physics steps k."""
     memory = sensor.init(jax.random.key(3), START)
-    return jax.jit(
-        lambda: jax.lax.scan(lambda m, k: sensor.step(m, SensorInput(STILL, jnp.zeros(6), k), 0.002), memory, k)[1]
-    )()
+
+    def read(memory, k):
+        return sensor.step(memory, SensorInput(STILL, jnp.zeros(6), k, Environment.calm()), 0.002)
+
+    return jax.jit(lambda: jax.lax.scan(read, memory, k)[1])()
 
 
 def save(fig, path):

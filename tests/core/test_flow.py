@@ -47,7 +47,7 @@ def test_empty_slot():
 
 
 def test_calm_water_stands_still():
-    for leaf, shape in zip(jax.tree.leaves(Environment.calm()), ((3,), (3,), (3,), (6,)), strict=True):
+    for leaf, shape in zip(jax.tree.leaves(Environment.calm()), ((3,), (3,), (6,), (3,)), strict=True):
         assert leaf.shape == shape and not leaf.any()
 
 

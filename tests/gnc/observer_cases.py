@@ -79,7 +79,7 @@ def truth(model: Model, start: State, u, b, extra):
 
         state, _ = jax.lax.scan(substep, state, None, length=4)
         tau = model.thrusters.configuration @ state.thrust
-        nu_dot = acceleration(model, state.attitude, state.nu, tau, disturbed(state))
+        nu_dot = acceleration(model, state.position, state.attitude, state.nu, tau, disturbed(state))
         R_nb = rotation_from_quaternion(state.attitude)
         specific = nu_dot[:3] + jnp.cross(state.nu[3:], state.nu[:3]) - 9.81 * R_nb[2]
         eta = jnp.concatenate([state.position, euler_from_quaternion(state.attitude)])

@@ -94,7 +94,7 @@ def closed_loop_matrix(pid, model):
         eta, nu, integral = x[:6], x[6:12], x[12:]
         e, e_dot = body_error(estimate_of(eta, nu), reference_of(np.zeros(6)))
         tau = pid.K_p * e + integral + pid.K_d * e_dot
-        nu_dot = acceleration(model, quaternion_from_euler(eta[3:]), nu, tau, Environment.calm())
+        nu_dot = acceleration(model, eta[:3], quaternion_from_euler(eta[3:]), nu, tau, Environment.calm())
         return jnp.concatenate([nu, nu_dot, pid.K_i * e])
 
     return np.asarray(jax.jacfwd(rate)(jnp.zeros(18)))
@@ -152,7 +152,7 @@ def test_slopes_of_damping_and_restoring_are_those_of_the_model():
 
     @jax.jit
     def wrench(euler, nu):
-        nu_dot = acceleration(model, quaternion_from_euler(euler), nu, jnp.zeros(6), Environment.calm())
+        nu_dot = acceleration(model, jnp.zeros(3), quaternion_from_euler(euler), nu, jnp.zeros(6), Environment.calm())
         return model.mass @ nu_dot
 
     level, h, axes = jnp.zeros(3), 1e-6, np.eye(6)

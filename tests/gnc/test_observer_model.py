@@ -51,7 +51,7 @@ def test_it_is_the_plant(coupled):
     def nu_dot(x, tau):
         force_b = rotation_from_euler(x[3:6]).T @ x[12:15]
         disturbed = eqx.tree_at(lambda e: e.wrench, Environment.calm(), jnp.concatenate([force_b, x[15:]]))
-        return acceleration(coupled, quaternion_from_euler(x[3:6]), x[6:12], tau, disturbed)
+        return acceleration(coupled, x[:3], quaternion_from_euler(x[3:6]), x[6:12], tau, disturbed)
 
     rates = jax.jit(jax.vmap(lambda x, tau: state_rate(coupled, x, tau, DECAY)))(x, tau)
     np.testing.assert_allclose(rates[:, 6:12], jax.jit(jax.vmap(nu_dot))(x, tau), rtol=1e-10, atol=1e-10)

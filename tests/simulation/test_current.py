@@ -29,14 +29,14 @@ def test_constant_is_the_same_everywhere():
     current = ConstantCurrent([0.1, 0.2, -0.3])
     _, flow = current.step(None, jnp.array([5.0, -7.0, 30.0]), 0.002)
     np.testing.assert_array_equal(flow.velocity, [0.1, 0.2, -0.3])
-    assert not flow.acceleration.any() and not flow.shear.any()
+    assert not flow.rate.any() and flow.gradient is None
 
 
 def test_sheared_interpolates_and_stays_constant_outside():
     depths = np.concatenate([np.linspace(-2, 14, 61), [1.0, 3.0, 10.0]])
     flow = jax.vmap(lambda z: LAYERS.step(None, jnp.array([1.0, 2.0, z]), 0.002)[1])(jnp.array(depths))
     for axis in range(3):
-        expected = np.interp(depths, LAYERS.depths, LAYERS.velocities[:, axis])
+        expected = np.interp(depths, LAYERS.depths, LAYERS.layers[:, axis])
         np.testing.assert_allclose(flow.velocity[:, axis], expected, atol=1e-15)
 
 
@@ -47,7 +47,7 @@ def test_shear_is_the_slope_of_the_velocity():
         return LAYERS.step(None, jnp.array([0.0, 0.0, z]), 0.002)[1].velocity
 
     slopes = jax.jit(jax.vmap(jax.jacfwd(velocity)))(depths)
-    shear = jax.vmap(lambda z: LAYERS.step(None, jnp.array([0.0, 0.0, z]), 0.002)[1].shear)(depths)
+    shear = jax.vmap(lambda z: LAYERS.step(None, jnp.array([0.0, 0.0, z]), 0.002)[1].gradient[:, 2])(depths)
     np.testing.assert_allclose(shear, slopes, atol=1e-15)
     np.testing.assert_allclose(shear[1], [0.05, -0.05, 0.01], atol=1e-15)
     assert not shear[0].any() and not shear[-1].any()
@@ -56,9 +56,9 @@ def test_shear_is_the_slope_of_the_velocity():
 def test_wandering_velocity_has_no_jumps():
     dt = 0.002
     flow = jax.jit(lambda: series(WANDERING, 5000, dt))()
-    np.testing.assert_allclose(flow.velocity[:-1] + dt * flow.acceleration[:-1], flow.velocity[1:], atol=1e-12)
+    np.testing.assert_allclose(flow.velocity[:-1] + dt * flow.rate[:-1], flow.velocity[1:], atol=1e-12)
     # 0.5 s between nodes of 2 ms steps: the acceleration changes every 250 steps and not between.
-    changes = np.flatnonzero(np.abs(np.diff(flow.acceleration[:, 0])) > 0) + 1
+    changes = np.flatnonzero(np.abs(np.diff(flow.rate[:, 0])) > 0) + 1
     np.testing.assert_array_equal(changes, np.arange(250, 5000, 250))
 
 
@@ -89,8 +89,8 @@ def test_default_interval_is_a_hundredth_of_the_time_constant_and_at_least_a_ste
     assert float(current.interval) == 1.0
     quick = GaussMarkovCurrent([0, 0, 0], [1, 1, 1], 0.1)
     flow = jax.jit(lambda: series(quick, 50, 0.01))()
-    assert np.all(np.diff(flow.acceleration[:, 0]) != 0)
-    np.testing.assert_allclose(flow.velocity[:-1] + 0.01 * flow.acceleration[:-1], flow.velocity[1:], atol=1e-12)
+    assert np.all(np.diff(flow.rate[:, 0]) != 0)
+    np.testing.assert_allclose(flow.velocity[:-1] + 0.01 * flow.rate[:-1], flow.velocity[1:], atol=1e-12)
 
 
 def test_parts_add_up_and_draw_on_their_own():
@@ -100,17 +100,20 @@ def test_parts_add_up_and_draw_on_their_own():
     _, flow = both.step(memory, position, 0.002)
     parts = [part.step(m, position, 0.002)[1] for part, m in zip(both.parts, memory, strict=True)]
     np.testing.assert_allclose(flow.velocity, sum(p.velocity for p in parts), atol=1e-15)
-    np.testing.assert_allclose(flow.shear, parts[0].shear, atol=1e-15)
+    np.testing.assert_allclose(flow.gradient, parts[0].gradient, atol=1e-15)
     assert np.all(parts[1].velocity != parts[2].velocity)
 
 
-def test_water_that_sinks_through_a_shear_accelerates():
-    current = CombinedCurrent((LAYERS, ConstantCurrent([0.0, 0.0, 0.3])))
-    world = World(current=current)
-    where = state(position=(0.0, 0.0, 2.0))
-    _, environment = world.step(world.init(jax.random.key(0), START), where, 0.002)
-    w = 0.3 + 0.01  # sinking speed at 2 m: the constant part and that of the layers
-    np.testing.assert_allclose(environment.acceleration, w * np.array([0.05, -0.05, 0.01]), atol=1e-15)
+def test_a_current_is_the_same_at_co_and_elsewhere():
+    """`velocities`, for tethers, agrees with `step`, for the vehicle, also between the nodes of a wandering current."""
+    both = CombinedCurrent((LAYERS, WANDERING, ConstantCurrent([0.1, 0.0, 0.3])))
+    memory, dt = both.init(jax.random.key(1), START), 0.1
+    for _ in range(7):
+        places = jnp.array([[0.0, 0.0, 0.5], [1.0, 2.0, 2.0], [0.0, -3.0, 7.0]])
+        elsewhere = both.velocities(memory, places, dt)
+        for place, velocity in zip(places, elsewhere, strict=True):
+            np.testing.assert_allclose(both.step(memory, place, dt)[1].velocity, velocity, atol=1e-15)
+        memory, _ = both.step(memory, places[0], dt)
 
 
 def test_a_drag_free_neutral_body_goes_with_the_wandering_water():
@@ -134,7 +137,7 @@ def test_a_drag_free_neutral_body_goes_with_the_wandering_water():
         memory, vehicle_state = carry
         memory, environment = world.step(memory, vehicle_state, dt)
         after = plant_step(model, vehicle_state, Command(jnp.zeros(6)), environment, dt)
-        gap = after.nu[:3] - (environment.velocity + dt * environment.acceleration)
+        gap = after.nu[:3] - (environment.velocity + dt * environment.rate)
         return (memory, after), (gap, environment.velocity)
 
     _, (gap, water) = jax.jit(lambda: jax.lax.scan(one, (memory, begin), None, length=5000))()
@@ -149,7 +152,7 @@ def test_a_drag_free_neutral_body_goes_with_the_wandering_water():
         (lambda: ConstantCurrent([0.1, 0.2, np.nan]), "finite"),
         (lambda: ShearedCurrent([1.0, 1.0], [[0, 0, 0], [1, 0, 0]]), "increase"),
         (lambda: ShearedCurrent([1.0], [[0, 0, 0]]), "two depths"),
-        (lambda: ShearedCurrent([1.0, 2.0], [[0, 0, 0]]), "velocities"),
+        (lambda: ShearedCurrent([1.0, 2.0], [[0, 0, 0]]), "layers"),
         (lambda: GaussMarkovCurrent([0, 0, 0], [-1, 0, 0], 10.0), "sigma"),
         (lambda: GaussMarkovCurrent([0, 0, 0], [1, 0, 0], 0.0), "time_constant"),
     ],

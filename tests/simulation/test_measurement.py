@@ -91,7 +91,7 @@ def test_all_readings_are_those_of_a_moving_point_of_the_plant():
     """A vehicle thrown about in its own dynamics: velocity and acceleration of a point by differences of its place."""
     model, dt = vehicle(), 1e-3
     command = Command(jnp.array([0.8, -0.6, 0.7, 0.5, 0.4, -0.9]))
-    environment = Environment(jnp.array([0.2, -0.1, 0.05]), jnp.zeros(3), jnp.zeros(3), jnp.ones(6))
+    environment = Environment.calm(velocity=jnp.array([0.2, -0.1, 0.05]), wrench=jnp.ones(6))
     begin = State(
         jnp.zeros(3), jnp.array([0.8, 0.36, -0.48, 0.0]), jnp.array([0.3, -0.2, 0.1, 0.4, -0.5, 0.6]), jnp.zeros(6)
     )
@@ -99,7 +99,7 @@ def test_all_readings_are_those_of_a_moving_point_of_the_plant():
     def one(now, _):
         after = plant_step(model, now, command, environment, dt)
         tau = model.thrusters.configuration @ after.thrust
-        return after, (after, acceleration(model, after.attitude, after.nu, tau, environment))
+        return after, (after, acceleration(model, after.position, after.attitude, after.nu, tau, environment))
 
     _, (states, nu_dot) = jax.jit(lambda: jax.lax.scan(one, begin, None, length=400))()
     place = np.asarray(jax.vmap(lambda s: measurement.position_at(s, LEVER))(states))

@@ -7,6 +7,7 @@ from tests.simulation.helper import mean_interval, state, variance_interval
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.simulation.sensors import KINDS, Sensor, SensorInput, table_5_7
 
@@ -23,7 +24,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
     def run(key):
         def one(memory, k):
-            return sensor.step(memory, SensorInput(seen, NU_DOT, k), DT)
+            return sensor.step(memory, SensorInput(seen, NU_DOT, k, Environment.calm()), DT)
 
         return jax.lax.scan(one, sensor.init(key, START), jnp.arange(first, first + steps))[1]
 
@@ -32,7 +33,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
 
 def ideal(sensor, seen=SOMEWHERE):
-    return np.asarray(KINDS[sensor.kind][1](sensor, SensorInput(seen, NU_DOT, jnp.array(0))))
+    return np.asarray(KINDS[sensor.kind][1](sensor, SensorInput(seen, NU_DOT, jnp.array(0), Environment.calm())))
 
 
 @pytest.mark.parametrize("rate", [1.0, 7.0, 10.0, 42.0, 100.0, 333.333, 500.0])
@@ -100,7 +101,7 @@ def test_bias_walk_grows_with_the_square_root_of_time():
 
     def run(key):
         def one(memory, k):
-            return sensor.step(memory, SensorInput(SOMEWHERE, NU_DOT, k), DT)
+            return sensor.step(memory, SensorInput(SOMEWHERE, NU_DOT, k, Environment.calm()), DT)
 
         return jax.lax.scan(one, sensor.init(key, START), jnp.arange(500))[1].value[:, 0]
 
@@ -175,7 +176,7 @@ def test_gradient_of_a_reading_is_finite(kind):
     def slope(differentiable):
         sensor, seen, nu_dot = differentiable
         memory = sensor.init(jax.random.key(0), START)
-        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499)), DT)[1].value.sum()
+        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499), Environment.calm()), DT)[1].value.sum()
 
     sensor = Sensor(kind, 100.0, noise=0.1, bias_walk=0.1, outlier=1.0, outlier_size=1.0, latency=0.0)
     gradient = slope((sensor, SOMEWHERE, NU_DOT))
@@ -212,8 +213,9 @@ def test_table_5_7():
 
 def test_a_step_of_another_length_is_a_mistake():
     sensor = Sensor("pressure", 42.0)
+    now = SensorInput(SOMEWHERE, NU_DOT, jnp.array(0), Environment.calm())
     with pytest.raises(ValueError, match="500"):
-        sensor.step(sensor.init(jax.random.key(0), START), SensorInput(SOMEWHERE, NU_DOT, jnp.array(0)), 0.02)
+        sensor.step(sensor.init(jax.random.key(0), START), now, 0.02)
 
 
 @pytest.mark.parametrize(

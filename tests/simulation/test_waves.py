@@ -162,7 +162,7 @@ def test_world_turns_the_force_into_the_body():
     _, action = STORM.step(memory.waves, state(), 0.002)
     _, environment = world.step(memory, state(attitude=(half, 0.0, 0.0, half)), 0.002)
     np.testing.assert_allclose(environment.wrench, [0, -action.force[0], 0, 0, 0, 0], atol=1e-12)
-    assert not environment.velocity.any() and not environment.acceleration.any()
+    assert not environment.velocity.any() and not environment.rate.any()
 
 
 def test_drift_is_a_random_walk():

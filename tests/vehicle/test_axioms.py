@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from tests import oracle
 from tests.vehicle.random_vehicles import (
     THRUSTERS,
@@ -47,11 +48,10 @@ def fly(model: Model, state: State, u, environment: Environment) -> State:
     return rollout(model, state, Command(jnp.broadcast_to(u, (STEPS, THRUSTERS))), environment, DT)
 
 
-def water(velocity, acceleration=np.zeros(3), shear=np.zeros(3)) -> Environment:
-    """The same for every step, but for the velocity that a steady acceleration builds up."""
-    at = np.asarray(velocity) + DT * np.arange(STEPS)[:, None] * np.asarray(acceleration)
-    every = [np.broadcast_to(x, (STEPS, x.size)) for x in (acceleration, shear, np.zeros(6))]
-    return Environment(*map(jnp.asarray, (at, *every)))
+def water(velocity, rate=np.zeros(3), gradient=np.zeros((3, 3))) -> Environment:
+    """A field of water, velocity + t rate + gradient x, step by step."""
+    at = np.asarray(velocity) + DT * np.arange(STEPS)[:, None] * np.asarray(rate)
+    return Environment.calm(velocity=jnp.asarray(at), rate=jnp.asarray(rate), gradient=jnp.asarray(gradient))
 
 
 STILL = water(np.zeros(3))
@@ -119,16 +119,21 @@ def test_damping_is_the_textbooks(model, nu_r):
 # -- one instant against the oracle
 
 
-@given(vehicles(), velocities, seeds, vectors, vectors, vectors)
-def test_acceleration_is_the_oracles(model, nu, seed, v_c, a_f, shear):
+@given(vehicles(), velocities, seeds, vectors, vectors)
+def test_acceleration_is_the_oracles(model, nu, seed, v_c, a_f):
     """Rigid body in the velocity over ground (oracle) and in nu_r (plant) agree, also in unsteady water."""
     rng = np.random.default_rng(seed)
     euler = rng.uniform(-1, 1, 3) * np.array([3.0, 1.3, 3.0])
-    tau = rng.uniform(-20, 20, 6)
-    environment = Environment(*map(jnp.asarray, (v_c, a_f, shear, 0.5 * tau)))
-    found = accelerate(model, quaternion_from_euler(jnp.asarray(euler)), nu, 0.5 * tau, environment)
+    tau, gradient = rng.uniform(-20, 20, 6), rng.uniform(-1, 1, (3, 3))
+    place, position, elapsed = rng.normal(size=3), rng.normal(size=3), 0.001
+    rate = a_f - gradient @ v_c  # a particle that passes here speeds up by a_f
+    there = v_c - elapsed * rate - gradient @ (position - place)
+    fields = {"velocity": there, "rate": rate, "wrench": 0.5 * tau, "place": place, "gradient": gradient}
+    environment = Environment.calm(**{name: jnp.asarray(value) for name, value in fields.items()})
+    attitude = quaternion_from_euler(jnp.asarray(euler))
+    found = accelerate(model, position, attitude, nu, 0.5 * tau, environment, elapsed)
     expected = oracle.acceleration(
-        oracle.plant_of(model), np.concatenate([np.zeros(3), euler]), nu, tau, v_c, a_f, shear
+        oracle.plant_of(model), np.concatenate([position, euler]), nu, tau, v_c, a_f, gradient
     )
     np.testing.assert_allclose(found, expected, atol=1e-9 * (1 + np.abs(expected).max()), rtol=0)
 
@@ -143,7 +148,7 @@ def free_run(model: Model, state: State):
 
     def derivative(_, x):
         position, q, nu, lost = x
-        nu_dot = acceleration(model, q, nu, jnp.zeros(6), Environment.calm())
+        nu_dot = acceleration(model, position, q, nu, jnp.zeros(6), Environment.calm())
         power = nu @ damping_wrench(model, nu)
         return rotation_from_quaternion(q) @ nu[:3], quaternion_rate(q, nu[3:]), nu_dot, power
 
@@ -186,15 +191,16 @@ def test_free_body_keeps_its_momentum(model, state):
 # -- symmetries
 
 
-@given(vehicles(), states, vectors, vectors, vectors, st.floats(-3.1, 3.1), seeds)
-def test_heading_of_the_world_does_not_matter(model, state, v_c, a_f, shear, angle, seed):
+@given(vehicles(), states, vectors, vectors, st.floats(-3.1, 3.1), seeds)
+def test_heading_of_the_world_does_not_matter(model, state, v_c, a_f, angle, seed):
     """Turn the world about the vertical, water and all: the body moves the same, the path turns with it."""
     turn = quaternion_from_euler(jnp.array([0.0, 0.0, angle]))
     R = np.asarray(rotate(turn))
     turned = State(R @ state.position, multiply(turn, state.attitude), state.nu, state.thrust)
     u = commands(seed)
-    a = fly(model, state, u, water(v_c, a_f, shear))
-    b = fly(model, turned, u, water(R @ v_c, R @ a_f, R @ shear))
+    G = np.random.default_rng(seed).uniform(-0.2, 0.2, (3, 3))
+    a = fly(model, state, u, water(v_c, a_f, G))
+    b = fly(model, turned, u, water(R @ v_c, R @ a_f, R @ G @ R.T))
     same_motion(a, b, 1e-9)
     np.testing.assert_allclose(b.position, np.asarray(a.position) @ R.T, atol=1e-9)
     same_attitude(b.attitude, jax.vmap(multiply, (None, 0))(turn, a.attitude), 1e-9)
@@ -245,6 +251,20 @@ def test_accelerating_water_carries_a_neutral_body(model, attitude, v_c, a_f, se
     np.testing.assert_allclose(states.position, position + t * v_c + t**2 / 2 * a_f, atol=1e-10)
     np.testing.assert_allclose(states.nu[:, :3], (v_c + t * a_f) @ R, atol=1e-10)
     np.testing.assert_allclose(states.nu[:, 3:], 0, atol=1e-10)
+
+
+@given(vehicles(drag=False, neutral=True, centred=True), rotations, vectors, seeds)
+def test_strained_water_carries_a_neutral_body(model, attitude, v_c, seed):
+    """The same where the water's velocity differs from place to place: x_dot = v_c + G x, in closed form."""
+    rng = np.random.default_rng(seed)
+    position, G = rng.uniform(-1, 1, 3), rng.uniform(-0.5, 0.5, (3, 3))
+    R = np.asarray(rotate(attitude))
+    nu = np.concatenate([R.T @ (v_c + G @ position), np.zeros(3)])
+    state = State(jnp.asarray(position), jnp.asarray(attitude), jnp.asarray(nu), jnp.zeros(THRUSTERS))
+    states = fly(model, state, np.zeros(THRUSTERS), water(v_c, gradient=G))
+    field = np.block([[G, v_c[:, None]], [np.zeros((1, 4))]])
+    expected = (expm(DT * STEPS * field) @ np.append(position, 1.0))[:3]
+    np.testing.assert_allclose(states.position[-1], expected, atol=1e-9)
 
 
 @given(vehicles(neutral=True, centred=True), rotations, vectors, seeds)

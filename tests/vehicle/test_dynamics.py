@@ -26,7 +26,7 @@ DT = 0.002
 
 
 def in_current(velocity) -> Environment:
-    return Environment(jnp.asarray(velocity), jnp.zeros(3), jnp.zeros(3), jnp.zeros(6))
+    return Environment.calm(velocity=jnp.asarray(velocity))
 
 
 @jax.jit
@@ -70,7 +70,10 @@ def test_step_is_the_oracles(model, seed):
 def test_rollout_is_steps_in_a_row():
     model, state = build(1), random_state(2)
     u = random_commands(3, 50, 5)
-    environment = Environment(*(jnp.asarray(np.random.default_rng(4).normal(size=(50, n))) for n in (3, 3, 3, 6)))
+    rng = np.random.default_rng(4)
+    shapes = {"velocity": (3,), "rate": (3,), "wrench": (6,), "place": (3,), "gradient": (3, 3), "surface": ()}
+    fields = {name: jnp.asarray(rng.normal(size=(50, *shape))) for name, shape in shapes.items()}
+    environment = Environment.calm(**fields)
     together = jax.jit(lambda *a: rollout(*a, DT))(model, state, Command(jnp.asarray(u)), environment)
     step = jax.jit(lambda *a: plant_step(*a, DT))
     for k in range(50):

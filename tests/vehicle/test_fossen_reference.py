@@ -41,7 +41,7 @@ def model(fossen_folder):
 
 
 def in_current(velocity) -> Environment:
-    return Environment(jnp.asarray(velocity), jnp.zeros(3), jnp.zeros(3), jnp.zeros(6))
+    return Environment.calm(velocity=jnp.asarray(velocity))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_accelerations(model, random_states):
     (eta, nu, tau, current), expected = random_states
 
     def one(eta, nu, tau, current):
-        return acceleration(model, quaternion_from_euler(eta[3:]), nu, tau, in_current(current))
+        return acceleration(model, eta[:3], quaternion_from_euler(eta[3:]), nu, tau, in_current(current))
 
     np.testing.assert_allclose(jax.jit(jax.vmap(one))(eta, nu, tau, current), expected, atol=1e-10, rtol=0)
 
@@ -142,8 +142,8 @@ def test_trajectory_with_a_wrench_that_changes_within_the_step(model, fossen_fol
 
     def step(x, k):
         def derivative(elapsed, x):
-            _, q, nu = x
-            nu_dot = acceleration(model, q, nu, tau(k * DT + elapsed), environment)
+            p, q, nu = x
+            nu_dot = acceleration(model, p, q, nu, tau(k * DT + elapsed), environment)
             return rotation_from_quaternion(q) @ nu[:3], quaternion_rate(q, nu[3:]), nu_dot
 
         x = rk4_step(derivative, x, DT)

@@ -241,7 +241,7 @@ def test_pitch_of_the_thesis_vehicle_diverges_in_the_plant(thesis):
         # A stiff spring and damper on depth, through CO: no moment of its own.
         hold = -4000.0 * (state.position[2] + down @ state.nu[:3]) * down
         wrench = jnp.concatenate([hold, jnp.zeros(3)]).at[0].add(thrust)
-        water = Environment(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3), wrench)
+        water = Environment.calm(wrench=wrench)
         after = plant_step(thesis, state, Command(jnp.zeros(6)), water, 0.04)
         return after, euler_from_quaternion(after.attitude)[1]
 

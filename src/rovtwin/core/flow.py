@@ -5,6 +5,7 @@ All are immutable pytrees of arrays, SI and radians. `eta = [x, y, z, phi, theta
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -161,24 +162,50 @@ class Command(eqx.Module):
     u: Array
 
 
-class Environment(eqx.Module):
-    """The water at CO and what else acts there, during one physics step.
+class Walls(eqx.Module):
+    """Planes that a hull cannot pass: floor and walls of a tank, the seabed. A place x is inside where n . x <= d.
 
     Attributes:
-        velocity: Water velocity at the start of the step, n [m/s], shape (3,).
-        acceleration: Acceleration of the water particles D v_c / Dt, n [m/s2], shape (3,); held over the step.
-        shear: d v_c / d depth, n [1/s], shape (3,).
-        wrench: External wrench (waves, tether), b at CO [N, N m], shape (6,).
+        normals: Unit normals that point out of the water, in n, shape (k, 3).
+        offsets: d of each plane [m], shape (k,).
+    """
+
+    normals: Array
+    offsets: Array
+
+
+class Environment(eqx.Module):
+    """What surrounds a vehicle during one physics step: the water to first order about CO, and what else acts there.
+
+    Water velocity at a place x, e seconds into the step: `velocity + e rate + gradient @ (x - place)`. What is None is
+    not there: the structure is static, so that nothing is compiled for what is switched off.
+
+    Attributes:
+        velocity: Water velocity at `place` at the start of the step, n [m/s], shape (3,).
+        rate: Its rate at a fixed place, the local part of D v_c / Dt, n [m/s2], shape (3,).
+        wrench: External wrench (force waves, tethers), b at CO [N, N m], shape (6,); held over the step.
+        place: Where the water was looked at, CO at the start of the step, n [m], shape (3,).
+        gradient: d v_i / d x_j in n [1/s], shape (3, 3), or None in water that moves as one.
+        head: Dynamic pressure of waves at `place`, as a height of water [m], or None.
+        surface: Depth z in n of the surface above CO [m], negative under a crest, or None without a surface.
+        walls: Planes, or None in open water.
     """
 
     velocity: Array
-    acceleration: Array
-    shear: Array
+    rate: Array
     wrench: Array
+    place: Array
+    gradient: Array | None = None
+    head: Array | None = None
+    surface: Array | None = None
+    walls: Walls | None = None
 
     @classmethod
-    def calm(cls) -> "Environment":
-        return cls(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(6))
+    def calm(cls, **changes: Any) -> "Environment":
+        """Still, endless water; `changes` by field name."""
+        zero = jnp.zeros(3)
+        still: dict[str, Any] = {"velocity": zero, "rate": zero, "wrench": jnp.zeros(6), "place": zero}
+        return cls(**(still | changes))
 
 
 class AutopilotInput(eqx.Module):

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rovtwin.core.block import Block, Start
+from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import rotation_from_euler
@@ -16,23 +16,17 @@ from rovtwin.gnc.mission import mission as mission_of
 from rovtwin.gnc.observer import Ekf, EkfTuning
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.scenario.compose_world import plant_of, world_of
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
     SENSOR_NAMES,
     AutopilotSection,
-    ConstantCurrentSection,
     MissionSection,
     Scenario,
     SensorSection,
-    ShearedCurrentSection,
-    WorldSection,
 )
-from rovtwin.simulation.current import ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.mismatch import lifted, perturbed
 from rovtwin.simulation.sensors import Sensor, table_5_7
 from rovtwin.simulation.twin import Twin
-from rovtwin.simulation.waves import ThesisWaves
-from rovtwin.simulation.world import World
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 
 DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
@@ -127,54 +121,6 @@ def vehicle_of(scenario: Scenario) -> Vehicle:
 def _field_name(name: str) -> str:
     """A thruster's name as a field of a log channel, which has no dots."""
     return name.replace(".", "_")
-
-
-def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) -> Model:
-    """The true vehicle: the model, perturbed and lifted as the world says, with its faults."""
-    plant = model
-    if world.mismatch:
-        plant = perturbed(plant, key, world.mismatch.damping, world.mismatch.mass, world.mismatch.thrust)
-    if world.thruster_health:
-        names = list(vehicle.thruster_names)
-        for name in world.thruster_health:
-            if name not in names:
-                raise ConfigError(f"world.thruster_health: no thruster {name!r}; {vehicle.name} has {', '.join(names)}")
-        health = as_array([world.thruster_health.get(name, 1.0) for name in names])
-        plant = plant.replace(thrusters=replace(plant.thrusters, health=plant.thrusters.health * health))
-    plant = lifted(plant, world.net_buoyancy)
-    if float(plant.buoyancy) < 0:
-        raise ConfigError(
-            f"world.net_buoyancy: found {world.net_buoyancy:g} N, expected at least {-float(model.buoyancy):g} N: "
-            f"{vehicle.name} has no more buoyancy to lose"
-        )
-    return plant
-
-
-def world_of(world: WorldSection) -> World:
-    """Current and waves."""
-    return World(current=_current_of(world), waves=_waves_of(world))
-
-
-def _current_of(world: WorldSection) -> Block:
-    current = world.current
-    if isinstance(current, ConstantCurrentSection):
-        return ConstantCurrent(current.velocity)
-    if isinstance(current, ShearedCurrentSection):
-        return ShearedCurrent(current.depths, current.velocities)
-    return GaussMarkovCurrent(current.mean, current.sigma, current.time_constant)
-
-
-def _waves_of(world: WorldSection) -> Block | None:
-    waves = world.waves
-    if waves is None:
-        return None
-    return ThesisWaves(
-        waves.significant_height,
-        waves.zero_crossing_period,
-        direction=math.radians(waves.direction_deg),
-        drift_intensity=(waves.drift, waves.drift),
-        as_printed=waves.as_printed,
-    )
 
 
 def sensors_of(scenario: Scenario) -> dict[str, Sensor]:

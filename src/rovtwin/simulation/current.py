@@ -3,11 +3,14 @@
 Every current is a Block with `step(memory, position, dt) -> (memory, Flow)`, the position being CO in n [m].
 """
 
+import abc
+from typing import Any
+
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.simulation.checks import require, require_finite, require_not_negative, require_positive, require_shape
 from rovtwin.simulation.noise import key_for, normals, raw_key
 
@@ -17,24 +20,38 @@ class Flow(eqx.Module):
 
     Attributes:
         velocity: v_c at the start of the step [m/s], shape (3,).
-        acceleration: Its rate at a fixed place, the local part of D v_c / Dt [m/s2], shape (3,); held over the step,
-            so that `velocity + elapsed * acceleration` meets the velocity of the next step.
-        shear: d v_c / d depth [1/s], shape (3,).
+        rate: Its rate at a fixed place, the local part of D v_c / Dt [m/s2], shape (3,); held over the step, so that
+            `velocity + elapsed * rate` meets the velocity of the next step.
+        gradient: d v_i / d x_j [1/s], shape (3, 3), or None where the water moves as one.
     """
 
     velocity: Array
-    acceleration: Array
-    shear: Array
+    rate: Array
+    gradient: Array | None = None
 
     @classmethod
     def still(cls) -> "Flow":
-        return cls(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3))
+        return cls(jnp.zeros(3), jnp.zeros(3))
 
     def __add__(self, other: "Flow") -> "Flow":
-        return Flow(self.velocity + other.velocity, self.acceleration + other.acceleration, self.shear + other.shear)
+        gradients = [g for g in (self.gradient, other.gradient) if g is not None]
+        gradient = sum(gradients[1:], gradients[0]) if gradients else None
+        return Flow(self.velocity + other.velocity, self.rate + other.rate, gradient)
 
 
-class ConstantCurrent(Block):
+class Current(Block):
+    """A current: `step` says what the water does at CO, `velocities` how it moves at other places at that time."""
+
+    @abc.abstractmethod
+    def step(self, memory: Any, input: Array, dt: float) -> tuple[Any, Flow]:
+        """Flow at the position `input` (CO in n [m], shape (3,)) over the next `dt`."""
+
+    @abc.abstractmethod
+    def velocities(self, memory: Any, positions: Array, dt: float) -> Array:
+        """v_c at the start of the next step of `dt` at places in n [m], shape (k, 3); in n [m/s], shape (k, 3)."""
+
+
+class ConstantCurrent(Current):
     """The same velocity everywhere and always.
 
     Attributes:
@@ -53,27 +70,31 @@ class ConstantCurrent(Block):
 
     def step(self, memory: None, input: Array, dt: float) -> tuple[None, Flow]:
         """Flow at the position `input` [m], shape (3,)."""
-        return None, Flow(self.velocity, jnp.zeros(3), jnp.zeros(3))
+        return None, Flow(self.velocity, jnp.zeros(3))
+
+    def velocities(self, memory: None, positions: Array, dt: float) -> Array:
+        """The same at all places."""
+        return jnp.broadcast_to(self.velocity, positions.shape)
 
 
-class ShearedCurrent(Block):
+class ShearedCurrent(Current):
     """Steady current that changes with depth: linear between given depths, constant above the first, below the last.
 
     Attributes:
         depths: Increasing [m], shape (k,), k >= 2.
-        velocities: v_c in n at these depths [m/s], shape (k, 3).
+        layers: v_c in n at these depths [m/s], shape (k, 3).
     """
 
     depths: Array = eqx.field(converter=as_array)
-    velocities: Array = eqx.field(converter=as_array)
+    layers: Array = eqx.field(converter=as_array)
 
     def __check_init__(self):
         where = "ShearedCurrent.depths"
         if self.depths.ndim != 1 or self.depths.shape[0] < 2:
             raise ConfigError(f"{where}: found shape {self.depths.shape}, expected two depths or more")
         require(where, self.depths, self.depths[1:] > self.depths[:-1], "depths that increase")
-        require_shape("ShearedCurrent.velocities", self.velocities, (self.depths.shape[0], 3))
-        require_finite("ShearedCurrent.velocities", self.velocities)
+        require_shape("ShearedCurrent.layers", self.layers, (self.depths.shape[0], 3))
+        require_finite("ShearedCurrent.layers", self.layers)
 
     def init(self, key: Array, start: Start) -> None:
         """No memory."""
@@ -82,12 +103,22 @@ class ShearedCurrent(Block):
     def step(self, memory: None, input: Array, dt: float) -> tuple[None, Flow]:
         """Flow at the position `input` [m], shape (3,)."""
         depth = input[2]
-        slopes = (self.velocities[1:] - self.velocities[:-1]) / (self.depths[1:] - self.depths[:-1])[:, None]
+        inside = (depth >= self.depths[:-1]) & (depth < self.depths[1:])
+        shear = jnp.where(inside[:, None], self._slopes(), 0.0).sum(0)
+        gradient = jnp.zeros((3, 3)).at[:, 2].set(shear)
+        return None, Flow(self._at(depth), jnp.zeros(3), gradient)
+
+    def velocities(self, memory: None, positions: Array, dt: float) -> Array:
+        """By depth alone."""
+        return jax.vmap(self._at)(positions[:, 2])
+
+    def _slopes(self) -> Array:
+        return (self.layers[1:] - self.layers[:-1]) / (self.depths[1:] - self.depths[:-1])[:, None]
+
+    def _at(self, depth: Array) -> Array:
         # How far the depth reaches into each layer; the sum over layers needs no search for the right one.
         reach = jnp.clip(depth, self.depths[:-1], self.depths[1:]) - self.depths[:-1]
-        inside = (depth >= self.depths[:-1]) & (depth < self.depths[1:])
-        velocity = self.velocities[0] + (slopes * reach[:, None]).sum(0)
-        return None, Flow(velocity, jnp.zeros(3), jnp.where(inside[:, None], slopes, 0.0).sum(0))
+        return self.layers[0] + (self._slopes() * reach[:, None]).sum(0)
 
 
 class GaussMarkovMemory(eqx.Module):
@@ -100,7 +131,7 @@ class GaussMarkovMemory(eqx.Module):
     steps: Array
 
 
-class GaussMarkovCurrent(Block):
+class GaussMarkovCurrent(Current):
     """Uniform current that wanders about a mean: v_dot = -(v - mean)/T + noise, exactly discretised, stationary.
 
     Nodes `interval` seconds apart follow the exact discrete process, with phi = exp(-interval/T),
@@ -153,19 +184,25 @@ class GaussMarkovCurrent(Block):
         before = jnp.where(at_node, memory.after, memory.before)
         after = jnp.where(at_node, fresh, memory.after)
         rate = (after - before) / (per_node * dt)
-        flow = Flow(before + memory.steps * dt * rate, rate, jnp.zeros(3))
+        flow = Flow(before + memory.steps * dt * rate, rate)
         steps = jnp.where(memory.steps + 1 >= per_node, 0, memory.steps + 1)
         return GaussMarkovMemory(memory.key, before, after, memory.nodes + at_node, steps), flow
 
+    def velocities(self, memory: GaussMarkovMemory, positions: Array, dt: float) -> Array:
+        """The same at all places."""
+        share = memory.steps / jnp.maximum(jnp.round(self.interval / dt), 1.0)
+        now = jnp.where(memory.steps == 0, memory.after, memory.before + share * (memory.after - memory.before))
+        return jnp.broadcast_to(now, positions.shape)
 
-class CombinedCurrent(Block):
+
+class CombinedCurrent(Current):
     """The sum of several currents, for instance a sheared tide and a wandering part.
 
     Attributes:
         parts: Current blocks; each gets random numbers of its own.
     """
 
-    parts: tuple[Block, ...]
+    parts: tuple[Current, ...]
 
     def init(self, key: Array, start: Start) -> tuple:
         """Memory of each part, in order."""
@@ -175,3 +212,10 @@ class CombinedCurrent(Block):
         """Sum of the flows at the position `input` [m], shape (3,)."""
         stepped = [part.step(m, input, dt) for part, m in zip(self.parts, memory, strict=True)]
         return tuple(m for m, _ in stepped), sum((flow for _, flow in stepped), Flow.still())
+
+    def velocities(self, memory: tuple, positions: Array, dt: float) -> Array:
+        """Sum of the parts."""
+        return sum(
+            (part.velocities(m, positions, dt) for part, m in zip(self.parts, memory, strict=True)),
+            jnp.zeros_like(positions),
+        )

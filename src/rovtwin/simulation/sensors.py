@@ -13,7 +13,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.flow import Slot
+from rovtwin.core.flow import Environment, Slot
 from rovtwin.core.frames import cross, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.simulation.checks import (
@@ -37,11 +37,13 @@ class SensorInput(eqx.Module):
         state: Of the vehicle after the step.
         nu_dot: Rate of its nu, shape (6,) [m/s2, rad/s2]; needed by accelerometers only, and only when they tick.
         k: Number of the physics step, int, from 0, never batched: the state is that at time (k + 1) dt.
+        environment: What surrounded the vehicle during that step.
     """
 
     state: State
     nu_dot: Array
     k: Array
+    environment: Environment
 
 
 class SensorMemory(eqx.Module):

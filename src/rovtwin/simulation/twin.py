@@ -88,10 +88,13 @@ class Twin(Block):
             world, environment = self.world.step(memory.world, memory.state, h)
             state = plant_step(self.model, memory.state, input.command, environment, h)
             nu_dot = self._nu_dot(k, j, state, environment, output.nu_dot, h)
-            sensors, measurements = self._sense(memory, output, SensorInput(state, nu_dot, k), first, h)
+            sensors, measurements = self._sense(memory, output, SensorInput(state, nu_dot, k, environment), first, h)
             return (TwinMemory(state, world, sensors), TwinOutput(state, nu_dot, environment, measurements)), None
 
-        nothing = TwinOutput(memory.state, jnp.zeros(6), Environment.calm(), self.empty())
+        # Carried through the scan so that the last one comes out; its structure is the world's.
+        shape = jax.eval_shape(lambda m: self.world.step(m.world, m.state, h)[1], memory)
+        environment = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
+        nothing = TwinOutput(memory.state, jnp.zeros(6), environment, self.empty())
         (memory, output), _ = jax.lax.scan(jax.checkpoint(substep), (memory, nothing), jnp.arange(self.substeps))
         return memory, output
 
@@ -102,9 +105,11 @@ class Twin(Block):
             if sensor.kind == "accelerometer":
                 wanted = wanted | sensor.ticks(k)
         tau = self.model.thrusters.configuration @ state.thrust
-        return jax.lax.cond(
-            wanted, lambda: acceleration(self.model, state.attitude, state.nu, tau, environment, h), lambda: last
-        )
+
+        def now() -> Array:
+            return acceleration(self.model, state.position, state.attitude, state.nu, tau, environment, h)
+
+        return jax.lax.cond(wanted, now, lambda: last)
 
     def _sense(
         self, memory: TwinMemory, output: TwinOutput, seen: SensorInput, first: Array, h: float

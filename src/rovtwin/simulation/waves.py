@@ -29,10 +29,19 @@ SEAS = {1: (0.27, 3.0), 2: (1.5, 5.7), 3: (4.1, 8.7)}  # table 5.6: set -> (H_s 
 
 
 class WaveAction(eqx.Module):
-    """What waves do over one step: `flow` of the water at CO, and `force` on the vehicle at CO, n [N], shape (3,)."""
+    """What waves do over one step.
 
-    flow: Flow
-    force: Array
+    Attributes:
+        flow: Of the water at CO, or None where a model only pushes.
+        force: On the vehicle at CO, n [N], shape (3,), or None where a model only moves the water.
+        elevation: Of the surface above CO, positive up [m], or None where a model knows none.
+        head: Dynamic pressure at CO as a height of water [m], or None.
+    """
+
+    flow: Flow | None = None
+    force: Array | None = None
+    elevation: Array | None = None
+    head: Array | None = None
 
 
 def spectrum(omega: Array, height: Array, period: Array) -> Array:
@@ -155,7 +164,7 @@ class ThesisWaves(Block):
 
         force = memory.filter[1] * along + jnp.array([memory.drift[0], memory.drift[1], 0.0])
         after = ThesisWavesMemory(memory.key, memory.draws + 1, filtered, drift)
-        return after, WaveAction(Flow.still(), force)
+        return after, WaveAction(force=force)
 
 
 def _transition(angle: Array, damping_ratio: Array) -> tuple[Array, Array]:

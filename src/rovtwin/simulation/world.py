@@ -1,12 +1,14 @@
-"""World: current and waves together, as the plant wants them."""
+"""World: current, waves, surface and walls together, as the plant wants them."""
+
+from collections.abc import Sequence
 
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import Environment
+from rovtwin.core.flow import Environment, Walls
 from rovtwin.core.frames import rotation_from_quaternion
-from rovtwin.core.numerics import Array, jnp
-from rovtwin.simulation.current import Flow
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.simulation.current import Current, Flow
 from rovtwin.simulation.noise import key_for
 from rovtwin.simulation.waves import WaveAction
 from rovtwin.vehicle.dynamics import State
@@ -20,15 +22,21 @@ class WorldMemory(eqx.Module):
 
 
 class World(Block):
-    """The sea: a current and waves, each a Block or None.
+    """The sea or the tank around a vehicle; what is None is not there.
 
     Attributes:
         current: `step(memory, position, dt) -> (memory, Flow)`.
         waves: `step(memory, State, dt) -> (memory, WaveAction)`.
+        surface: Depth z in n of the still surface [m], 0 unless tides matter; None: water without end upwards.
+        walls: Floor and walls.
+        floor: Depth z in n of the floor [m], for altimeters and tethers; its plane is among the walls.
     """
 
-    current: Block | None = None
+    current: Current | None = None
     waves: Block | None = None
+    surface: Array | None = None
+    walls: Walls | None = None
+    floor: Array | None = None
 
     def init(self, key: Array, start: Start) -> WorldMemory:
         """Memory of current and waves, each with random numbers of its own."""
@@ -38,23 +46,56 @@ class World(Block):
         )
 
     def step(self, memory: WorldMemory, input: State, dt: float) -> tuple[WorldMemory, Environment]:
-        """Environment of a vehicle in the state `input` over one physics step of `dt`.
-
-        A particle of water that moves down through a shear changes its velocity even in a steady current, so that
-        D v_c / Dt is the local rate plus w_c d v_c / d depth; horizontal gradients are left out.
-        """
-        current, flow = None, Flow.still()
-        waves, action = None, WaveAction(Flow.still(), jnp.zeros(3))
+        """Environment of a vehicle in the state `input` over one physics step of `dt`."""
+        current, water = None, Flow.still()
+        waves, action = None, WaveAction()
         if self.current is not None:
-            current, flow = self.current.step(memory.current, input.position, dt)
+            current, water = self.current.step(memory.current, input.position, dt)
         if self.waves is not None:
             waves, action = self.waves.step(memory.waves, input, dt)
-        water = flow + action.flow
-        force = action.force @ rotation_from_quaternion(input.attitude)
+        if action.flow is not None:
+            water = water + action.flow
+        force = jnp.zeros(3)
+        if action.force is not None:
+            force = action.force @ rotation_from_quaternion(input.attitude)
+        surface = self.surface
+        if surface is not None and action.elevation is not None:
+            surface = surface - action.elevation
         environment = Environment(
-            water.velocity,
-            water.acceleration + water.velocity[2] * water.shear,
-            water.shear,
-            jnp.concatenate([force, jnp.zeros(3)]),
+            velocity=water.velocity,
+            rate=water.rate,
+            wrench=jnp.concatenate([force, jnp.zeros(3)]),
+            place=input.position,
+            gradient=water.gradient,
+            head=action.head,
+            surface=surface,
+            walls=self.walls,
         )
         return WorldMemory(current, waves), environment
+
+
+Span = Sequence[float]
+
+
+def walls_of(north: Span | None = None, east: Span | None = None, floor: float | None = None) -> Walls | None:
+    """Planes of a tank whose sides run north and east, and of a level floor.
+
+    Args:
+        north: Its southern and northern end, or None [m].
+        east: Its western and eastern end, or None [m].
+        floor: Its depth, or None [m].
+
+    Returns:
+        None where there are none.
+    """
+    planes: list[tuple[tuple[float, float, float], float]] = []
+    if north is not None:
+        planes += [((-1.0, 0.0, 0.0), -north[0]), ((1.0, 0.0, 0.0), north[1])]
+    if east is not None:
+        planes += [((0.0, -1.0, 0.0), -east[0]), ((0.0, 1.0, 0.0), east[1])]
+    if floor is not None:
+        planes.append(((0.0, 0.0, 1.0), floor))
+    if not planes:
+        return None
+    normals, offsets = zip(*planes, strict=True)
+    return Walls(as_array(normals), as_array(offsets))

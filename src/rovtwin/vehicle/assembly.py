@@ -7,13 +7,11 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
-from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.damping import Damping, DragElements, drag_elements, tamed
 from rovtwin.vehicle.fields import inertia_matrix
 from rovtwin.vehicle.hydrodynamics import Solid, added_mass, move_matrix
-from rovtwin.vehicle.rigid_body import HERE, MassProperties, Placement, combine
-
-FRESH_WATER = 1000.0  # [kg/m3]
+from rovtwin.vehicle.rigid_body import HERE, Box, MassProperties, Placement, combine
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,7 @@ class Assembly:
         elements: Damping from shapes.
         as_given: Whether `measured` is a full matrix of the file, at its own origin: it is used as it stands.
         density: Of the water [kg/m3].
+        boxes: Of the parts that have a shape or a volume: where the hull is, at the surface and at walls.
         thrusters: In order of the file.
         cameras: In order of the file.
         sensors: In order of the file.
@@ -71,6 +70,7 @@ class Assembly:
     measured: Damping
     elements: tuple[DragElements, ...]
     density: float
+    boxes: tuple[Box, ...] = ()
     thrusters: tuple[Mounted, ...] = ()
     cameras: tuple[Mounted, ...] = ()
     sensors: tuple[Mounted, ...] = ()
@@ -95,6 +95,7 @@ class Assembly:
             self.measured.moved(placement),
             tuple(e.moved(placement) for e in self.elements),
             self.density,
+            tuple(box.moved(placement) for box in self.boxes),
             mounted(self.thrusters),
             mounted(self.cameras),
             mounted(self.sensors),
@@ -148,10 +149,18 @@ def _own(body: schema.Body, density: float, supply_voltage: float | None) -> Ass
         Damping.none(),
         () if solid is None else (drag_elements(solid, density),),
         density,
+        _boxes(solid, volume, center),
         tuple(Mounted(t.name, t, HERE, supply_voltage) for t in body.thrusters),
         tuple(Mounted(c.name, c, Placement.of(c.pose.position, c.pose.attitude_deg)) for c in body.cameras),
         tuple(Mounted(s.name, s, Placement.of(s.pose.position, s.pose.attitude_deg)) for s in body.sensors),
     )
+
+
+def _boxes(solid: Solid | None, volume: float, center: np.ndarray) -> tuple[Box, ...]:
+    """The shape's own box, or a cube for a volume without a shape."""
+    if solid is not None:
+        return (Box(solid.size, solid.placement, volume),)
+    return (Box(np.full(3, np.cbrt(volume)), Placement.of(center), volume),) if volume > 0 else ()
 
 
 def _mass_properties(body: schema.Body, solid: Solid | None) -> MassProperties:
@@ -174,6 +183,7 @@ def _sum(pieces: list[Assembly], density: float) -> Assembly:
         sum((p.measured for p in pieces), Damping.none()),
         tuple(e for p in pieces for e in p.elements),
         density,
+        tuple(box for p in pieces for box in p.boxes),
         tuple(t for p in pieces for t in p.thrusters),
         tuple(c for p in pieces for c in p.cameras),
         tuple(s for p in pieces for s in p.sensors),

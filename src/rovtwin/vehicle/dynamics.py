@@ -7,11 +7,17 @@
 M = M_RB + M_A. Writing the rigid body's part in nu_r is exact, not an approximation: the frame that moves with the
 local water is inertial but for its acceleration, which the last two terms hold (a_c along the vehicle's path on the
 rigid body, a_f of the water particles as the pressure gradient on the displaced mass m_f). In a steady uniform current
-both vanish and what is left is Fossen's form with d(nu_c)/dt = -S(omega) nu_c.
+both vanish and what is left is Fossen's form with d(nu_c)/dt = -S(omega) nu_c. For a small body held in waves what is
+left is Morison's inertia force, Froude-Krylov m_f a_f and added mass M_A a_f, and the drag of the orbital velocity.
+
+At the surface the buoyancy of what is dry is taken off, and the hull feels the moving water, and drag, in proportion to
+what is wet; the added mass stays, which is too much for a vehicle afloat.
 
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6 and 8; the pressure-gradient
 term Maxey and Riley (1983), eq. 46 (first term).
 """
+
+from dataclasses import replace
 
 import equinox as eqx
 
@@ -21,7 +27,10 @@ from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, ro
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.surroundings import contact_wrench, dryness, lost_buoyancy
 from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
+
+_CHANGING = ("velocity", "rate", "wrench", "place", "gradient", "head", "surface")  # of an Environment, step by step
 
 
 class State(eqx.Module):
@@ -73,18 +82,20 @@ def restoring_wrench(model: Model, down_b: Array) -> Array:
     return -jnp.concatenate([weight - buoyancy, moment])
 
 
-def water_at(environment: Environment, elapsed: Array | float) -> Array:
-    """Water velocity v_c in n [m/s], shape (3,), `elapsed` seconds into the step."""
-    return environment.velocity + elapsed * environment.acceleration
-
-
 def acceleration(
-    model: Model, attitude: Array, nu: Array, tau: Array, environment: Environment, elapsed: Array | float = 0.0
+    model: Model,
+    position: Array,
+    attitude: Array,
+    nu: Array,
+    tau: Array,
+    environment: Environment,
+    elapsed: Array | float = 0.0,
 ) -> Array:
     """nu_dot, shape (6,): the equations of motion solved for the acceleration.
 
     Args:
         model: The vehicle.
+        position: CO in n [m], shape (3,).
         attitude: Quaternion R_nb, shape (4,).
         nu: Velocity over ground, b at CO, shape (6,).
         tau: Wrench of the thrusters, b at CO, shape (6,).
@@ -92,28 +103,47 @@ def acceleration(
         elapsed: Time into the step for which the environment is given [s].
     """
     R_nb = rotation_from_quaternion(attitude)
-    R_bn = R_nb.T
-    v_c = water_at(environment, elapsed)
-    omega = nu[3:]
-    v_c_b = R_bn @ v_c
-    nu_r = jnp.concatenate([nu[:3] - v_c_b, omega])
+    R_bn, down_b, omega = R_nb.T, R_nb[2], nu[3:]
+    force = tau + environment.wrench - restoring_wrench(model, down_b)
+    wet: Array | float = 1.0
+    if environment.surface is not None:
+        dry = dryness(model, position[2], down_b, environment.surface)
+        wet = 1.0 - dry @ model.hull.shares
+        force = force + lost_buoyancy(model, dry, down_b)
+    if environment.walls is not None:
+        force = force + contact_wrench(model, position, R_nb, nu, environment.walls)
 
-    a_fluid = R_bn @ environment.acceleration
-    through_layers = (R_nb @ nu[:3])[2] - v_c[2]
-    a_path = a_fluid + R_bn @ environment.shear * through_layers
-
+    v_c, a_fluid, a_path = (wet * (R_bn @ x) for x in _water_at(environment, position, R_nb @ nu[:3], elapsed))
+    nu_r = jnp.concatenate([nu[:3] - v_c, omega])
     pressure = model.displaced_mass * jnp.concatenate([a_fluid, cross(model.center_of_buoyancy, a_fluid)])
     force = (
-        tau
-        + environment.wrench
+        force
         + pressure
         - model.rigid_body_mass[:, :3] @ a_path
         - coriolis_wrench(model.mass, nu_r)
-        - damping_wrench(model, nu_r)
-        - restoring_wrench(model, R_nb[2])
+        - wet * damping_wrench(model, nu_r)
     )
     nu_r_dot = model.mass_inverse @ force
-    return nu_r_dot.at[:3].add(a_path - cross(omega, v_c_b))
+    return nu_r_dot.at[:3].add(a_path - cross(omega, v_c))
+
+
+def _water_at(
+    environment: Environment, position: Array, velocity: Array, elapsed: Array | float
+) -> tuple[Array, Array, Array]:
+    """The water at CO, in n, shapes (3,): velocity v_c, acceleration of its particles, rate of v_c along the path.
+
+    Args:
+        environment: The water.
+        position: CO in n [m].
+        velocity: Of CO over ground, in n [m/s].
+        elapsed: Time into the step [s].
+    """
+    v_c = environment.velocity + elapsed * environment.rate
+    if environment.gradient is None:
+        return v_c, environment.rate, environment.rate
+    G = environment.gradient
+    v_c = v_c + G @ (position - environment.place)
+    return v_c, environment.rate + G @ v_c, environment.rate + G @ velocity
 
 
 def plant_step(model: Model, state: State, command: Command, environment: Environment, dt: float) -> State:
@@ -135,8 +165,8 @@ def plant_step(model: Model, state: State, command: Command, environment: Enviro
     wrenches = {0.0: T @ before, 0.5 * dt: T @ halfway, dt: T @ after}
 
     def derivative(elapsed: float, x: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        _, q, nu = x
-        nu_dot = acceleration(model, q, nu, wrenches[elapsed], environment, elapsed)
+        p, q, nu = x
+        nu_dot = acceleration(model, p, q, nu, wrenches[elapsed], environment, elapsed)
         return rotation_from_quaternion(q) @ nu[:3], quaternion_rate(q, nu[3:]), nu_dot
 
     position, q, nu = rk4_step(derivative, (state.position, state.attitude, state.nu), dt)
@@ -150,21 +180,23 @@ def rollout(model: Model, state: State, commands: Command, environment: Environm
         model: The vehicle.
         state: Start.
         commands: u of shape (n_steps, n_thrusters).
-        environment: One for all steps, or with a leading axis n_steps.
+        environment: Each field for all steps, or with a leading axis n_steps; walls stay where they are.
         dt: Step [s].
     """
     steps = commands.u.shape[0]
-    everywhere = jax.tree.map(
-        lambda leaf, one: leaf if leaf.ndim > one.ndim else jnp.broadcast_to(leaf, (steps, *leaf.shape)),
-        environment,
-        Environment.calm(),
-    )
+    one_step = Environment.calm(gradient=jnp.zeros((3, 3)), head=jnp.zeros(()), surface=jnp.zeros(()))
+    changes = {}
+    for name in _CHANGING:
+        given, one = getattr(environment, name), getattr(one_step, name)
+        if given is not None:
+            changes[name] = given if given.ndim > one.ndim else jnp.broadcast_to(given, (steps, *given.shape))
 
-    def one(carry: State, inputs: tuple[Command, Environment]) -> tuple[State, State]:
-        after = plant_step(model, carry, *inputs, dt)
+    def step(carry: State, inputs: tuple[Command, dict[str, Array]]) -> tuple[State, State]:
+        command, now = inputs
+        after = plant_step(model, carry, command, replace(environment, **now), dt)
         return after, after
 
-    return jax.lax.scan(jax.checkpoint(one), state, (commands, everywhere))[1]
+    return jax.lax.scan(jax.checkpoint(step), state, (commands, changes))[1]
 
 
 def kinetic_energy(model: Model, nu_r: Array) -> Array:

@@ -7,6 +7,7 @@ import equinox as eqx
 from rovtwin.core.frames import skew
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.hull import Hull, cube
 from rovtwin.vehicle.thrusters import Thrusters
 
 
@@ -30,6 +31,7 @@ class Model(eqx.Module):
         center_of_buoyancy: r_b [m], shape (3,).
         displaced_mass: Mass of the displaced water [kg]; B / gravity unless B is an apparent value.
         thrusters: See `Thrusters`.
+        hull: Where the buoyancy sits and how far the body reaches; at the surface and at walls.
         mass: M = M_RB + M_A, shape (6, 6); derived.
         mass_inverse: Its inverse; derived.
         damping: The four damping matrices side by side, shape (6, 24), as `damping_wrench` uses them; derived.
@@ -47,6 +49,7 @@ class Model(eqx.Module):
     center_of_buoyancy: Array
     displaced_mass: Array
     thrusters: Thrusters
+    hull: Hull
     mass: Array
     mass_inverse: Array
     damping: Array
@@ -66,8 +69,12 @@ class Model(eqx.Module):
         linear_damping_astern: Any = None,
         quadratic_damping_astern: Any = None,
         displaced_mass: Any = None,
+        hull: Hull | None = None,
     ):
-        """All by name; what is None astern equals ahead, and the displaced mass is buoyancy / GRAVITY."""
+        """All by name; what is None astern equals ahead.
+
+        Without more the displaced mass is buoyancy / GRAVITY, and the hull a cube of fresh water of that mass.
+        """
         self.rigid_body_mass = as_array(rigid_body_mass)
         self.added_mass = as_array(added_mass)
         self.linear_damping_ahead = as_array(linear_damping_ahead)
@@ -84,6 +91,7 @@ class Model(eqx.Module):
         self.center_of_buoyancy = as_array(center_of_buoyancy)
         self.displaced_mass = self.buoyancy / GRAVITY if displaced_mass is None else as_array(displaced_mass)
         self.thrusters = thrusters
+        self.hull = cube(center_of_buoyancy, self.displaced_mass) if hull is None else hull
         self.mass = self.rigid_body_mass + self.added_mass
         self.mass_inverse = jnp.linalg.inv(self.mass)
         self.damping = jnp.concatenate(
@@ -118,6 +126,7 @@ _PARAMETERS = (
     "center_of_buoyancy",
     "displaced_mass",
     "thrusters",
+    "hull",
 )
 
 

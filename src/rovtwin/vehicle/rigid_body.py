@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)  # of a box's corners
+
 
 def skew(a: np.ndarray) -> np.ndarray:
     """S(a), shape (3, 3), with S(a) b = a x b."""
@@ -56,6 +58,29 @@ class Placement:
 
 
 HERE = Placement(np.zeros(3), np.eye(3))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that stands for a part's volume.
+
+    Attributes:
+        size: Full dimensions along its axes [m], shape (3,).
+        placement: Of its centre and axes.
+        volume: Of the water that the part displaces [m3]; less than the box's where water runs through it.
+    """
+
+    size: np.ndarray
+    placement: Placement
+    volume: float
+
+    def moved(self, placement: Placement) -> "Box":
+        """The same seen from the parent's frame."""
+        return Box(self.size, self.placement.after(placement), self.volume)
+
+    def corners(self) -> np.ndarray:
+        """Shape (8, 3)."""
+        return self.placement.position + 0.5 * SIGNS * self.size @ self.placement.rotation.T
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def linearised(model: Model, surge_speed: Array) -> Array:
         zero = jnp.zeros(())
         q = quaternion_from_euler(jnp.stack([x[6], x[7], zero]))
         # Level at phi = theta = 0: theta_dot = q, phi_dot = p to first order.
-        nu_dot = acceleration(model, q, x[:6], jnp.zeros(6), Environment.calm())
+        nu_dot = acceleration(model, jnp.zeros(3), q, x[:6], jnp.zeros(6), Environment.calm())
         return jnp.concatenate([nu_dot, x[3:5]])
 
     start = jnp.zeros(8).at[0].set(surge_speed)

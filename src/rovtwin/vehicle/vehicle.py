@@ -92,6 +92,7 @@ class Vehicle:
             ConfigError: The parts make no vehicle that can move: M not positive definite, damping that drives.
         """
         from rovtwin.core.numerics import as_array
+        from rovtwin.vehicle.hull import hull_of
         from rovtwin.vehicle.model import Model, rigid_body_matrix
         from rovtwin.vehicle.thrusters import Thrusters
 
@@ -113,6 +114,7 @@ class Vehicle:
             buoyancy=total.density * GRAVITY * total.volume,
             center_of_gravity=solid.center_of_gravity,
             center_of_buoyancy=total.center_of_buoyancy,
+            hull=hull_of(total.boxes, total.center_of_buoyancy),
             thrusters=Thrusters(
                 **{key: as_array(value) for key, value in arrays.items()},
                 tabulated=as_array(tabulated) > 0,

@@ -1,0 +1,69 @@
+"""The world section of a scenario as blocks: the true vehicle, and the water around it."""
+
+import math
+from dataclasses import replace
+
+from rovtwin.core.block import Block
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import Array, as_array
+from rovtwin.scenario.schema import ConstantCurrentSection, ShearedCurrentSection, WorldSection
+from rovtwin.simulation.current import ConstantCurrent, Current, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.waves import ThesisWaves
+from rovtwin.simulation.world import World, walls_of
+from rovtwin.vehicle import Model, Vehicle
+
+
+def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) -> Model:
+    """The true vehicle: the model, perturbed and lifted as the world says, with its faults."""
+    plant = model
+    if world.mismatch:
+        plant = perturbed(plant, key, world.mismatch.damping, world.mismatch.mass, world.mismatch.thrust)
+    if world.thruster_health:
+        names = list(vehicle.thruster_names)
+        for name in world.thruster_health:
+            if name not in names:
+                raise ConfigError(f"world.thruster_health: no thruster {name!r}; {vehicle.name} has {', '.join(names)}")
+        health = as_array([world.thruster_health.get(name, 1.0) for name in names])
+        plant = plant.replace(thrusters=replace(plant.thrusters, health=plant.thrusters.health * health))
+    plant = lifted(plant, world.net_buoyancy)
+    if float(plant.buoyancy) < 0:
+        raise ConfigError(
+            f"world.net_buoyancy: found {world.net_buoyancy:g} N, expected at least {-float(model.buoyancy):g} N: "
+            f"{vehicle.name} has no more buoyancy to lose"
+        )
+    return plant
+
+
+def world_of(world: WorldSection) -> World:
+    """Current, waves, surface, floor and walls."""
+    tank = world.tank
+    return World(
+        current=_current_of(world),
+        waves=_waves_of(world),
+        surface=as_array(0.0) if world.surface else None,
+        walls=walls_of(tank and tank.north, tank and tank.east, world.floor),
+        floor=None if world.floor is None else as_array(world.floor),
+    )
+
+
+def _current_of(world: WorldSection) -> Current:
+    current = world.current
+    if isinstance(current, ConstantCurrentSection):
+        return ConstantCurrent(current.velocity)
+    if isinstance(current, ShearedCurrentSection):
+        return ShearedCurrent(current.depths, current.velocities)
+    return GaussMarkovCurrent(current.mean, current.sigma, current.time_constant)
+
+
+def _waves_of(world: WorldSection) -> Block | None:
+    waves = world.waves
+    if waves is None:
+        return None
+    return ThesisWaves(
+        waves.significant_height,
+        waves.zero_crossing_period,
+        direction=math.radians(waves.direction_deg),
+        drift_intensity=(waves.drift, waves.drift),
+        as_printed=waves.as_printed,
+    )

@@ -1,0 +1,31 @@
+"""What a run is, as people write it: vehicle, world, sensors, autopilot, mission, seed.
+
+SI units; a name whose unit is not SI says so (`heading_deg`). `rovtwin scenario show NAME` prints any scenario in full.
+"""
+
+from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
+from rovtwin.scenario.schema.mission import MissionSection, Waypoint
+from rovtwin.scenario.schema.scenario import Scenario
+from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
+from rovtwin.scenario.schema.world import (
+    ConstantCurrentSection,
+    GaussMarkovCurrentSection,
+    ShearedCurrentSection,
+    ThesisWavesSection,
+    WorldSection,
+)
+
+__all__ = [
+    "PRESETS",
+    "SENSOR_NAMES",
+    "AutopilotSection",
+    "ConstantCurrentSection",
+    "GaussMarkovCurrentSection",
+    "MissionSection",
+    "Scenario",
+    "SensorSection",
+    "ShearedCurrentSection",
+    "ThesisWavesSection",
+    "Waypoint",
+    "WorldSection",
+]

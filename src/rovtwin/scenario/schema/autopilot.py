@@ -1,0 +1,69 @@
+"""Guidance, navigation and control by name, with what may be changed about them."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from rovtwin.core.config import NonNegative, Number, Positive, Strict
+
+
+class ObserverSection(Strict):
+    """The extended Kalman filter of thesis 2.13."""
+
+    tuning: Literal["consistent", "as_printed"] = Field(default="consistent", description="as_printed: table 7.2")
+    force_walk: NonNegative | None = Field(
+        default=None, description="declared random walk of the disturbance force [N/sqrt(s)]; default of the tuning"
+    )
+
+
+class ControllerSection(Strict):
+    """Five decoupled PIDs."""
+
+    gains: Literal["table_7_1", "table_3_2", "pole_placement"] = Field(
+        default="table_7_1", description="tables of the thesis, or placed from the model"
+    )
+
+
+class ReferenceSection(Strict):
+    """Second-order reference model, thesis (7.8)."""
+
+    damping: Positive = 1.0
+    frequency: Positive = Field(default=1.5, description="[rad/s]")
+    obey_speed: bool = Field(
+        default=False, description="keep to the way-points' speeds; the thesis's reference does not"
+    )
+
+
+class GuidanceSection(Strict):
+    """2-D line of sight with the phases dive, turn, go, switch."""
+
+    lookahead: Positive = Field(default=2.0, description="Delta of (2.45) [m]")
+
+
+class SupervisorSection(Strict):
+    """When to give up: thrusters off, reason in the log."""
+
+    depth_limit: Positive = Field(default=100.0, description="[m]")
+    attitude_limit_deg: Annotated[Number, Field(gt=0, le=85)] = Field(
+        default=60.0, description="roll or pitch; Euler angles fail at 90"
+    )
+    position_std_limit: Positive = Field(default=10.0, description="estimate counts as lost beyond it [m]")
+
+
+class AutopilotSection(Strict):
+    """The thesis's guidance, navigation and control, put right (`thesis`) or as printed (`thesis_as_printed`)."""
+
+    type: Literal["thesis"] = "thesis"
+    observer: ObserverSection = ObserverSection()
+    controller: ControllerSection = ControllerSection()
+    reference: ReferenceSection = ReferenceSection()
+    guidance: GuidanceSection = GuidanceSection()
+    supervisor: SupervisorSection = SupervisorSection()
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "thesis": {},
+    "thesis_as_printed": {"observer": {"tuning": "as_printed"}},
+    # The same blocks with gains from the vehicle's own model and a reference that it can follow.
+    "thesis_placed": {"controller": {"gains": "pole_placement"}, "reference": {"obey_speed": True}},
+}

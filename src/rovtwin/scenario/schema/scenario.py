@@ -1,0 +1,93 @@
+"""A run, complete."""
+
+import math
+from typing import Annotated, Any
+
+from pydantic import Field, field_validator, model_validator
+
+from rovtwin.core.config import Number, Strict
+from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
+from rovtwin.scenario.schema.mission import MissionSection, StartSection
+from rovtwin.scenario.schema.sensors import SensorsSection
+from rovtwin.scenario.schema.world import WorldSection
+
+
+class RatesSection(Strict):
+    """Steps per second; control must divide physics."""
+
+    physics: Annotated[int, Field(strict=True, gt=0, le=10_000)] = 500
+    control: Annotated[int, Field(strict=True, gt=0, le=1_000)] = 50
+
+    @model_validator(mode="after")
+    def _divides(self) -> "RatesSection":
+        if self.physics % self.control:
+            raise ValueError(f"control rate {self.control} Hz does not divide the physics rate {self.physics} Hz")
+        return self
+
+
+class LogSection(Strict):
+    """How often the channels are written; sensors are logged as they come."""
+
+    rate: Annotated[int, Field(strict=True, gt=0, le=1_000)] = Field(
+        default=10, description="of truth and autopilot channels [1/s]"
+    )
+    sensors: bool = Field(default=True, description="log every sensor reading")
+
+
+class Scenario(Strict):
+    """A run, complete: the same scenario and seed give the same data, bit for bit on the same machine."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")] = "scenario"
+    description: str = ""
+    vehicle: str | dict[str, Any] = Field(
+        default="double_blueye", description="library name, file, or the description itself"
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 1
+    duration: Annotated[Number, Field(gt=0, le=86_400)] = Field(default=1500.0, description="longest run [s]")
+    start: StartSection = StartSection()
+    rates: RatesSection = RatesSection()
+    world: WorldSection = WorldSection()
+    sensors: SensorsSection = SensorsSection()
+    autopilot: AutopilotSection = AutopilotSection()
+    mission: MissionSection
+    log: LogSection = LogSection()
+
+    @field_validator("sensors", mode="before")
+    @classmethod
+    def _sensors_by_name(cls, value: Any) -> Any:
+        return {"preset": value} if isinstance(value, str) else value
+
+    @field_validator("autopilot", mode="before")
+    @classmethod
+    def _autopilot_by_name(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            if value not in PRESETS:
+                raise ValueError(f"no autopilot {value!r}; there are {', '.join(PRESETS)}")
+            return PRESETS[value]
+        return value
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "Scenario":
+        if self.rates.control % self.log.rate:
+            raise ValueError(f"log.rate {self.log.rate} Hz does not divide the control rate {self.rates.control} Hz")
+        limit = self.autopilot.supervisor.depth_limit
+        for i, waypoint in enumerate(self.mission.waypoints):
+            if waypoint.position[2] >= limit:
+                raise ValueError(
+                    f"mission.waypoints[{i}] is {waypoint.position[2]:g} m deep, where the supervisor aborts; stay "
+                    f"above {limit:g} m or raise autopilot.supervisor.depth_limit"
+                )
+        return self
+
+    @property
+    def control_dt(self) -> float:
+        return 1.0 / self.rates.control
+
+    @property
+    def substeps(self) -> int:
+        return self.rates.physics // self.rates.control
+
+    @property
+    def heading(self) -> float:
+        """Start heading [rad]."""
+        return math.radians(self.start.heading_deg)

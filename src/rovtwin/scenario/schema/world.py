@@ -1,0 +1,120 @@
+"""The water, and how the true vehicle differs from the model."""
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+
+
+class ConstantCurrentSection(Strict):
+    """The same water velocity everywhere."""
+
+    type: Literal["constant"] = "constant"
+    velocity: Vector3 = Field(default=[0.0, 0.0, 0.0], description="NED [m/s]")
+
+
+class ShearedCurrentSection(Strict):
+    """Water velocity that varies with depth, linear between the given depths and constant beyond them."""
+
+    type: Literal["sheared"]
+    depths: list[Number] = Field(min_length=2, description="increasing [m]")
+    velocities: list[Vector3] = Field(min_length=2, description="NED at those depths [m/s]")
+
+    @model_validator(mode="after")
+    def _matching(self) -> "ShearedCurrentSection":
+        if len(self.depths) != len(self.velocities):
+            raise ValueError(
+                f"{len(self.depths)} depths but {len(self.velocities)} velocities; give one for each depth"
+            )
+        if any(b <= a for a, b in pairwise(self.depths)):
+            raise ValueError(f"depths {self.depths} do not increase; sort them from the surface down")
+        return self
+
+
+class GaussMarkovCurrentSection(Strict):
+    """Water velocity that wanders about a mean: first-order Gauss-Markov."""
+
+    type: Literal["gauss_markov"]
+    mean: Vector3 = [0.0, 0.0, 0.0]
+    sigma: Vector3 = Field(description="standard deviation of each component [m/s]")
+    time_constant: Positive = Field(description="[s]")
+
+    @field_validator("sigma")
+    @classmethod
+    def _not_negative(cls, sigma: Vector3) -> Vector3:
+        if min(sigma) < 0:
+            raise ValueError(f"a standard deviation cannot be negative, found {sigma}")
+        return sigma
+
+
+CurrentSection = Annotated[
+    ConstantCurrentSection | ShearedCurrentSection | GaussMarkovCurrentSection, Field(discriminator="type")
+]
+
+
+class ThesisWavesSection(Strict):
+    """Wave forces of the thesis: a shaping filter driven by white noise, and a drift force that walks at random."""
+
+    model: Literal["thesis"] = "thesis"
+    significant_height: Positive = Field(default=4.1, description="Hs [m]")
+    zero_crossing_period: Positive = Field(default=8.7, description="Tz [s]")
+    direction_deg: Degrees = Field(default=0.0, description="where the waves run to, from north over east")
+    drift: NonNegative = Field(default=0.03, description="random walk of the drift force on north and east [N/sqrt(s)]")
+    as_printed: bool = Field(default=False, description="modal frequency and sigma as (5.5) and (5.6) print them")
+
+
+class MismatchSection(Strict):
+    """How the plant differs from the autopilot's model; the damping factors are drawn from the seed."""
+
+    damping: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        default=0.25, description="each coefficient times U[1 - d, 1 + d]"
+    )
+    mass: Positive = Field(default=1.10, description="factor on rigid-body and added mass, weight and buoyancy")
+    thrust: Positive = Field(default=0.90, description="factor on every thruster's force")
+
+
+def _rising(span: list[float]) -> list[float]:
+    if span[0] >= span[1]:
+        raise ValueError(f"found {span}, expected the lower number first")
+    return span
+
+
+Span = Annotated[list[Number], Field(min_length=2, max_length=2), AfterValidator(_rising)]
+
+
+class TankSection(Strict):
+    """Walls that run north and east; the hull cannot pass them."""
+
+    north: Span = Field(description="southern and northern wall [m]")
+    east: Span = Field(description="western and eastern wall [m]")
+
+
+class WorldSection(Strict):
+    """The water, and how the true vehicle differs from the model."""
+
+    current: CurrentSection = ConstantCurrentSection()
+    waves: ThesisWavesSection | None = None
+    surface: bool = Field(default=True, description="whether buoyancy ends at depth 0, as in nature")
+    floor: Positive | None = Field(default=None, description="depth of the floor, which holds the hull [m]")
+    tank: TankSection | None = None
+    mismatch: MismatchSection | None = None
+    net_buoyancy: Number = Field(default=0.0, description="added to the plant, not to the autopilot's model [N]")
+    thruster_health: dict[str, Share] = Field(
+        default_factory=dict, description="faults: share of the force left, by thruster name; 0 is dead"
+    )
+
+    @field_validator("current", mode="before")
+    @classmethod
+    def _current_as_vector(cls, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return {"type": "constant", "velocity": value}
+        if isinstance(value, dict) and "type" not in value:
+            return {"type": "constant"} | value
+        return value
+
+    @field_validator("mismatch", mode="before")
+    @classmethod
+    def _mismatch_by_default(cls, value: Any) -> Any:
+        return {} if value is True else None if value is False else value
