@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from tests import oracle
 
+from benchmarks import reference
 from benchmarks.timing import in_turns, rates, ratio
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
@@ -33,11 +34,11 @@ def commands(model: Model, steps: int, seed: int = 0) -> np.ndarray:
     return np.repeat(rng.uniform(-0.6, 0.6, (steps // every + 1, model.thrusters.count)), every, axis=0)[:steps]
 
 
-def fly(model: Model, state: State, u: Any) -> State:
-    """Last state after all commands; nothing is kept on the way, as in the NumPy version."""
+def fly(model: Model, state: State, u: Any, environment: Environment) -> State:
+    """Last state after all commands; nothing is kept on the way, as in the versions in C and in NumPy."""
 
     def step(state, u):
-        return plant_step(model, state, Command(u), water(), DT), None
+        return plant_step(model, state, Command(u), environment, DT), None
 
     return jax.lax.scan(step, state, u)[0]
 
@@ -50,27 +51,43 @@ def numpy_fly(plant: oracle.Plant, u: np.ndarray) -> np.ndarray:
     return x
 
 
+def as_row(state: State) -> np.ndarray:
+    """[position, attitude, nu, thrust], shape (..., 13 + n), as the version in C has it."""
+    return np.concatenate([state.position, state.attitude, state.nu, state.thrust], axis=-1)
+
+
 def single(quick: bool) -> dict[str, Any]:
-    """One vehicle: RK4 steps per second, compiled against NumPy; both end in the same place."""
+    """One vehicle: RK4 steps per second, compiled against C and NumPy; all end in the same place."""
     steps, few, rounds = (5_000, 100, 3) if quick else (100_000, 1_000, 11)
-    model = vehicle()
+    model, environment = vehicle(), water()
     plant = oracle.plant_of(model)
     u, start = commands(model, steps), State.at(model, Start.at())
     run = jax.jit(fly)
-    same = np.asarray(run(model, start, jnp.asarray(u[:few])).position)
-    np.testing.assert_allclose(same, numpy_fly(plant, u[:few])[:3], atol=1e-7)
     u_device = jnp.asarray(u)
-    times = in_turns(
-        {
-            "compiled": lambda: run(model, start, u_device).position.block_until_ready(),
-            "numpy": lambda: numpy_fly(plant, u[:few]),
-        },
-        rounds,
-    )
-    return {
+    same = np.asarray(run(model, start, u_device[:few], environment).position)
+    np.testing.assert_allclose(same, numpy_fly(plant, u[:few])[:3], atol=1e-7)
+    actions = {
+        "compiled": lambda: run(model, start, u_device, environment).position.block_until_ready(),
+        "numpy": lambda: numpy_fly(plant, u[:few]),
+    }
+    if reference.compiler():
+        in_c = reference.Reference([model], [start], CURRENT)
+        laid = in_c.commands(u[None])
+        end = as_row(run(model, start, u_device, environment))
+        np.testing.assert_allclose(in_c.fly(laid, DT)[0], end, atol=1e-9)
+        actions["c"] = lambda: in_c.fly(laid, DT)
+    times = in_turns(actions, rounds)
+    found: dict[str, Any] = {
         "compiled_steps_per_s": rates(times["compiled"], steps),
         "numpy_steps_per_s": rates(times["numpy"], few),
         "ratio": ratio(times["compiled"], times["numpy"], steps, few),
+    }
+    if "c" not in times:
+        return found | {"c": reference.NO_COMPILER}
+    return found | {
+        "c": reference.description(),
+        "c_steps_per_s": rates(times["c"], steps),
+        "share_of_c": ratio(times["compiled"], times["c"], steps, steps),
     }
 
 
@@ -79,7 +96,7 @@ def batch(quick: bool) -> dict[str, Any]:
     steps, rounds = (250, 3) if quick else (2_000, 7)
     model = vehicle()
     actions, sizes = {}, SIZES[:2] if quick else SIZES
-    run = jax.jit(jax.vmap(fly))
+    run = jax.jit(jax.vmap(fly, in_axes=(0, 0, 0, None)))
     for n in sizes:
         scale = jnp.linspace(0.9, 1.1, n)
         models = jax.vmap(lambda s: model.replace(added_mass=s * model.added_mass))(scale)
@@ -87,7 +104,7 @@ def batch(quick: bool) -> dict[str, Any]:
         u = jnp.asarray(np.stack([commands(model, steps, seed) for seed in range(n)]))
 
         def action(models=models, starts=starts, u=u):
-            run(models, starts, u).position.block_until_ready()
+            run(models, starts, u, water()).position.block_until_ready()
 
         actions[str(n)] = action
     times = in_turns(actions, rounds)

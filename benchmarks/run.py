@@ -47,6 +47,10 @@ def times(figure: dict[str, float]) -> str:
     return f"{figure['median']:,.0f} ({figure['least']:,.0f} to {figure['most']:,.0f})"
 
 
+def share(figure: dict[str, float]) -> str:
+    return f"{figure['median']:.2f} ({figure['least']:.2f} to {figure['most']:.2f})"
+
+
 def rows(results: dict[str, Any]) -> list[tuple[str, str]]:
     """What was measured, and its figure with unit."""
     table: list[tuple[str, str]] = []
@@ -56,6 +60,10 @@ def rows(results: dict[str, Any]) -> list[tuple[str, str]]:
             ("  the same in NumPy", spread(one["numpy_steps_per_s"])),
             ("  ratio", times(one["ratio"])),
         ]
+        if "share_of_c" in one:
+            table += [("  the same in C", spread(one["c_steps_per_s"])), ("  share of C", share(one["share_of_c"]))]
+        else:
+            table.append(("  the same in C", one["c"]))
     if loop := results.get("closed_loop"):
         table += [
             ("closed loop, one vehicle: control ticks/s", spread(loop["compiled_ticks_per_s"])),
@@ -74,7 +82,6 @@ def rows(results: dict[str, Any]) -> list[tuple[str, str]]:
         table += [
             ("autopilot tick from Python: median", f"{1e6 * tick['median_s']:.0f} us"),
             ("  99 %; longest", f"{1e6 * tick['p99_s']:.0f} us; {1e6 * tick['most_s']:.0f} us"),
-            ("  compiled step alone, median", f"{1e6 * tick['step_median_s']:.0f} us"),
         ]
     for kind in ("cold", "cached"):
         if stages := results.get("compile", {}).get(kind):

@@ -2,15 +2,17 @@
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rovtwin.core.block import Start
-from rovtwin.core.flow import ABORTED, FINISHED, NO_REQUEST, AutopilotInput, Command, Measurements, pack
+from rovtwin.core.flow import ABORTED, FINISHED, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
 from rovtwin.scenario.loop import Loop, Record, advance, start_loop
+from rovtwin.scenario.realtime import HostAutopilot
 from rovtwin.simulation.twin import TwinInput
 
 CHUNK = 1.0  # simulated time between looks from outside [s]
@@ -66,33 +68,41 @@ def realtime_chunks(
         sleep: Waits so many seconds.
     """
     memory = start_loop(loop, key, start, control_dt=control_dt)
-    think, move = _compiled(loop, control_dt)
-    empty = jax.device_get(memory.measurements)
-    thinking = memory.autopilot
-    jax.block_until_ready((think(thinking, empty), move(memory.twin, Command(_off(loop)), 0)))
+    step_twin = jax.jit(lambda twin, memory, command, k: twin.step(memory, TwinInput(command, k), control_dt))
+    move = partial(step_twin, loop.twin)  # parameters are arguments: as constants they would be compiled anew each time
+    autopilot = HostAutopilot(loop.autopilot, memory.autopilot, memory.measurements, control_dt)
+    off = jnp.zeros(loop.twin.model.thrusters.count)
+    jax.block_until_ready(move(memory.twin, Command(off), 0))
 
     truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench)
     began = time.monotonic()
     now = clock or (lambda: time.monotonic() - began)
-    link = TwinLink(truth.following(move), memory.twin, _off(loop).shape[0], control_dt, now)
+    link = TwinLink(truth.following(move), memory.twin, off.shape[0], control_dt, now)
     total, ticks = ticks_in(duration, control_dt) + 1, ticks_in(CHUNK, control_dt)
-    rows: list[Record] = []
+    rows: list[tuple[Any, np.ndarray, np.ndarray]] = []
     with link:
         for k in range(total):
-            readings = empty
+            readings: list[Measurement] = []
             while link.tick < k:
                 sleep(max(0.0, k * control_dt - now()))
-                readings = pack(link.read(), empty)
-            state, water_velocity, external_wrench = truth.now
-            thinking, decided = think(thinking, readings)
-            link.send(decided.command)
-            rows.append(jax.device_get(Record(state, water_velocity, external_wrench, readings, decided)))
-            if len(rows) == ticks or k == total - 1 or int(rows[-1].autopilot.setpoint.phase) in (FINISHED, ABORTED):
-                kept, over = until_the_end(jax.tree.map(lambda *leaves: np.stack(leaves), *rows), len(rows) + 1)
+                readings = link.read()
+            link.send(autopilot.step(readings))
+            # The command is out; from here on there is time.
+            rows.append((truth.now, autopilot.taken, autopilot.given))
+            if len(rows) == ticks or k == total - 1 or autopilot.phase in (FINISHED, ABORTED):
+                kept, over = until_the_end(_recorded(autopilot, rows), len(rows) + 1)
                 rows = []
                 yield kept
                 if over:
                     return
+
+
+def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.ndarray]]) -> Record:
+    """The record of several ticks, leading axis ticks, from truth before each and the autopilot's vectors."""
+    truths, taken, given = zip(*rows, strict=True)
+    state, water_velocity, external_wrench = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))
+    measurements, decided = autopilot.unpacked(taken, given)
+    return Record(state, water_velocity, external_wrench, measurements, decided)
 
 
 class _Truth:
@@ -108,17 +118,3 @@ class _Truth:
             return memory, moved.measurements
 
         return advance_twin
-
-
-def _off(loop: Loop) -> Array:
-    return jnp.zeros(loop.twin.model.thrusters.count)
-
-
-def _compiled(loop: Loop, control_dt: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    think = jax.jit(
-        lambda memory, readings: loop.autopilot.step(
-            memory, AutopilotInput(readings, jnp.asarray(NO_REQUEST)), control_dt
-        )
-    )
-    move = jax.jit(lambda memory, command, k: loop.twin.step(memory, TwinInput(command, k), control_dt))
-    return think, move

@@ -1,0 +1,75 @@
+"""The autopilot tick by tick from Python: a link's readings in, the command out, in tens of microseconds."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.block import Block
+from rovtwin.core.flat import Layout, Packer
+from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Command, Measurement, Measurements
+from rovtwin.core.numerics import Array, in_one_piece, jax, jnp
+
+
+class HostAutopilot:
+    """An autopilot stepped by a host program; it keeps its memory and what the last tick took and gave.
+
+    What crosses between Python and compiled code is one vector each way, [readings, request] and [output, memory]: to
+    hand over the forty arrays that they are made of takes longer than the tick. What a log wants of them is unpacked
+    later, many ticks at once.
+
+    Attributes:
+        taken: The vector that went into the last tick, NumPy.
+        given: The vector that came out of it.
+    """
+
+    def __init__(self, autopilot: Block, memory: Any, slots: Measurements, control_dt: float):
+        """Compiles, so that the first tick takes as long as the others.
+
+        Args:
+            autopilot: Takes AutopilotInput, gives AutopilotOutput.
+            memory: Its memory before the first tick.
+            slots: Room for the readings of one tick; only shapes are used.
+            control_dt: Control period [s].
+        """
+        inputs = AutopilotInput(slots, jnp.asarray(NO_REQUEST))
+        _, output = jax.eval_shape(lambda m, i: autopilot.step(m, i, control_dt), memory, inputs)
+        blocks, self._takes, self._gives = Layout(autopilot), Layout(inputs), Layout((output, memory))
+        places = self._takes.places()
+        output_places, _ = self._gives.places()
+        self._pack = Packer(self._takes, slots, places.measurements)
+        self._request = places.request.start
+        self._u, self._phase = output_places.command.u, output_places.setpoint.phase.start
+
+        def tick(parameters: Array, before: Array, taken: Array) -> Array:
+            # Parameters come as a vector too: as constants they would make every vehicle a program of its own.
+            _, memory = self._gives.unflatten(before)
+            memory, output = blocks.unflatten(parameters).step(memory, self._takes.unflatten(taken), control_dt)
+            return self._gives.flatten((output, memory))
+
+        self._tick = in_one_piece(tick)
+        self._parameters = jax.jit(blocks.flatten)(autopilot)
+        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
+        self._after = jax.jit(self._gives.flatten)((nothing, memory))
+        self.taken, self.given = self._pack(()), np.asarray(self._after)
+        self._tick(self._parameters, self._after, self.taken).block_until_ready()
+
+    def step(self, readings: Sequence[Measurement], request: int = NO_REQUEST) -> Command:
+        """One tick: the command for the readings since the last one, and an operator's request."""
+        taken = self._pack(readings)
+        taken[self._request] = request
+        self._after = self._tick(self._parameters, self._after, taken)
+        self.taken, self.given = taken, np.asarray(self._after)
+        return Command(self.given[self._u])  # type: ignore[arg-type]  (NumPy: it goes to a link)
+
+    @property
+    def phase(self) -> int:
+        """Phase after the last tick, one of `flow.PHASES`."""
+        return int(self.given[self._phase])
+
+    def unpacked(
+        self, taken: Sequence[np.ndarray], given: Sequence[np.ndarray]
+    ) -> tuple[Measurements, AutopilotOutput]:
+        """Readings and outputs of several ticks from their vectors, leading axis ticks, NumPy."""
+        measurements = self._takes.unflatten(np.stack(taken)).measurements
+        return measurements, self._gives.unflatten(np.stack(given))[0]
