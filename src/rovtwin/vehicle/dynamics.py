@@ -27,7 +27,7 @@ from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, ro
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.surroundings import contact_wrench, dryness, lost_buoyancy
+from rovtwin.vehicle.surroundings import surroundings_wrench
 from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
 
 _CHANGING = ("velocity", "rate", "wrench", "place", "gradient", "head", "surface")  # of an Environment, step by step
@@ -104,15 +104,8 @@ def acceleration(
     """
     R_nb = rotation_from_quaternion(attitude)
     R_bn, down_b, omega = R_nb.T, R_nb[2], nu[3:]
-    force = tau + environment.wrench - restoring_wrench(model, down_b)
-    wet: Array | float = 1.0
-    if environment.surface is not None:
-        dry = dryness(model, position[2], down_b, environment.surface)
-        wet = 1.0 - dry @ model.hull.shares
-        force = force + lost_buoyancy(model, dry, down_b)
-    if environment.walls is not None:
-        force = force + contact_wrench(model, position, R_nb, nu, environment.walls)
-
+    edges, wet = surroundings_wrench(model, position, R_nb, nu, environment)
+    force = tau + environment.wrench + edges - restoring_wrench(model, down_b)
     v_c, a_fluid, a_path = (wet * (R_bn @ x) for x in _water_at(environment, position, R_nb @ nu[:3], elapsed))
     nu_r = jnp.concatenate([nu[:3] - v_c, omega])
     pressure = model.displaced_mass * jnp.concatenate([a_fluid, cross(model.center_of_buoyancy, a_fluid)])

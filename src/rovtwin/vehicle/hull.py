@@ -7,6 +7,7 @@ Plain NumPy on the host but for the last step.
 """
 
 from itertools import product
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -26,12 +27,20 @@ class Hull(eqx.Module):
         shares: Of the whole buoyancy, shape (n,); they sum to 1.
         reach: Half the height over which an element goes from dry to wet [m], shape (n,).
         corners: Outermost points of the body seen from CO, b [m], shape (m, 3).
+        radius: Beyond it from CB there is no element, and beyond it from CO no corner [m].
     """
 
     offsets: Array
     shares: Array
     reach: Array
     corners: Array
+    radius: Array
+
+    def __init__(self, offsets: Any, shares: Any, reach: Any, corners: Any):
+        """The radius follows."""
+        self.offsets, self.shares, self.reach, self.corners = map(as_array, (offsets, shares, reach, corners))
+        elements = jnp.sqrt(jnp.sum(self.offsets**2, axis=1)) + self.reach
+        self.radius = jnp.maximum(jnp.max(elements), jnp.sqrt(jnp.max(jnp.sum(self.corners**2, axis=1))))
 
 
 def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: np.ndarray) -> Hull | None:
@@ -49,12 +58,8 @@ def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: np.ndarray) -> Hull | No
     shares = _tilted(volumes / volumes.sum(), points, center_of_buoyancy)
     corners = np.concatenate([box.corners() for box in boxes])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    return Hull(
-        as_array(points - shares @ points),
-        as_array(shares),
-        as_array(reach),
-        as_array(0.5 * (low + high) + 0.5 * SIGNS * (high - low)),
-    )
+    outermost = 0.5 * (low + high) + 0.5 * SIGNS * (high - low)
+    return Hull(points - shares @ points, shares, reach, outermost)
 
 
 def _tilted(shares: np.ndarray, points: np.ndarray, center: np.ndarray) -> np.ndarray:

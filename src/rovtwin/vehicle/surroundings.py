@@ -1,14 +1,15 @@
 """Where the water ends: the surface, at which buoyancy fades, and walls, which push back.
 
 Both are forces of the state alone, evaluated inside the integration step, so that a floating vehicle keeps its energy
-and a wall never gives any.
+and a wall never gives any. Far from both nothing is computed. Products are written as broadcast and sum: as matrix
+products of these shapes they would take ten times as long inside a scan.
 
 References: Fossen (2021), sec. 4.2 (surface vessels); Hunt and Crossley (1975), J. Appl. Mech. 42(2) (contact).
 """
 
-from rovtwin.core.flow import Walls
+from rovtwin.core.flow import Environment, Walls
 from rovtwin.core.frames import cross
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
 
@@ -16,6 +17,43 @@ from rovtwin.vehicle.model import Model
 CONTACT_RATE = 25.0  # [rad/s]
 CONTACT_SPEED = 0.1  # closing speed that doubles the force; leaving faster than that, nothing is given back [m/s]
 FRICTION, SLIDING_SPEED = 0.3, 0.02  # wet plastic on concrete; speed above which it slides rather than creeps [m/s]
+
+
+def surroundings_wrench(
+    model: Model, position: Array, R_nb: Array, nu: Array, environment: Environment
+) -> tuple[Array, Array | float]:
+    """Wrench of surface and walls on the hull, b at CO, shape (6,), and which share of the hull is wet, 0 to 1.
+
+    Args:
+        model: Uses `hull`, the buoyancy and its centre, and the weight.
+        position: CO in n [m], shape (3,).
+        R_nb: Shape (3, 3).
+        nu: Velocity over ground, b at CO, shape (6,).
+        environment: Uses `surface` and `walls`.
+    """
+    wrench, wet = jnp.zeros(6), 1.0
+    hull, down_b = model.hull, R_nb[2]
+    if environment.surface is not None:
+        surface = environment.surface
+
+        def at_surface() -> tuple[Array, Array]:
+            dry = dryness(model, position[2], down_b, surface)
+            return lost_buoyancy(model, dry, down_b), 1.0 - jnp.sum(dry * hull.shares)
+
+        near = position[2] + jnp.sum(model.center_of_buoyancy * down_b) - surface < hull.radius
+        wrench, wet = jax.lax.cond(near, at_surface, lambda: (jnp.zeros(6), jnp.ones(())))
+    if environment.walls is not None:
+        walls = environment.walls
+        near = jnp.max(_dot(walls.normals, position) - walls.offsets) > -hull.radius
+        wrench = wrench + jax.lax.cond(
+            near, lambda: contact_wrench(model, position, R_nb, nu, walls), lambda: jnp.zeros(6)
+        )
+    return wrench, wet
+
+
+def _dot(rows: Array, vector: Array) -> Array:
+    """rows @ vector, shape (k,), of (k, 3) and (3,)."""
+    return rows[:, 0] * vector[0] + rows[:, 1] * vector[1] + rows[:, 2] * vector[2]
 
 
 def dryness(model: Model, z: Array, down_b: Array, surface: Array) -> Array:
@@ -32,8 +70,8 @@ def dryness(model: Model, z: Array, down_b: Array, surface: Array) -> Array:
 
 def _height(model: Model, z: Array, down_b: Array, surface: Array) -> Array:
     """Depth of the elements below the surface, in halves of their own height, shape (n,)."""
-    below = z + (model.center_of_buoyancy @ down_b) - surface
-    return (below + model.hull.offsets @ down_b) / model.hull.reach
+    below = z + jnp.sum(model.center_of_buoyancy * down_b) - surface
+    return (below + _dot(model.hull.offsets, down_b)) / model.hull.reach
 
 
 def lost_buoyancy(model: Model, dry: Array, down_b: Array) -> Array:
@@ -46,7 +84,7 @@ def lost_buoyancy(model: Model, dry: Array, down_b: Array) -> Array:
     """
     weights = model.buoyancy * model.hull.shares * dry
     force = jnp.sum(weights)
-    lever = force * model.center_of_buoyancy + weights @ model.hull.offsets
+    lever = force * model.center_of_buoyancy + jnp.sum(weights[:, None] * model.hull.offsets, axis=0)
     return jnp.concatenate([force * down_b, cross(lever, down_b)])
 
 
@@ -70,18 +108,17 @@ def contact_wrench(model: Model, position: Array, R_nb: Array, nu: Array, walls:
         nu: Velocity over ground, b at CO, shape (6,).
         walls: Planes.
     """
-    corners = model.hull.corners
-    omega = nu[3:]
-    turning = jnp.stack([cross(omega, r) for r in corners])
-    points = position + corners @ R_nb.T
-    velocities = (nu[:3] + turning) @ R_nb.T
-    depth = points @ walls.normals.T - walls.offsets
-    closing = velocities @ walls.normals.T
+    # All in b, with corners in rows and walls in columns: shapes (m, k), and (m, 1) or (k,) before they meet.
+    x, y, z = (model.hull.corners[:, i, None] for i in range(3))
+    (u, v, w), (p, q, r) = nu[:3], nu[3:]
+    moving = u + q * z - r * y, v + r * x - p * z, w + p * y - q * x
+    normal = [_dot(walls.normals, R_nb[:, i]) for i in range(3)]
+    inside = walls.offsets - _dot(walls.normals, position)
+    depth = x * normal[0] + y * normal[1] + z * normal[2] - inside
+    closing = moving[0] * normal[0] + moving[1] * normal[1] + moving[2] * normal[2]
     stiffness = model.weight / GRAVITY * CONTACT_RATE**2
     push = stiffness * jnp.maximum(depth, 0.0) * jnp.maximum(1.0 + closing / CONTACT_SPEED, 0.0)
-    along = velocities[:, None, :] - closing[:, :, None] * walls.normals
-    slowness = FRICTION / jnp.sqrt(jnp.sum(along**2, axis=-1) + SLIDING_SPEED**2)
-    force_n = -push @ walls.normals - jnp.sum((push * slowness)[:, :, None] * along, axis=1)
-    force = force_n @ R_nb
-    moment = jnp.stack([cross(r, f) for r, f in zip(corners, force, strict=True)])
-    return jnp.concatenate([jnp.sum(force, axis=0), jnp.sum(moment, axis=0)])
+    along = [m - closing * n for m, n in zip(moving, normal, strict=True)]
+    grip = push * FRICTION / jnp.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2 + SLIDING_SPEED**2)
+    X, Y, Z = (-push * n - grip * a for n, a in zip(normal, along, strict=True))
+    return jnp.stack([jnp.sum(f) for f in (X, Y, Z, y * Z - z * Y, z * X - x * Z, x * Y - y * X)])
