@@ -213,6 +213,19 @@ def test_ballast_writes_a_vehicle_that_can_be_checked_and_shown(tmp_path, monkey
     assert run(capsys, *words)[0] == 2, "an existing file is not overwritten"
 
 
+def test_check_says_when_a_vehicle_is_of_no_use_in_the_water(tmp_path, capsys):
+    path = tmp_path / "heavy.yaml"
+    path.write_text(VEHICLE.format(mass=10.8, inertia="[0.2, 0.2, 0.2]", extra=""))
+    code, out, _ = run(capsys, "vehicle", "check", path, "--json")
+    said = json.loads(out)
+    assert code == 0 and said["valid"] is True
+    assert said["reservations"] == ["it sinks with 9.81 N", "it has no thrusters"]
+    assert said["verdict"] == "usable, but: it sinks with 9.81 N; it has no thrusters"
+    code, out, _ = run(capsys, "vehicle", "check", path)
+    assert code == 0 and said["verdict"] in out.splitlines()[0]
+    assert run(capsys, "vehicle", "check", "double_blueye")[1].startswith("double_blueye: usable\n")
+
+
 def test_bad_input_with_json_is_an_object_too(capsys):
     code, out, err = run(capsys, "fly", "lawnmower_clam", "--json")
     assert code == 2 and "no such scenario" in json.loads(out)["error"] and "no such scenario" in err

@@ -196,7 +196,11 @@ def _metadata(t, truth, error, nees, across, waves):
         "matrices": {"rigid_body_mass": {"symbol": "M_RB", "values": values, "units": units}},
         "derivatives": derivatives,
         "thrusters": [{"name": name, **thruster} for name in THRUSTERS],
-        "natural_periods_s": {"roll": 5.8, "heave": None}, "top_speed": {"surge": 0.36, "yaw": 1.2},
+        "natural_periods_s": {"roll": 5.8, "heave": None},
+        "performance": {
+            "surge": {"ahead": {"force_N": 20.0, "top_speed_ms": 0.36, "coasting_time_s": None}},
+            "yaw": {"port": {"moment_Nm": 5.6, "top_speed_deg_per_s": 47.4, "coasting_time_s": 6.1}},
+        },
         "findings": ["allocation has rank 5 of 6"],
     }  # fmt: skip
     mission = [{"position": point, "acceptance": ACCEPTANCE, "hold_time": 0.0} for point in WAYPOINTS.tolist()]

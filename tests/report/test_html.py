@@ -94,7 +94,8 @@ def test_vehicle_has_symbols_and_units(page):
     ):
         assert words in page.text
     assert "natural periods, roll 5.8 s" in page.text and "natural periods, heave - s" in page.text
-    assert "top speed, surge 0.36 m/s" in page.text and "top speed, yaw 1.2 rad/s" in page.text
+    assert "top speed [m/s] coasting time [s] surge ahead 20 0.36 -" in page.text
+    assert "moment [N m] top speed [deg/s] coasting time [s] yaw port 5.6 47.4 6.1" in page.text
     assert "X_udot = -20.95 kg X_u = -4.4 N s/m" in page.text and "position [m]" in page.text
 
 

@@ -478,7 +478,53 @@ def test_findings(keys, said, tmp_path):
 
     path = tmp_path / "v.yaml"
     path.write_text(yaml.safe_dump({"name": "v", "description": "d", **BALL, **keys}))
-    assert any(said in line for line in check(path)), check(path)
+    assert any(said in line for line in check(path).findings), check(path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "verdict"),
+    [
+        ({"restoring": {"net_buoyancy": 3.0, "metacentric_height": 0.02}}, "usable"),
+        ({"restoring": {"net_buoyancy": -3.0, "metacentric_height": 0.02}}, "usable, but: it sinks with 3 N"),
+        (
+            {"restoring": {"net_buoyancy": -13.0, "metacentric_height": 0.02}},
+            "usable, but: it sinks with 13 N, and its thrusters lift 8 N",
+        ),
+        (
+            {"restoring": {"net_buoyancy": 11.0, "metacentric_height": 0.02}},
+            "usable, but: it floats with 11 N, and its thrusters push down 10 N",
+        ),
+        (
+            {"restoring": {"buoyancy": "neutral", "metacentric_height": -0.02}},
+            "usable, but: it capsizes: CG is above CB",
+        ),
+        ({"restoring": {"buoyancy": "neutral"}}, "usable, but: nothing rights it: CG is at CB"),
+        (
+            {"restoring": {"buoyancy": "neutral", "center_of_buoyancy": [0.02, 0, -0.02]}},
+            "usable, but: it hangs at roll 0, pitch 45 deg",
+        ),
+        (
+            {"restoring": {"net_buoyancy": -1.0, "metacentric_height": -0.02}, "thrusters": []},
+            "usable, but: it sinks with 1 N; it capsizes: CG is above CB; it has no thrusters",
+        ),
+    ],
+)
+def test_verdict(keys, verdict, tmp_path):
+    import yaml
+
+    path = tmp_path / "v.yaml"
+    heave = thruster(direction=[0, 0, 1], force={"ahead": 10.0, "astern": 8.0})
+    path.write_text(yaml.safe_dump({"name": "v", "description": "d", "thrusters": [heave], **BALL, **keys}))
+    assert check(path).verdict == verdict
+
+
+def test_verdicts_on_the_library():
+    said = {
+        name: check(name).verdict for name in ("double_blueye", "double_blueye_thesis", "bluerov2", "bluerov2_heavy")
+    }
+    # Its published weight and buoyancy are 1 N apart.
+    assert said.pop("bluerov2_heavy") == "usable, but: it sinks with 0.981 N"
+    assert set(said.values()) == {"usable"}
 
 
 def test_the_example_of_the_docs_loads(tmp_path):

@@ -38,7 +38,7 @@ Water = Annotated[
 
 @vehicle_app.command("show")
 def show(vehicle: VehicleName, water: Water = None, as_json: AsJson = False) -> None:
-    """Mass, CG, CB, inertia, buoyancy, matrices with symbols and units, allocation, trim and stability."""
+    """Mass, CG, CB, matrices with symbols and units, thrusters, top speeds, stopping distances, trim, stability."""
     from rovtwin.vehicle import load_vehicle, render, summary
     from rovtwin.vehicle.water import density_of
 
@@ -54,16 +54,17 @@ def show(vehicle: VehicleName, water: Water = None, as_json: AsJson = False) -> 
 
 @vehicle_app.command("check")
 def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
-    """Say what is wrong with a vehicle file (exit code 2), or what to know about it."""
-    from rovtwin.vehicle import check as findings_of
+    """Say what is wrong with a vehicle file (exit code 2), or whether it sinks or capsizes and what else to know."""
+    from rovtwin.vehicle import check as check_it
 
-    findings = findings_of(vehicle)
+    found = check_it(vehicle)
     if as_json:
-        emit({"vehicle": vehicle, "valid": True, "findings": findings})
+        said = {"verdict": found.verdict, "reservations": found.reservations, "findings": found.findings}
+        emit({"vehicle": vehicle, "valid": True, **said})
     else:
         out = console(False)
-        out.print(f"{vehicle}: usable", markup=False)
-        for finding in findings:
+        out.print(f"{vehicle}: {found.verdict}", markup=False, soft_wrap=True)
+        for finding in found.findings:
             out.print(f"- {finding}", markup=False)
     raise typer.Exit(DONE)
 
@@ -86,9 +87,7 @@ def ballast(
             "default corners, edges and centres of top and bottom of the box around all shapes.",
         ),
     ] = None,
-    water: Annotated[
-        str | None, typer.Option(metavar="DENSITY", help="Of the water, kg/m3; default the file's.")
-    ] = None,
+    water: Water = None,
     foam_density: Annotated[str, typer.Option(metavar="DENSITY", help="kg/m3.")] = "200",
     weight_density: Annotated[str, typer.Option(metavar="DENSITY", help="kg/m3; lead.")] = "11340",
     max_mass: Annotated[
@@ -112,6 +111,7 @@ def ballast(
     from rovtwin.vehicle.ballasted import Materials
     from rovtwin.vehicle.ballasted import ballast as ballast_it
     from rovtwin.vehicle.tables import ballast_tables
+    from rovtwin.vehicle.water import density_of
 
     wish = Wish(
         None if buoyancy is None else quantity(buoyancy, LIFT, "--buoyancy"),
@@ -128,7 +128,7 @@ def ballast(
         vehicle,
         wish,
         materials,
-        water_density=None if water is None else quantity(water, DENSITY, "--water"),
+        water_density=None if water is None else density_of(water),
         step=None if step is None else positive(step, MASS, "--round"),
         out=out,
         command=shlex.join(["rovtwin", *sys.argv[1:]]),

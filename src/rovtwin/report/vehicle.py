@@ -15,11 +15,11 @@ _SYMBOLS = {
 }  # fmt: skip
 _UNITS = {
     "kgm3": "kg/m³", "kgm2": "kg m²", "ms2": "m/s²", "m3": "m³", "kg": "kg", "N": "N", "m": "m", "s": "s", "ms": "m/s",
-    "deg": "deg", "Nm_per_rad": "N m/rad", "N_per_s": "N/s",
+    "deg": "deg", "Nm_per_rad": "N m/rad", "N_per_s": "N/s", "Nm": "N m", "deg_per_s": "deg/s",
 }  # fmt: skip
 _AXIS_UNITS = {
     quantity: dict.fromkeys(("surge", "sway", "heave"), linear) | dict.fromkeys(("roll", "pitch", "yaw"), angular)
-    for quantity, linear, angular in (("largest_wrench", "N", "N m"), ("top_speed", "m/s", "rad/s"))
+    for quantity, linear, angular in (("largest_wrench", "N", "N m"),)
 }
 
 
@@ -58,6 +58,8 @@ def vehicle_tables(flight: Flight) -> list[Table]:
             tables += _matrices(value)
         elif key == "derivatives" and _is_records(value):
             tables.append(_derivatives(value))
+        elif key == "performance" and isinstance(value, Mapping):
+            tables += _performance(value)
         elif key == "findings" and isinstance(value, list):
             tables.append(Table("To know", ["Finding"], [[text(line)] for line in value]))
         elif key == "allocation" and isinstance(value, Mapping):
@@ -124,6 +126,18 @@ def _matrices(matrices: Mapping[str, Any]) -> list[Table]:
         title = f"{matrix.get('symbol', '')}, {words(name)}" + (f" [{units}]" if units else "")
         tables.append(Table(title, [], _cells(matrix["values"])))
     return tables
+
+
+def _performance(axes: Mapping[str, Any]) -> list[Table]:
+    """What the vehicle can do on each axis alone: translation, then turning, whose units differ."""
+    tables: dict[tuple[str, ...], Table] = {}
+    for axis, directions in axes.items():
+        for direction, able in directions.items():
+            keys = tuple(able)
+            head = ["Direction", *(_head(key) for key in keys)]
+            table = tables.setdefault(keys, Table("One axis at a time", head, []))
+            table.rows.append([f"{axis} {direction}", *(text(able[key]) for key in keys)])
+    return list(tables.values())
 
 
 def _derivatives(records: list[Mapping[str, Any]]) -> Table:

@@ -15,6 +15,7 @@ from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, 
 from rovtwin.vehicle.extent import bounding_box
 from rovtwin.vehicle.floating import floating_of
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.water import check_density
 
 STEP = 0.01  # what pieces are rounded to unless a step is given [kg]
 SHARE = 0.25  # of the vehicle's mass: more foam and lead than that is another vehicle
@@ -69,10 +70,8 @@ def ballast(
         _require_new(out)
     path = files.find(name_or_path)
     vehicle = load_vehicle(path)
-    density = vehicle.assembly.density if water_density is None else water_density
-    if not 900 <= density <= 1100:
-        raise ConfigError(f"water density {density:g} kg/m3, expected 900 to 1100 (fresh 1000, sea 1025)")
-    total = vehicle.assembly.in_water(density)
+    density = vehicle.assembly.density if water_density is None else check_density(water_density)
+    total = vehicle.in_water(density).assembly
     exact = pieces_for(total, wish, _stock(vehicle, materials or Materials()))
     rounded = [p for p in (piece.rounded(STEP if step is None else step) for piece in exact) if p.mass > 0]
     pieces = exact if step is None else rounded
@@ -108,7 +107,7 @@ def _rounded_figures(vehicle: Vehicle, path: Path, rounded: list[Piece], density
 
 def figures(vehicle: Vehicle, density: float) -> dict[str, Any]:
     """How a vehicle floats in water of a density, JSON-serialisable."""
-    total = vehicle.assembly.in_water(density)
+    total = vehicle.in_water(density).assembly
     rest = floating_of(total)
     roll, pitch = (float(angle) if np.isfinite(angle) else None for angle in np.degrees(rest.trim))
     return {

@@ -1,6 +1,7 @@
 """What to know about a vehicle file that is valid: things that are legal and still surprise in the water."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,61 @@ from rovtwin.vehicle.schema import Thruster
 from rovtwin.vehicle.trim import SPEED_LIMIT, hang, reach, stability, steady_speed
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
+_UNNOTICED = 1e-6  # net buoyancy as a share of the weight
+_UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
 
 
-def check(name_or_path: str | Path) -> list[str]:
-    """One line per finding about a vehicle file that can be used.
+@dataclass(frozen=True)
+class Check:
+    """What is to be said about a vehicle file that can be used.
+
+    Attributes:
+        reservations: What the vehicle will do that nobody wants of one: sink, capsize, only drift.
+        findings: One line each on all that may surprise.
+    """
+
+    reservations: list[str]
+    findings: list[str]
+
+    @property
+    def verdict(self) -> str:
+        """`usable`, or `usable, but: ` and the reservations."""
+        return f"usable, but: {'; '.join(self.reservations)}" if self.reservations else "usable"
+
+
+def check(name_or_path: str | Path) -> Check:
+    """The verdict on a vehicle file.
 
     Raises:
         ConfigError: It cannot be used; a line per mistake.
     """
     vehicle = load_vehicle(name_or_path)
-    return findings(vehicle, vehicle.model())
+    model = vehicle.model()
+    return Check(reservations(model), findings(vehicle, model))
+
+
+def reservations(model: Model) -> list[str]:
+    """What spoils a vehicle in still water; empty for one that can be flown."""
+    found = []
+    floating, limits = hang(model), reach(model)[2]
+    net, little = floating.net_buoyancy, _UNNOTICED * float(model.weight)
+    # z is down: the lowest heave force is the thrusters' lift.
+    if net < -little:
+        weak = model.thrusters.count > 0 and net < limits[0]
+        found.append(f"it sinks with {-net:.3g} N" + (f", and its thrusters lift {-limits[0]:.3g} N" if weak else ""))
+    elif net > max(limits[1], little):
+        found.append(f"it floats with {net:.3g} N, and its thrusters push down {limits[1]:.3g} N")
+    roll, pitch = np.degrees(floating.trim)
+    if floating.stiffness[0] < 0:
+        found.append("it capsizes: CG is above CB")
+    elif not np.isfinite([roll, pitch]).all():
+        found.append("nothing rights it: CG is at CB")
+    elif max(abs(roll), abs(pitch)) > _UPRIGHT:
+        found.append(f"it hangs at roll {roll:.0f}, pitch {pitch:.0f} deg")
+    if model.thrusters.count == 0:
+        found.append("it has no thrusters")
+    return found
 
 
 def findings(vehicle: Vehicle, model: Model) -> list[str]:
@@ -80,7 +125,7 @@ def _about_floating(model: Model) -> Iterator[str]:
     floating = hang(model)
     limits = reach(model)[2]
     net = floating.net_buoyancy
-    if abs(net) > 1e-6 * float(model.weight):
+    if abs(net) > _UNNOTICED * float(model.weight):
         way, limit = ("floats", limits[1]) if net > 0 else ("sinks", -limits[0])
         share = f", {100 * abs(net) / limit:.0f} % of the heave thrust" if limit > 0 else ""
         yield f"{way} with {abs(net):.3g} N{share}; without thrust it drifts {steady_speed(model, 2, -net):.2f} m/s"

@@ -8,6 +8,7 @@ from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.findings import findings, uncontrollable
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.performance import Ability, performance
 from rovtwin.vehicle.propulsion import direction_vector
 from rovtwin.vehicle.reach import rank
 from rovtwin.vehicle.schema import Curve, Thruster
@@ -66,7 +67,7 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
             "uncontrollable": uncontrollable(T),
         },
         "largest_wrench": {axis: _plain(limits[i]) for i, axis in enumerate(AXES)},
-        "top_speed": {axis: _number(steady_speed(model, i, limits[i, 1])) for i, axis in enumerate(AXES)},
+        "performance": _performance(model),
         "trim": _trim(model, floating),
         "natural_periods_s": {
             "roll": _number(floating.periods[0]),
@@ -132,6 +133,31 @@ def _thruster(vehicle: Vehicle, model: Model, i: int) -> dict[str, Any]:
         "rate_limit_N_per_s": _number(float(arrays.rate_limit[i])),
         "quantisation": float(arrays.quantisation[i]),
         "health": float(arrays.health[i]),
+    }
+
+
+def _performance(model: Model) -> dict[str, Any]:
+    """What it can do in each direction; null where it never comes to that."""
+
+    def said(axis: str, able: Ability) -> dict[str, Any]:
+        turns = axis == "yaw"
+        force, speed, way = ("moment_Nm", "deg_per_s", "angle_deg") if turns else ("force_N", "ms", "distance_m")
+        scale = 180.0 / np.pi if turns else 1.0
+        # In a steady current only the velocity through the water counts: the largest that is held is the top speed.
+        current = {} if turns else {"largest_current_ms": _number(able.top_speed)}
+        return {
+            force: able.force,
+            f"top_speed_{speed}": _number(scale * able.top_speed),
+            **current,
+            f"stopping_{way}": _number(scale * able.stopping_distance),
+            "stopping_time_s": _number(able.stopping_time),
+            f"coasting_{way}": _number(scale * able.coasting_distance),
+            "coasting_time_s": _number(able.coasting_time),
+        }
+
+    return {
+        axis: {direction: said(axis, able) for direction, able in directions.items()}
+        for axis, directions in performance(model).items()
     }
 
 

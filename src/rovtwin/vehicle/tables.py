@@ -17,7 +17,7 @@ def tables(found: dict[str, Any]) -> list[Any]:
     """Rich renderables of what `show.summary` returns, in reading order."""
     shown: list[Any] = [Panel(_safe(found["description"]), title=found["name"], title_align="left", expand=False)]
     shown += [_body(found), *_matrices(found), _derivatives(found)]
-    shown += [*_thrusters(found), _allocation(found), _reach(found), _floating(found)]
+    shown += [*_thrusters(found), _allocation(found), _reach(found), _performance(found), _floating(found)]
     if found["cameras"] or found["sensors"]:
         shown.append(_mounted(found))
     if found["sources"]:
@@ -191,10 +191,38 @@ def _reach(found: dict[str, Any]) -> Group:
     rows = []
     for i, axis in enumerate(AXES):
         limits = [_g(limit) for limit in found["largest_wrench"][axis]]
-        units = ("N", "m/s") if i < 3 else ("N m", "rad/s")
-        rows.append((axis, *limits, units[0], _g(found["top_speed"][axis], 3), units[1]))
-    heads = ("", "lowest", "highest", "", "top speed", "")
+        rows.append((axis, *limits, "N" if i < 3 else "N m"))
+    heads = ("", "lowest", "highest", "")
     return _titled("reach of all thrusters together, each direction by itself", _table(heads, rows, numbers=1))
+
+
+def _performance(found: dict[str, Any]) -> Group:
+    """Top speed, stopping and coasting in each direction, and what they are worth."""
+    rows = []
+    for axis, directions in found["performance"].items():
+        units = ("N m", "deg/s", "deg", "s", "deg", "s") if axis == "yaw" else ("N", "m/s", "m", "s", "m", "s")
+        endless = ("-", "no limit", "never", "never", "drifts on", "")
+        for direction, able in directions.items():
+            values = [value for key, value in able.items() if key != "largest_current_ms"]
+            cells = zip(values, units, endless, strict=True)
+            rows.append((f"{axis} {direction}", *(f"{_g(v, 3)} {u}" if v is not None else e for v, u, e in cells)))
+    heads = ("", "force", "top speed", "stops in", "after", "coasts", "for")
+    said = _table(("", ""), [("-", line) for line in _about_performance(found)], text=(1,))
+    return Group(Text("one axis at a time", style="bold"), _table(heads, rows, numbers=1), said, Text())
+
+
+def _about_performance(found: dict[str, Any]) -> list[str]:
+    lines = [
+        "top speed: drag = thrust, with net buoyancy in heave; so also the largest steady current held on the axis",
+        "stops: full reverse from top speed, with the thrusters' lag; coasts: no thrust, until a tenth of it is left",
+    ]
+    top, limit = (
+        found["performance"]["surge"]["ahead"]["top_speed_ms"],
+        found["stability"]["pitch_depth_held_speed_ms"],
+    )
+    if limit is not None and (top is None or limit < top):
+        lines.append(f"surge ahead: pitch diverges above {_g(limit, 3)} m/s when depth is held (Munk moment)")
+    return lines
 
 
 def _floating(found: dict[str, Any]) -> Group:
