@@ -114,25 +114,26 @@ def test_the_plant_stops_where_it_is_said(thruster, net):
     for direction, sign in zip(DIRECTIONS["heave"][1], (1.0, -1.0), strict=True):
         one = able[direction]
         way, t = flown(model, 2, sign, one.top_speed, coasting=False)
-        assert one.stopping_distance == pytest.approx(way, rel=5e-3)
-        assert one.stopping_time == pytest.approx(t, rel=5e-3)
+        assert one.stopping_distance == pytest.approx(way, rel=2e-3)
+        assert one.stopping_time == pytest.approx(t, rel=2e-3)
         if not net:
             way, t = flown(model, 2, sign, one.top_speed, coasting=True)
-            assert one.coasting_distance == pytest.approx(way, rel=5e-3)
-            assert one.coasting_time == pytest.approx(t, rel=5e-3)
+            assert one.coasting_distance == pytest.approx(way, rel=2e-3)
+            assert one.coasting_time == pytest.approx(t, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", ["double_blueye", "bluerov2", "bluerov2_heavy"])
 def test_vehicles_of_the_library_stop_so_in_the_plant(name):
-    """Free on all axes: what couples in (CG below CO, trim) is within 1.5 %."""
+    """Free on all axes; only bluerov2's CG, below CO, lets thrust ahead or abeam pitch and roll it."""
     model = load_vehicle(name).model()
     found = performance(model)
     for axis, (i, names) in DIRECTIONS.items():
         for direction, sign in zip(names, (1.0, -1.0), strict=True):
             able = found[axis][direction]
             way, t = flown(model, i, sign, able.top_speed, coasting=False)
-            assert able.stopping_distance == pytest.approx(way, rel=0.015), (axis, direction)
-            assert able.stopping_time == pytest.approx(t, rel=0.015), (axis, direction)
+            within = 0.015 if name == "bluerov2" and axis in ("surge", "sway") else 1e-4
+            assert able.stopping_distance == pytest.approx(way, rel=within), (axis, direction)
+            assert able.stopping_time == pytest.approx(t, rel=within), (axis, direction)
 
 
 def test_top_speed_is_where_the_plant_ends_and_the_current_it_holds():
