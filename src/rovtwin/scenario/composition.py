@@ -24,10 +24,12 @@ from rovtwin.scenario.schema import (
     MissionSection,
     Scenario,
     SensorSection,
+    WorldSection,
 )
 from rovtwin.simulation.sensors import Sensor, table_5_7
 from rovtwin.simulation.twin import Twin
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
+from rovtwin.vehicle.trim import afloat
 
 DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
 
@@ -92,16 +94,15 @@ def compose(scenario: Scenario) -> Composed:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
     key_plant, key_run = jax.random.split(jax.random.key(scenario.seed))
     sensors = sensors_of(scenario)
+    plant = plant_of(scenario.world, vehicle, model, key_plant)
     loop = Loop(
         autopilot=autopilot_of(scenario, model, sensors),
-        twin=Twin(
-            plant_of(scenario.world, vehicle, model, key_plant), world_of(scenario.world), sensors, scenario.substeps
-        ),
+        twin=Twin(plant, world_of(scenario.world), sensors, scenario.substeps),
     )
     return Composed(
         loop=loop,
         key=key_run,
-        start=Start.at(scenario.start.position, scenario.heading),
+        start=Start.at(below_surface(scenario.start.position, scenario.world, plant), scenario.heading),
         model=model,
         thruster_names=[_field_name(name) for name in vehicle.thruster_names],
         sensor_names=list(sensors),
@@ -150,7 +151,7 @@ def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor]) -
     thesis = Autopilot.thesis(
         model,
         Ekf(model, _tuning_of(section, sensors, scenario.control_dt)),
-        way_points(scenario.mission),
+        way_points(scenario.mission, scenario.world, model),
         gains=section.controller.gains,
         supervisor=Supervisor(
             depth_limit=supervisor.depth_limit,
@@ -175,20 +176,28 @@ def _tuning_of(section: AutopilotSection, sensors: dict[str, Sensor], control_dt
     return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
 
 
-def way_points(section: MissionSection) -> Mission:
+def below_surface(position: list[float], world: WorldSection, model: Model) -> list[float]:
+    """A place [m], or the one below it where the vehicle floats: depth 0 means at the surface, not half in air."""
+    if not world.surface:
+        return position
+    return [*position[:2], max(position[2], afloat(model))]
+
+
+def way_points(section: MissionSection, world: WorldSection, model: Model) -> Mission:
     """The mission's arrays."""
+    places = [below_surface(w.position, world, model) for w in section.waypoints]
     return mission_of(
         [
             {
-                "x": w.position[0],
-                "y": w.position[1],
-                "depth": w.position[2],
+                "x": place[0],
+                "y": place[1],
+                "depth": place[2],
                 "speed": w.speed,
                 "acceptance": w.acceptance,
                 "hold_time": w.hold_time,
                 "heading": None if w.heading_deg is None else math.radians(w.heading_deg),
             }
-            for w in section.waypoints
+            for w, place in zip(section.waypoints, places, strict=True)
         ],
         where=section.name,
     )

@@ -65,6 +65,22 @@ def hang(model: Model) -> Hang:
     return Hang(rest.stiffness, rest.metacentric_height, rest.trim, rest.net_buoyancy, periods)
 
 
+def afloat(model: Model) -> float:
+    """Depth of CO at which the level vehicle floats [m]; where it does not float, at which its top touches the surface.
+
+    The rise of the hull's elements is piecewise linear and monotone: bisection finds it to rounding.
+    """
+    hull, r_b = model.hull, np.asarray(model.center_of_buoyancy)
+    z, reach, shares = r_b[2] + np.asarray(hull.offsets)[:, 2], np.asarray(hull.reach), np.asarray(hull.shares)
+    lowest, highest = float((-z - reach).min()), float((-z + reach).max())
+    wanted = min(max(1.0 - float(model.weight) / float(model.buoyancy), 0.0), 1.0) if float(model.buoyancy) > 0 else 0.0
+    for _ in range(60):
+        middle = 0.5 * (lowest + highest)
+        dry = shares @ np.clip(0.5 - 0.5 * (middle + z) / reach, 0.0, 1.0)
+        lowest, highest = (middle, highest) if dry > wanted else (lowest, middle)
+    return highest
+
+
 def linearised(model: Model, surge_speed: Array) -> Array:
     """A, shape (8, 8), of the small motions x = [nu, phi, theta] about level flight at a steady surge speed.
 

@@ -19,14 +19,14 @@ Place = Annotated[Vector3, AfterValidator(_under_water)]
 class StartSection(Strict):
     """Where the vehicle begins, at rest and level."""
 
-    position: Place = Field(default=[0.0, 0.0, 0.5], description="CO, north, east, down [m]")
+    position: Place = Field(default=[0.0, 0.0, 0.5], description="CO, north, east, down [m]; depth 0: afloat")
     heading_deg: Degrees = 0.0
 
 
 class Waypoint(Strict):
     """One way-point."""
 
-    position: Place = Field(description="north, east, down [m]")
+    position: Place = Field(description="north, east, down [m]; depth 0: at the surface")
     acceptance: Positive = Field(default=0.2, description="radius [m]")
     speed: Positive = Field(default=0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
     hold_time: NonNegative = Field(default=0.0, description="time to stay [s]")
