@@ -15,8 +15,11 @@ from rovtwin.vehicle import Model, Vehicle
 
 
 def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) -> Model:
-    """The true vehicle: the model, perturbed and lifted as the world says, with its faults."""
-    plant = model
+    """The true vehicle: the model, put into the world's water, perturbed, lifted, with its faults.
+
+    Water and net buoyancy are the plant's alone, as when a vehicle trimmed in a pool goes to sea.
+    """
+    plant = model if world.water is None else vehicle.model(water_density=world.water.kg_per_m3)
     if world.mismatch:
         plant = perturbed(plant, key, world.mismatch.damping, world.mismatch.mass, world.mismatch.thrust)
     if world.thruster_health:

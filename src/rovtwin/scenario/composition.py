@@ -151,7 +151,7 @@ def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor]) -
     thesis = Autopilot.thesis(
         model,
         Ekf(model, _tuning_of(section, sensors, scenario.control_dt)),
-        way_points(scenario.mission, scenario.world, model),
+        way_points(scenario, model),
         gains=section.controller.gains,
         supervisor=Supervisor(
             depth_limit=supervisor.depth_limit,
@@ -183,9 +183,10 @@ def below_surface(position: list[float], world: WorldSection, model: Model) -> l
     return [*position[:2], max(position[2], afloat(model))]
 
 
-def way_points(section: MissionSection, world: WorldSection, model: Model) -> Mission:
-    """The mission's arrays."""
-    places = [below_surface(w.position, world, model) for w in section.waypoints]
+def way_points(scenario: Scenario, model: Model) -> Mission:
+    """The mission's arrays; way-points on the map become places in n."""
+    section = scenario.mission
+    places = [below_surface(w.placed(scenario.origin), scenario.world, model) for w in section.waypoints]
     return mission_of(
         [
             {

@@ -217,6 +217,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
 
 def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
     """What a log must say to be replayed and judged; wall-clock time is added by the log itself."""
+    datum = scenario.origin
     return {
         "version": __version__,
         "scenario": dump_scenario(scenario_to_replay(scenario, composed)),
@@ -228,7 +229,8 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
         "vehicle_table": to_json(composed.vehicle_table),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
-        "mission": to_json([w.model_dump() for w in scenario.mission.waypoints]),
+        "datum": datum.metadata(),
+        "mission": to_json([w.model_dump() | {"position": w.placed(datum)} for w in scenario.mission.waypoints]),
     }
 
 

@@ -54,21 +54,31 @@ def check_density(value: float) -> float:
     return float(value)
 
 
-def density_of(text: str) -> float:
-    """Density [kg/m3] of water said in words: `fresh`, `sea`, `1025`, or temperature and salinity as `12C 34`.
+def water_in_words(text: str) -> dict[str, float]:
+    """What `fresh`, `sea`, `1025` or `12C 34` means: density, or temperature and salinity, by these names.
 
     Raises:
-        ConfigError: It is none of these, or no such water.
+        ConfigError: It is none of these.
     """
     words = text.strip().lower()
     if words in NAMED:
-        return NAMED[words]
+        return {"density": NAMED[words]}
     number = r"([-+]?\d+(?:\.\d*)?)"
     if found := re.fullmatch(number, words):
-        return check_density(float(found[1]))
+        return {"density": float(found[1])}
     if found := re.fullmatch(rf"{number}\s*°?\s*c[\s,]+{number}", words):
-        return density(float(found[1]), float(found[2]))
+        return {"temperature": float(found[1]), "salinity": float(found[2])}
     raise ConfigError(
         f"water {text!r}: expected fresh, sea, a density such as 1025 [kg/m3], or temperature and practical salinity "
         "such as '12C 34'"
     )
+
+
+def density_of(text: str) -> float:
+    """Density [kg/m3] of water in the words of `water_in_words`.
+
+    Raises:
+        ConfigError: No such water.
+    """
+    found = water_in_words(text)
+    return check_density(found["density"]) if "density" in found else density(**found)

@@ -1,12 +1,14 @@
-"""What a run is, as people write it: vehicle, world, sensors, autopilot, mission, seed.
+"""What a run is, as people write it: vehicle, datum, world, sensors, autopilot, mission, seed.
 
 SI units; a name whose unit is not SI says so (`heading_deg`). `rovtwin scenario show NAME` prints any scenario in full.
 """
 
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
+from rovtwin.scenario.schema.datum import DatumSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
+from rovtwin.scenario.schema.water import WaterSection
 from rovtwin.scenario.schema.world import (
     ConstantCurrentSection,
     GaussMarkovCurrentSection,
@@ -20,12 +22,14 @@ __all__ = [
     "SENSOR_NAMES",
     "AutopilotSection",
     "ConstantCurrentSection",
+    "DatumSection",
     "GaussMarkovCurrentSection",
     "MissionSection",
     "Scenario",
     "SensorSection",
     "ShearedCurrentSection",
     "ThesisWavesSection",
+    "WaterSection",
     "Waypoint",
     "WorldSection",
 ]

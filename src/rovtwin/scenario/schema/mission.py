@@ -2,9 +2,11 @@
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Positive, Strict, Vector3
+from rovtwin.core.datum import Datum
+from rovtwin.scenario.schema.datum import on_earth
 
 
 def _under_water(place: list[float]) -> list[float]:
@@ -14,6 +16,7 @@ def _under_water(place: list[float]) -> list[float]:
 
 
 Place = Annotated[Vector3, AfterValidator(_under_water)]
+PlaceOnEarth = Annotated[Vector3, AfterValidator(on_earth)]
 
 
 class StartSection(Strict):
@@ -24,13 +27,34 @@ class StartSection(Strict):
 
 
 class Waypoint(Strict):
-    """One way-point."""
+    """One way-point, in the world frame or on the map."""
 
-    position: Place = Field(description="north, east, down [m]; depth 0: at the surface")
+    position: Place | None = Field(default=None, description="north, east, down [m]; depth 0: at the surface")
+    geodetic: PlaceOnEarth | None = Field(
+        default=None, description="in place of position: latitude, longitude [deg, WGS-84], depth [m]"
+    )
     acceptance: Positive = Field(default=0.2, description="radius [m]")
     speed: Positive = Field(default=0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
     hold_time: NonNegative = Field(default=0.0, description="time to stay [s]")
     heading_deg: Degrees | None = Field(default=None, description="heading to keep; default along the leg")
+
+    @model_validator(mode="after")
+    def _is_one_place(self) -> "Waypoint":
+        if (self.position is None) == (self.geodetic is None):
+            found = "neither position nor geodetic" if self.position is None else "both position and geodetic"
+            raise ValueError(f"found {found}, expected one: [north, east, down] or [latitude, longitude, depth]")
+        return self
+
+    @property
+    def depth(self) -> float:
+        """Below the water [m]."""
+        return (self.position or self.geodetic or [0.0, 0.0, 0.0])[2]
+
+    def placed(self, datum: Datum) -> list[float]:
+        """Where it is in the world frame about a datum: north, east, down [m]."""
+        if self.geodetic is None:
+            return list(self.position or [])
+        return datum.position(*self.geodetic).tolist()
 
 
 class MissionSection(Strict):

@@ -6,7 +6,9 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from rovtwin.core.config import Number, Strict
+from rovtwin.core.datum import Datum
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
+from rovtwin.scenario.schema.datum import DatumSection, require_near
 from rovtwin.scenario.schema.mission import MissionSection, StartSection
 from rovtwin.scenario.schema.sensors import SensorsSection
 from rovtwin.scenario.schema.world import WorldSection
@@ -44,6 +46,7 @@ class Scenario(Strict):
     )
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 1
     duration: Annotated[Number, Field(gt=0, le=86_400)] = Field(default=1500.0, description="longest run [s]")
+    datum: DatumSection = DatumSection()
     start: StartSection = StartSection()
     rates: RatesSection = RatesSection()
     world: WorldSection = WorldSection()
@@ -72,9 +75,11 @@ class Scenario(Strict):
             raise ValueError(f"log.rate {self.log.rate} Hz does not divide the control rate {self.rates.control} Hz")
         limit = self.autopilot.supervisor.depth_limit
         for i, waypoint in enumerate(self.mission.waypoints):
-            if waypoint.position[2] >= limit:
+            if waypoint.geodetic:
+                require_near(self.origin, waypoint.geodetic, f"mission.waypoints[{i}].geodetic")
+            if waypoint.depth >= limit:
                 raise ValueError(
-                    f"mission.waypoints[{i}] is {waypoint.position[2]:g} m deep, where the supervisor aborts; stay "
+                    f"mission.waypoints[{i}] is {waypoint.depth:g} m deep, where the supervisor aborts; stay "
                     f"above {limit:g} m or raise autopilot.supervisor.depth_limit"
                 )
         return self
@@ -86,6 +91,11 @@ class Scenario(Strict):
     @property
     def substeps(self) -> int:
         return self.rates.physics // self.rates.control
+
+    @property
+    def origin(self) -> Datum:
+        """The datum, which converts between the world frame and the map."""
+        return self.datum.origin
 
     @property
     def heading(self) -> float:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.scenario.schema.water import WaterSection
 
 
 class ConstantCurrentSection(Strict):
@@ -94,6 +95,9 @@ class TankSection(Strict):
 class WorldSection(Strict):
     """The water, and how the true vehicle differs from the model."""
 
+    water: WaterSection | None = Field(
+        default=None, description="density, for the plant, not for the model; default: what the vehicle is written for"
+    )
     current: CurrentSection = ConstantCurrentSection()
     waves: ThesisWavesSection | None = None
     surface: bool = Field(default=True, description="whether buoyancy ends at depth 0, as in nature")
