@@ -53,9 +53,13 @@ def test_log_commands(short_run, tmp_path, capsys):
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap", "--json")
     rows = {row["name"]: row for row in json.loads(out)["rows"]}
     assert code == 0 and rows["sensor/gyro"]["messages"] == 1200 and rows["truth/eta"]["frame"] == "n"
-    assert run(capsys, "log", "info", folder / "log.mcap")[0] == 0
+    code, out, _ = run(capsys, "log", "info", folder / "log.mcap")
+    assert code == 0 and "datum: 63.450000° N, 10.360000° E, water level 0 m, start 2021-06-01T10:00:00Z" in out
     assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "run.nc")[0] == 0
     assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "csv")[0] == 0
+    for ending in ("geojson", "gpx", "kml"):
+        assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / f"track.{ending}")[0] == 0
+        assert "63.45" in (tmp_path / f"track.{ending}").read_text()
     whole = (folder / "log.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     assert run(capsys, "log", "info", tmp_path / "cut.mcap")[0] == 2
@@ -142,6 +146,8 @@ BAD = [
     (("vehicle", "check", "twice.yaml"), "given twice"),
     (("vehicle", "check", "nowhere.yaml"), "no such"),
     (("vehicle", "show", "double_bluey"), "double_blueye"),
+    (("vehicle", "show", "double_blueye", "--water", "salt"), "expected fresh, sea, a density"),
+    (("vehicle", "show", "double_blueye", "--water", "-3C 34"), "it freezes"),
     (("vehicle", "ballast", "double_blueye"), "nothing is asked for"),
     (("vehicle", "ballast", "double_bluey", "--level"), "double_blueye"),
     (("vehicle", "ballast", "negative_mass.yaml", "--level"), "mass"),
@@ -171,6 +177,9 @@ BAD = [
     (("fly", "square", "--set", "vehicle=negative_mass.yaml"), "mass"),
     (("fly", "square", "--set", "sensors.dvl.latency=1"), "on_board"),
     (("fly", "square", "--set", "vehicle=uhi"), "no thrusters"),
+    (("fly", "square", "--set", "world.water=1.025"), "Is it in g/cm3?"),
+    (("fly", "square", "--set", "datum.latitude=163"), "datum.latitude"),
+    (("fly", "square", "--set", "mission.waypoints=[{geodetic: [10.36, 63.45, 3]}]"), "swap latitude and longitude"),
     (("fly", "square", "--set", "world.net_buoyancy=-1000"), "no more buoyancy"),
     (("scenario", "check", "x" * 5000), "File name too long"),
     (("report", "not.mcap", "--out", "empty.yaml"), "not an MCAP"),

@@ -29,8 +29,8 @@ def test_cold_salty_water_is_heavier():
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("fresh", 1000.0), ("Sea", 1025.0), ("1012.5", 1012.5), ("12C 34", 1025.816), ("5 °C, 35", 1027.676),
-     ("-1.5c 34", density(-1.5, 34))],
+    [("fresh", 1000.0), ("Sea", 1025.0), ("1012.5", 1012.5), ("1.01 g/cm3", 1010.0), ("12C 34", 1025.816),
+     ("5 °C, 35", 1027.676), ("-1.5c 34", density(-1.5, 34))],
 )  # fmt: skip
 def test_water_in_words(text, expected):
     assert density_of(text) == pytest.approx(expected, abs=0.01)

@@ -31,7 +31,8 @@ def list_vehicles(as_json: AsJson = False) -> None:
 Water = Annotated[
     str | None,
     typer.Option(
-        "--water", help="Put it in water: fresh, sea, a density [kg/m3], or temperature and salinity as '12C 34'."
+        "--water",
+        help="It is in: fresh, sea, a density [kg/m3], or temperature and salinity as '12C 34'; default the file's.",
     ),
 ]
 

@@ -8,6 +8,7 @@ Reference: IOC, SCOR and IAPSO (2010), The international thermodynamic equation 
 import re
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.quantity import DENSITY, quantity
 
 NAMED = {"fresh": 1000.0, "sea": 1025.0}  # [kg/m3]
 LIGHTEST, HEAVIEST = 900.0, 1100.0  # what can be meant by a density of water [kg/m3]
@@ -64,14 +65,15 @@ def water_in_words(text: str) -> dict[str, float]:
     if words in NAMED:
         return {"density": NAMED[words]}
     number = r"([-+]?\d+(?:\.\d*)?)"
-    if found := re.fullmatch(number, words):
-        return {"density": float(found[1])}
     if found := re.fullmatch(rf"{number}\s*°?\s*c[\s,]+{number}", words):
         return {"temperature": float(found[1]), "salinity": float(found[2])}
-    raise ConfigError(
-        f"water {text!r}: expected fresh, sea, a density such as 1025 [kg/m3], or temperature and practical salinity "
-        "such as '12C 34'"
-    )
+    try:
+        return {"density": quantity(words, DENSITY, "water")}
+    except ConfigError:
+        raise ConfigError(
+            f"water {text!r}: expected fresh, sea, a density such as 1025 [kg/m3], or temperature and practical "
+            "salinity such as '12C 34'"
+        ) from None
 
 
 def density_of(text: str) -> float:
