@@ -14,6 +14,7 @@ from rovtwin.vehicle.water import density
 
 # Examples, not measurements: temperature [deg C] and salinity.
 PLACES = {"warm pool": (24, 0), "brackish, as the Baltic": (16, 7), "fjord with river water": (8, 20), "sea": (8, 34)}
+BELOW = ("brackish, as the Baltic", "sea")  # where the label stands clear of the lines
 
 
 def gained(vehicle, temperature, salinity):
@@ -38,7 +39,11 @@ def main():
         value = gained(vehicle, temperature, salinity)
         axes.plot(temperature, value, "o", color=BLACK, markersize=5)
         axes.annotate(
-            f"{name}: {value:.1f} N", (temperature, value), (6, -11), textcoords="offset points", fontsize=SMALL
+            f"{name}: {value:.1f} N",
+            (temperature, value),
+            (6, -11 if name in BELOW else 5),
+            textcoords="offset points",
+            fontsize=SMALL,
         )
     axes.axhline(0, color=BLACK, linewidth=0.6)
     axes.set_xlim(0, 34)

@@ -21,7 +21,6 @@ from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
     SENSOR_NAMES,
     AutopilotSection,
-    MissionSection,
     Scenario,
     SensorSection,
     WorldSection,
