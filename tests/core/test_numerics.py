@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from rovtwin.core.numerics import as_array, cache_folder, jax, jnp
+from rovtwin.core.numerics import as_array, cache_folder, in_one_piece, jax, jnp, module_for
 
 
 def test_double_precision():
@@ -47,3 +47,25 @@ print(jax.config.jax_compilation_cache_dir)
     assert settings == "True False 1"
     assert ("xla_cpu_small_while_loop_byte_threshold" in flags) == (sys.version_info < (3, 12))
     assert folder.startswith(str(tmp_path))
+
+
+def test_parameters_are_computed_by_numpy_unless_they_are_under_a_trace():
+    assert module_for(1.0, {"a": [jnp.ones(2), np.ones(2)]}) is np
+    seen = []
+    jax.jit(lambda x: seen.append(module_for(1.0, [x])) or x)(1.0)
+    assert seen == [jnp]
+
+
+def test_in_one_piece_gives_what_jit_gives():
+    def function(tree, x):
+        return {"sum": tree["a"] @ x, "sign": jnp.sign(x).astype(int)}, jnp.linalg.norm(x)
+
+    arguments = {"a": jnp.arange(9.0).reshape(3, 3)}, jnp.array([1.0, -2.0, 0.5])
+    one, other = in_one_piece(function)(*arguments), jax.jit(function)(*arguments)
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-14)
+
+
+def test_arrays_of_other_types():
+    assert as_array([True, False], bool).dtype == bool and as_array(3, int).dtype == jnp.int64

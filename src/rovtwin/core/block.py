@@ -9,8 +9,9 @@ import abc
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array, module_for
 
 
 class Start(eqx.Module):
@@ -29,9 +30,10 @@ class Start(eqx.Module):
     @classmethod
     def at(cls, position: object = (0.0, 0.0, 0.0), heading: float = 0.0) -> "Start":
         """At rest, level, at a position [m] and heading [rad]."""
-        half = 0.5 * as_array(heading)
-        zero = jnp.zeros(())
-        return cls(as_array(position), jnp.array([jnp.cos(half), zero, zero, jnp.sin(half)]), jnp.zeros(6))
+        xp = module_for(heading)
+        half = 0.5 * xp.asarray(heading)
+        attitude = as_array(xp.stack([xp.cos(half), xp.zeros(()), xp.zeros(()), xp.sin(half)]))
+        return cls(as_array(position), attitude, as_array(np.zeros(6)))
 
 
 class Block(eqx.Module):

@@ -57,10 +57,10 @@ class Allocation(eqx.Module):
             raise ValueError(f"saturation is {saturation!r}, expected 'scale' or 'clip'")
         thrusters = model.thrusters
         effective = np.asarray(thrusters.configuration) * np.asarray(thrusters.health)
-        sound = eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(thrusters.health))
+        sound = eqx.tree_at(lambda t: t.health, thrusters, as_array(np.ones(thrusters.count)))
         lowest, highest = force_limits(sound)
         inverse = weighted_pseudo_inverse(effective, weights)
-        together = jnp.asarray(coupled(effective))
+        together = as_array(coupled(effective), bool)
         return cls(thrusters, as_array(effective), as_array(inverse), lowest, highest, together, saturation)
 
     def __call__(self, tau: Array) -> tuple[Command, Array]:

@@ -19,7 +19,6 @@ from fractions import Fraction
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import expm
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.model import Model
@@ -167,6 +166,8 @@ def periodic_sigma(F: np.ndarray, noise: np.ndarray, readings: Sequence[Reading]
 
 def discretise(F: np.ndarray, noise: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Phi and Q of x_dot = F x + w over `step` seconds, exactly. Van Loan (1978)."""
+    from scipy.linalg import expm  # here, not above: 0.15 s that only the end of a flight needs
+
     n = len(F)
     whole = expm(np.block([[-F, noise], [np.zeros((n, n)), F.T]]) * step)
     Phi = whole[n:, n:].T

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array
 
 SENSORS: dict[str, tuple[int, ...]] = {
     "accelerometer": (6, 7, 8),
@@ -149,7 +149,7 @@ class EkfTuning(eqx.Module):
         ]
         walk = np.r_[np.full(3, force_walk), np.full(3, moment_walk)]
         return cls(
-            measurement_variance={name: as_array(value) ** 2 for name, value in std.items()},
+            measurement_variance={name: as_array(value**2) for name, value in std.items()},
             process_variance=np.r_[noise, walk] ** 2,
             initial_variance=_initial_variance(initial_force),
             bias_decay=np.zeros(6),
@@ -167,7 +167,7 @@ def _initial_variance(initial_force: float) -> Array:
     pose = [0.1, 0.1, 0.02, 0.01, 0.01, 0.01]
     rates = [0.05] * 3 + [0.02] * 3
     disturbance = [initial_force] * 3 + [0.2] * 3
-    return jnp.square(as_array(pose + rates + disturbance))
+    return as_array(np.square(pose + rates + disturbance))
 
 
 def _check_names(where: str, given: Mapping[str, object]) -> None:

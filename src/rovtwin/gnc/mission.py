@@ -8,7 +8,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
-from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.numerics import as_array
 
 _REQUIRED = ("x", "y", "depth")
 _DEFAULTS: dict[str, float | None] = {"speed": 0.2, "acceptance": 0.2, "hold_time": 0.0, "heading": None}
@@ -39,14 +39,16 @@ def mission(points: Sequence[Mapping[str, Any]], pad_to: int = 16, where: str = 
     def column(key: str) -> Any:
         return as_array([row[key] or 0.0 for row in rows])
 
+    position = [[row[key] for key in ("x", "y", "depth")] for row in rows]
+
     return Mission(
-        position=jnp.stack([column("x"), column("y"), column("depth")], axis=1),
+        position=as_array(position),
         speed=column("speed"),
         acceptance=column("acceptance"),
         hold_time=column("hold_time"),
         heading=column("heading"),
-        fixed_heading=jnp.asarray([row["heading"] is not None for row in rows]),
-        count=jnp.asarray(len(points), dtype=int),
+        fixed_heading=as_array([row["heading"] is not None for row in rows], bool),
+        count=as_array(len(points), int),
     )
 
 

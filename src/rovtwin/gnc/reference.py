@@ -1,6 +1,7 @@
 """Reference model: a second-order filter that turns steps of the set-point into a smooth path (thesis 7.8)."""
 
 import equinox as eqx
+import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Reference, Setpoint
@@ -33,7 +34,7 @@ class ReferenceModel(Block):
     @classmethod
     def thesis(cls, obey_speed: bool = False) -> "ReferenceModel":
         """delta = 1, w = 1.5 rad/s; the thesis has no speed limit, so that way-points' speeds count for nothing."""
-        return cls(jnp.full(6, 1.0), jnp.full(6, 1.5), jnp.full(6, jnp.inf), obey_speed)
+        return cls(np.full(6, 1.0), np.full(6, 1.5), np.full(6, np.inf), obey_speed)  # type: ignore[arg-type]
 
     def init(self, key: Array, start: Start) -> Reference:
         euler = euler_from_quaternion(start.attitude)

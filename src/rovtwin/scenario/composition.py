@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
@@ -43,8 +45,7 @@ class Composed:
         start: Where it begins.
         model: What the autopilot believes; the plant is `loop.twin.model`.
         thruster_names, sensor_names: For the log.
-        vehicle_data: The vehicle, written out.
-        vehicle_table: Its parameters, for the report.
+        vehicle: Its description.
         scenario: What it was made from.
     """
 
@@ -54,9 +55,12 @@ class Composed:
     model: Model
     thruster_names: list[str]
     sensor_names: list[str]
-    vehicle_data: dict[str, Any]
-    vehicle_table: dict[str, Any]
+    vehicle: Vehicle
     scenario: Scenario
+
+    def vehicle_table(self) -> dict[str, Any]:
+        """Parameters of the vehicle and what follows from them, for the report; longer to compute than to compose."""
+        return summary(self.vehicle)
 
     def bound(self, speed: float) -> list[float]:
         """Steady-state sigma of the position in surge and sway of the best filter with these sensors [m].
@@ -91,7 +95,7 @@ def compose(scenario: Scenario) -> Composed:
     model = vehicle.model()
     if not vehicle.thruster_names:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
-    key_plant, key_run = jax.random.split(jax.random.key(scenario.seed))
+    key_plant, key_run = _keys(scenario.seed)
     sensors = sensors_of(scenario)
     plant = plant_of(scenario.world, vehicle, model, key_plant)
     loop = Loop(
@@ -105,10 +109,12 @@ def compose(scenario: Scenario) -> Composed:
         model=model,
         thruster_names=[_field_name(name) for name in vehicle.thruster_names],
         sensor_names=list(sensors),
-        vehicle_data=vehicle.to_dict(),
-        vehicle_table=summary(vehicle),
+        vehicle=vehicle,
         scenario=scenario,
     )
+
+
+_keys = jax.jit(lambda seed: tuple(jax.random.split(jax.random.key(seed))))  # plant, run
 
 
 def vehicle_of(scenario: Scenario) -> Vehicle:
@@ -158,11 +164,11 @@ def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor]) -
             position_limit=supervisor.position_std_limit,
         ),
     )
-    damping, frequency = jnp.full(6, section.reference.damping), jnp.full(6, section.reference.frequency)
+    damping, frequency = as_array([section.reference.damping] * 6), as_array([section.reference.frequency] * 6)
     return replace(
         thesis,
         guidance=Guidance(look_ahead=section.guidance.lookahead),
-        reference=ReferenceModel(damping, frequency, jnp.full(6, jnp.inf), section.reference.obey_speed),
+        reference=ReferenceModel(damping, frequency, as_array([jnp.inf] * 6), section.reference.obey_speed),
     )
 
 
@@ -170,7 +176,7 @@ def _tuning_of(section: AutopilotSection, sensors: dict[str, Sensor], control_dt
     if section.observer.tuning == "as_printed":
         return EkfTuning.as_printed(control_dt)
     walk = section.observer.force_walk
-    std = {name: float(sensor.noise[0]) for name, sensor in sensors.items() if name != "accelerometer"}
+    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if name != "accelerometer"}
     known = {name: value for name, value in std.items() if value > 0}
     return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
 

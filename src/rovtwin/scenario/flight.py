@@ -227,7 +227,7 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "python": platform.python_version(),
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
-        "vehicle_table": to_json(composed.vehicle_table),
+        "vehicle_table": to_json(composed.vehicle_table()),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
         "datum": datum.metadata(),
         "mission": to_json([w.model_dump() | {"position": w.placed(datum)} for w in scenario.mission.waypoints]),
@@ -236,7 +236,7 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
 
 def scenario_to_replay(scenario: Scenario, composed: Composed) -> Scenario:
     """The scenario with its vehicle written out, so that it does not depend on files that may change or move."""
-    return scenario.model_copy(update={"vehicle": composed.vehicle_data})
+    return scenario.model_copy(update={"vehicle": composed.vehicle.to_dict()})
 
 
 def _scores(flown: Flown) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -1,12 +1,16 @@
 """Parameters that no sea and no sensor can have are refused where they are given."""
 
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
 from jax.core import Tracer
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array
 
 
-def require(where: str, value: Array, sound: Array, expected: str) -> None:
+def require(where: str, value: Array, sound: Callable[[np.ndarray], Any], expected: str) -> None:
     """Raise ConfigError unless `sound` holds throughout and `value` is finite.
 
     Values under a trace (a gradient, a batch) are not known yet and pass.
@@ -14,40 +18,40 @@ def require(where: str, value: Array, sound: Array, expected: str) -> None:
     Args:
         where: Name of the parameter, as `Block.field`.
         value: What was given.
-        sound: Condition, bool of any shape.
+        sound: Condition on the value, which it gets as a NumPy array; gives bool of any shape.
         expected: What a sound value looks like, in words.
     """
-    if isinstance(value, Tracer) or isinstance(sound, Tracer):
+    if isinstance(value, Tracer):
         return
-    if not (bool(jnp.all(sound)) and bool(jnp.all(jnp.isfinite(value)))):
-        raise ConfigError(f"{where}: found {value.tolist()}, expected {expected}")
+    found = np.asarray(value)
+    if not (np.all(sound(found)) and np.all(np.isfinite(found))):
+        raise ConfigError(f"{where}: found {found.tolist()}, expected {expected}")
 
 
 def require_positive(where: str, value: Array) -> None:
     """A finite number above zero."""
-    require(where, value, value > 0, "a number above 0")
+    require(where, value, lambda x: x > 0, "a number above 0")
 
 
 def require_not_negative(where: str, value: Array) -> None:
     """Finite numbers, none below zero."""
-    require(where, value, value >= 0, "no number below 0")
+    require(where, value, lambda x: x >= 0, "no number below 0")
 
 
 def require_probability(where: str, value: Array) -> None:
     """Between 0 and 1."""
-    require(where, value, (value >= 0) & (value <= 1), "a probability from 0 to 1")
+    require(where, value, lambda x: (x >= 0) & (x <= 1), "a probability from 0 to 1")
 
 
 def require_finite(where: str, value: Array) -> None:
     """Neither NaN nor infinite."""
-    require(where, value, jnp.isfinite(value), "finite numbers")
+    require(where, value, np.isfinite, "finite numbers")
 
 
 def require_direction(where: str, value: Array) -> None:
     """An angle in radians, within a turn either way."""
-    require(
-        where, value, jnp.abs(value) <= 2 * jnp.pi, "an angle from -2 pi to 2 pi in radians (this looks like degrees)"
-    )
+    expected = "an angle from -2 pi to 2 pi in radians (this looks like degrees)"
+    require(where, value, lambda x: np.abs(x) <= 2 * np.pi, expected)
 
 
 def require_shape(where: str, value: Array, shape: tuple[int, ...]) -> None:

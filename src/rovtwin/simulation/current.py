@@ -92,7 +92,7 @@ class ShearedCurrent(Current):
         where = "ShearedCurrent.depths"
         if self.depths.ndim != 1 or self.depths.shape[0] < 2:
             raise ConfigError(f"{where}: found shape {self.depths.shape}, expected two depths or more")
-        require(where, self.depths, self.depths[1:] > self.depths[:-1], "depths that increase")
+        require(where, self.depths, lambda depths: depths[1:] > depths[:-1], "depths that increase")
         require_shape("ShearedCurrent.layers", self.layers, (self.depths.shape[0], 3))
         require_finite("ShearedCurrent.layers", self.layers)
 

@@ -1,6 +1,6 @@
 """A plant that differs from the model its autopilot was given, as real vehicles do."""
 
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, jax, jnp, module_for
 from rovtwin.simulation.noise import key_for
 from rovtwin.vehicle.model import GRAVITY, Model
 from rovtwin.vehicle.thrusters import Thrusters
@@ -55,6 +55,8 @@ def _weaker(model: Model, factor: Array | float) -> Thrusters:
 
 def lifted(model: Model, force: Array | float) -> Model:
     """The same vehicle with `force` more net buoyancy [N], at its centre of buoyancy, of displaced volume."""
+    xp = module_for(model, force)
+    more = xp.asarray(force)
     return model.replace(
-        buoyancy=model.buoyancy + force, displaced_mass=model.displaced_mass + jnp.asarray(force) / GRAVITY
+        buoyancy=xp.add(model.buoyancy, more), displaced_mass=xp.add(model.displaced_mass, more / GRAVITY)
     )

@@ -14,8 +14,8 @@ import numpy as np
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Environment, Slot
-from rovtwin.core.frames import cross, wrap
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.frames import wrap
+from rovtwin.core.numerics import Array, as_array, jax, jnp, module_for
 from rovtwin.simulation.checks import (
     require,
     require_finite,
@@ -148,9 +148,9 @@ class Sensor(Block):
         )
         self.clock_drift, self.clock_offset = as_array(clock_drift), as_array(clock_offset)
         self.dropout, self.outlier, self.outlier_size = as_array(dropout), as_array(outlier), as_array(outlier_size)
-        self.blackouts = as_array(blackouts).reshape(-1, 2)
+        self.blackouts = as_array(module_for(blackouts).reshape(blackouts, (-1, 2)))
         self.lever = as_array(lever)
-        self.rotation = jnp.eye(3) if rotation is None else as_array(rotation)
+        self.rotation = as_array(np.eye(3) if rotation is None else rotation)
         self._check(as_array(latency))
 
     def _check(self, latency: Array) -> None:
@@ -159,17 +159,16 @@ class Sensor(Block):
         require_not_negative(f"{kind}.noise", self.noise)
         require_finite(f"{kind}.bias", self.bias)
         require_not_negative(f"{kind}.bias_walk", self.bias_walk)
-        require(f"{kind}.clock_drift", self.clock_drift, abs(self.clock_drift) < 0.5, "a relative error below 0.5")
+        require(f"{kind}.clock_drift", self.clock_drift, lambda x: np.abs(x) < 0.5, "a relative error below 0.5")
         require_finite(f"{kind}.clock_offset", self.clock_offset)
         require_probability(f"{kind}.dropout", self.dropout)
         require_probability(f"{kind}.outlier", self.outlier)
         require_not_negative(f"{kind}.outlier_size", self.outlier_size)
-        require(f"{kind}.blackouts", self.blackouts, self.blackouts[:, 0] < self.blackouts[:, 1], "pairs (from, to)")
+        require(f"{kind}.blackouts", self.blackouts, lambda spans: spans[:, 0] < spans[:, 1], "pairs (from, to)")
         require_shape(f"{kind}.lever", self.lever, (3,))
         require_finite(f"{kind}.lever", self.lever)
         require_shape(f"{kind}.rotation", R, (3, 3))
-        proper = (jnp.abs(R @ R.T - jnp.eye(3)) < 1e-6).all() & (R[0] @ cross(R[1], R[2]) > 0)
-        require(f"{kind}.rotation", R, proper, "a rotation matrix (R R' = I, det R = 1)")
+        require(f"{kind}.rotation", R, _is_rotation, "a rotation matrix (R R' = I, det R = 1)")
 
     @property
     def size(self) -> int:
@@ -259,10 +258,15 @@ class Sensor(Block):
 
 def _per_axis(where: str, value: Any, size: int) -> Array:
     """A number for all axes, or one for each, as shape (size,)."""
-    value = as_array(value)
+    xp = module_for(value)
+    value = xp.asarray(value, dtype=float)
     if value.shape not in ((), (size,)):
         raise ConfigError(f"{where}: found {value.size} numbers, expected 1 or {size}")
-    return jnp.broadcast_to(value, (size,))
+    return as_array(xp.broadcast_to(value, (size,)))
+
+
+def _is_rotation(R: np.ndarray) -> bool:
+    return bool(np.all(np.abs(R @ R.T - np.eye(3)) < 1e-6) and np.linalg.det(R) > 0)
 
 
 def _draw(key: Array, n: int) -> tuple[Array, Array]:

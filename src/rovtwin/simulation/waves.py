@@ -131,7 +131,7 @@ class ThesisWaves(Block):
         require_shape("ThesisWaves.drift_intensity", self.drift_intensity, (2,))
         require_not_negative("ThesisWaves.drift_intensity", self.drift_intensity)
         ratio = self.damping_ratio
-        require("ThesisWaves.damping_ratio", ratio, (ratio > 0) & (ratio < 1), "a ratio above 0 and below 1")
+        require("ThesisWaves.damping_ratio", ratio, lambda x: (x > 0) & (x < 1), "a ratio above 0 and below 1")
 
     def rms(self) -> Array:
         """Stationary rms of the wave force on a vehicle at rest [N], drift left out: K_w / sqrt(4 lambda omega_0)."""

@@ -12,7 +12,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array, jnp, module_for
 from rovtwin.vehicle.constants import FRESH_WATER
 from rovtwin.vehicle.rigid_body import SIGNS, Box
 
@@ -39,8 +39,10 @@ class Hull(eqx.Module):
     def __init__(self, offsets: Any, shares: Any, reach: Any, corners: Any):
         """The radius follows."""
         self.offsets, self.shares, self.reach, self.corners = map(as_array, (offsets, shares, reach, corners))
-        elements = jnp.sqrt(jnp.sum(self.offsets**2, axis=1)) + self.reach
-        self.radius = jnp.maximum(jnp.max(elements), jnp.sqrt(jnp.max(jnp.sum(self.corners**2, axis=1))))
+        xp = module_for(offsets, reach, corners)
+        elements = xp.add(xp.sqrt(xp.sum(xp.square(self.offsets), axis=1)), self.reach)
+        farthest = xp.sqrt(xp.max(xp.sum(xp.square(self.corners), axis=1)))
+        self.radius = as_array(xp.maximum(xp.max(elements), farthest))
 
 
 def hull_of(boxes: tuple[Box, ...], center_of_buoyancy: np.ndarray) -> Hull | None:

@@ -4,8 +4,7 @@ from typing import Any
 
 import equinox as eqx
 
-from rovtwin.core.frames import skew
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array, module_for
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.hull import Hull, cube
 from rovtwin.vehicle.thrusters import Thrusters
@@ -89,20 +88,15 @@ class Model(eqx.Module):
         self.buoyancy = as_array(buoyancy)
         self.center_of_gravity = as_array(center_of_gravity)
         self.center_of_buoyancy = as_array(center_of_buoyancy)
-        self.displaced_mass = self.buoyancy / GRAVITY if displaced_mass is None else as_array(displaced_mass)
+        xp = module_for(vars(self), displaced_mass)
+        self.displaced_mass = as_array(xp.divide(self.buoyancy, GRAVITY) if displaced_mass is None else displaced_mass)
         self.thrusters = thrusters
         self.hull = cube(center_of_buoyancy, self.displaced_mass) if hull is None else hull
-        self.mass = self.rigid_body_mass + self.added_mass
-        self.mass_inverse = jnp.linalg.inv(self.mass)
-        self.damping = jnp.concatenate(
-            [
-                self.linear_damping_ahead,
-                -self.linear_damping_astern,
-                self.quadratic_damping_ahead,
-                -self.quadratic_damping_astern,
-            ],
-            axis=1,
-        )
+        self.mass = as_array(xp.add(self.rigid_body_mass, self.added_mass))
+        self.mass_inverse = as_array(xp.linalg.inv(self.mass))
+        linear = [self.linear_damping_ahead, xp.negative(self.linear_damping_astern)]
+        quadratic = [self.quadratic_damping_ahead, xp.negative(self.quadratic_damping_astern)]
+        self.damping = as_array(xp.concatenate(linear + quadratic, axis=1))
 
     def replace(self, **changes: Any) -> "Model":
         """A model with some parameters changed and all derived arrays made anew."""
@@ -135,6 +129,7 @@ def rigid_body_matrix(mass: Any, inertia_at_cg: Any, center_of_gravity: Any) -> 
 
     Reference: Fossen (2021), eq. 3.49, with I_b = I_g - m S(r_g)^2.
     """
-    mass, inertia, r_g = as_array(mass), as_array(inertia_at_cg), as_array(center_of_gravity)
-    S = skew(r_g)
-    return jnp.block([[mass * jnp.eye(3), -mass * S], [mass * S, inertia - mass * S @ S]])
+    xp = module_for(mass, inertia_at_cg, center_of_gravity)
+    mass, inertia, (x, y, z) = xp.asarray(mass), xp.asarray(inertia_at_cg), xp.asarray(center_of_gravity)
+    S = xp.asarray([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return as_array(xp.block([[mass * xp.eye(3), -mass * S], [mass * S, inertia - mass * S @ S]]))

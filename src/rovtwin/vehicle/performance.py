@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.core.numerics import jnp
+from rovtwin.core.numerics import jax
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import static_force
 from rovtwin.vehicle.trim import steady_speed
@@ -62,7 +62,7 @@ class Ability:
 
 def performance(model: Model) -> dict[str, dict[str, Ability]]:
     """By axis and direction, as `DIRECTIONS` names them."""
-    net = float(model.weight - model.buoyancy)
+    net = float(model.weight) - float(model.buoyancy)
     return {
         axis: {
             direction: _ability(model, i, sign, sign * net if axis == "heave" else 0.0)
@@ -93,7 +93,10 @@ def _ability(model: Model, axis: int, sign: float, constant: float) -> Ability:
 
 def _forces(model: Model, command: np.ndarray) -> np.ndarray:
     """Steady force of each thruster at a command [N], shape (n,)."""
-    return np.asarray(static_force(model.thrusters, jnp.asarray(command)), dtype=float)
+    return np.asarray(_static_force(model.thrusters, np.asarray(command, dtype=float)), dtype=float)
+
+
+_static_force = jax.jit(static_force)
 
 
 def _settles_at(model: Model, axis: int, sign: float, force: float) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.thrusters import Thrusters, force_limits
 
 # Singular values below this share of the largest count as zero: geometry in files is given to a millimetre or so,
@@ -53,6 +53,7 @@ def uncontrollable_directions(T: Any) -> np.ndarray:
     return rows[np.argsort(first, kind="stable")] + 0.0  # no -0.0
 
 
+@jax.jit
 def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
     """Lowest and highest wrench of each axis alone [N, N m], shapes (6,) and (6,), other axes left free."""
     low, high = force_limits(thrusters)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.numerics import jax
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.findings import findings, uncontrollable
@@ -115,7 +116,7 @@ def derivatives(model: Model) -> list[dict[str, Any]]:
 
 
 def _thruster(vehicle: Vehicle, model: Model, i: int) -> dict[str, Any]:
-    mounted, arrays = vehicle.assembly.thrusters[i], model.thrusters
+    mounted, arrays = vehicle.assembly.thrusters[i], jax.device_get(model.thrusters)
     item = mounted.item
     assert isinstance(item, Thruster)
     curve = "linear"

@@ -1,8 +1,9 @@
 """Thrusters: command -> force curve -> lag -> wrench, for any number of thrusters anywhere, in any direction."""
 
 import equinox as eqx
+import numpy as np
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jnp
 
 
 class Thrusters(eqx.Module):
@@ -52,16 +53,17 @@ def thrusters_from(
 ) -> Thrusters:
     """Thrusters with neutral values for what is not given: linear, no dead band, no lag, no limits, sound, no table."""
     n = configuration.shape[1]
+    zeros, ones = as_array(np.zeros(n)), as_array(np.ones(n))
     neutral = {
-        "exponent": jnp.ones(n),
-        "dead_band": jnp.zeros(n),
-        "time_constant": jnp.zeros(n),
-        "rate_limit": jnp.full(n, jnp.inf),
-        "quantisation": jnp.zeros(n),
-        "health": jnp.ones(n),
-        "table_command": jnp.array([-1.0, 1.0]),
-        "table_force": jnp.zeros((n, 2)),
-        "tabulated": jnp.zeros(n, dtype=bool),
+        "exponent": ones,
+        "dead_band": zeros,
+        "time_constant": zeros,
+        "rate_limit": as_array(np.full(n, np.inf)),
+        "quantisation": zeros,
+        "health": ones,
+        "table_command": as_array([-1.0, 1.0]),
+        "table_force": as_array(np.zeros((n, 2))),
+        "tabulated": as_array(np.zeros(n), bool),
     }
     astern = force_ahead if force_astern is None else force_astern
     return Thrusters(configuration, force_ahead, astern, **(neutral | others))
@@ -150,6 +152,7 @@ def force_just_after(thrusters: Thrusters, force: Array, target: Array) -> Array
     return jnp.where(jumps, target, force)
 
 
+@jax.jit
 def force_limits(thrusters: Thrusters) -> tuple[Array, Array]:
     """Lowest and highest force that commands reach [N], shapes (n,) and (n,)."""
     one = jnp.ones_like(thrusters.force_ahead)

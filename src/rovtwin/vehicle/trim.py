@@ -18,7 +18,7 @@ import numpy as np
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_from_euler
-from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.floating import floating
 from rovtwin.vehicle.model import Model
@@ -138,8 +138,8 @@ def stability(model: Model) -> Stability:
     static = float(np.sqrt(max(stiffness, 0.0) / munk[1])) if munk[1] > 0 else np.inf
     speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
     # Thrust is held, so thrusters play no part: without them one compiled function serves all vehicles.
-    bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(jnp.zeros((6, 0)), jnp.zeros(0)))
-    slow, fast = np.asarray(_linearised_at(bare, jnp.array([0.5, 1.5])))
+    bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(as_array(np.zeros((6, 0))), as_array(np.zeros(0))))
+    slow, fast = np.asarray(_linearised_at(bare, as_array([0.5, 1.5])))
 
     def free(u: np.ndarray) -> np.ndarray:
         # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed.

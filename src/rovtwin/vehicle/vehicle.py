@@ -117,7 +117,7 @@ class Vehicle:
             hull=hull_of(total.boxes, total.center_of_buoyancy),
             thrusters=Thrusters(
                 **{key: as_array(value) for key, value in arrays.items()},
-                tabulated=as_array(tabulated) > 0,
+                tabulated=as_array(np.asarray(tabulated) > 0, bool),
             ),
         )
 
