@@ -81,6 +81,16 @@ def test_the_ballast_of_the_docs_is_what_is_printed(tmp_path, monkeypatch, capsy
     assert printed == ("pieces for my" + shown).strip().splitlines()
 
 
+def test_the_performance_of_the_docs_is_what_is_printed(monkeypatch, capsys):
+    shown = re.search(r"```\n(one axis at a time\n.*?)```", (ROOT / "docs" / "vehicles.md").read_text(), re.S)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys, "argv", ["rovtwin", "vehicle", "show", "double_blueye"])
+    with pytest.raises(SystemExit):
+        rovtwin.cli.main()
+    printed = "\n".join(line.rstrip() for line in capsys.readouterr().out.splitlines())
+    assert shown is not None and shown[1] in printed
+
+
 @pytest.mark.slow
 def test_the_examples_run(tmp_path):
     for example in sorted((ROOT / "examples").glob("*.py")):

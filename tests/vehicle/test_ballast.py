@@ -127,6 +127,33 @@ def test_no_other_pieces_weigh_less(seed):
     assert lightest * (1 - 1e-9) <= mass <= lightest * 1.0003
 
 
+@pytest.mark.parametrize("seed", range(60))
+def test_what_some_pieces_do_is_found_with_no_more_mass(seed):
+    """Pieces drawn at random, however heavy and buoyant: what they do can be wished for."""
+    rng = np.random.default_rng(seed)
+    hull = BOX | {"mass": float(rng.uniform(5, 15)), "center_of_gravity": rng.uniform(-0.03, 0.03, 3).tolist()}
+    total = vehicle_from_dict({"name": "v", "parts": [hull]}).in_water(float(rng.uniform(990, 1030))).assembly
+    places = rng.uniform(-0.3, 0.3, (int(rng.integers(2, 12)), 3))
+    stock = Stock(places, 1e3, float(rng.uniform(100, 600)))
+    drawn = rng.exponential(rng.choice([0.05, 0.5, 3.0]), 2 * len(places)) * (rng.random(2 * len(places)) < 0.5)
+
+    z_g, z_b = total.solid.center_of_gravity[2], total.center_of_buoyancy[2]
+
+    def floats(mass, density, position):
+        weight = total.solid.mass + mass.sum()
+        volume = total.volume + (mass / density).sum()
+        high = (total.volume * z_b + (mass / density) @ position[:, 2]) / volume
+        low = (total.solid.mass * z_g + mass @ position[:, 2]) / weight
+        return GRAVITY * (total.density * volume - weight), low - high
+
+    net, bg = floats(drawn, stock.densities, stock.positions)
+    pieces = pieces_for(total, Wish(net, False, bg), stock)
+    mass = np.array([p.mass for p in pieces])
+    found = floats(mass, np.array([p.density for p in pieces]), np.array([p.position for p in pieces]).reshape(-1, 3))
+    assert found == pytest.approx((net, bg), abs=1e-6)
+    assert mass.sum() <= drawn.sum() * 1.0003 + 1e-9 and len(pieces) <= 3
+
+
 def test_one_weight_by_hand():
     """A neutral body made 3 N heavy: lead that weighs 3 N in water, low and in the middle."""
     hull = {"name": "hull", "mass": 8.0, "volume": 0.008, "shape": {"box": [0.4, 0.2, 0.1]}}

@@ -1,15 +1,15 @@
 """Which foam or lead to put where: the least mass of pieces that gives a wanted net buoyancy, level trim and BG.
 
-A piece of mass x at p displaces s x of water, s = rho / its density. With m, V, r_g, r_b of the vehicle, n = N / g the
-wanted net buoyancy as a mass and h the wanted BG, the pieces must give
+A piece of mass x at p displaces s x of water, s = rho / its density. With m, V, r_g, r_b of the vehicle, m' = m + sum x
+its mass afterwards and n = N / g the wanted net buoyancy as a mass, the pieces must give
 
-    sum (s - 1) x             = n - (rho V - m)                     net buoyancy
-    sum (1 - s) x (p_x, p_y)  = -(m r_g - rho V r_b)_xy             no moment about CO when level
-    sum ((1 - s) p_z - h) x   = h m - n z_b - (m r_g - rho V r_b)_z BG, from m z_g - rho V z_b = m h - n z_b
+    sum (s - 1) x             = n - (rho V - m)                         net buoyancy
+    sum (1 - s) x (p_x, p_y)  = -(m r_g - rho V r_b)_xy                 no moment about CO when level
+    (m z_g + sum x p_z) / m' - (rho V z_b + sum s x p_z) / (m' + n)     = BG
 
-all linear in x but for z_b, CB's height afterwards, which the net buoyancy multiplies: for a neutral vehicle the answer
-is one linear programme, otherwise it is solved again with the new z_b, which gains a factor of m / n each time. A
-vertex of the programme has no more pieces than equations: four at most. Plain NumPy and SciPy.
+The last is linear in x for a given m' only. So for a given m' two linear programmes say between which heights BG can
+be; the answer is the least m' at which the wanted one is among them, found by bracketing. A vertex of the programme
+has no more pieces than equations: four at most. Plain NumPy and SciPy.
 
 Reference: Fossen (2021), eq. 4.6 (restoring wrench).
 """
@@ -133,33 +133,79 @@ def pieces_for(total: Assembly, wish: Wish, stock: Stock) -> list[Piece]:
 
 def _amounts(total: Assembly, wish: Wish, stock: Stock) -> np.ndarray | None:
     """Mass of each candidate [kg], shape (2 k,); None where there is no answer."""
-    cost = 1.0 + _preferences(total, stock)
-    z_b = float(total.center_of_buoyancy[2])
-    for _ in range(200):
-        x = _least(cost, *_equations(total, wish, stock, z_b), stock.most)
-        if x is None or wish.metacentric_height is None:
-            return x
-        before, z_b = z_b, _center_of_buoyancy(total, stock, x)[2]
-        if abs(z_b - before) < 1e-12:
-            return x
+    cost = _preferences(total, stock)
+    x = _least(1.0 + cost, *_balance(total, wish, stock), stock.most)
+    if x is None or wish.metacentric_height is None:
+        return x
+    added = _least_mass(total, wish, stock, float(x.sum()))
+    if added is None:
+        return None
+    A, b = _balance(total, wish, stock)
+    row, at_zero = _height(total, wish, stock, added)
+    A, b = np.vstack([A, row]), np.append(b, wish.metacentric_height - at_zero)
+    return _least(cost, A, b, stock.most, total=added)
+
+
+def _least_mass(total: Assembly, wish: Wish, stock: Stock, least: float) -> float | None:
+    """Least mass of pieces, `least` [kg] or more, with which the wanted BG can be reached; None where there is none."""
+    from scipy.optimize import brentq
+
+    wanted = float(wish.metacentric_height or 0.0)
+    low, high = (_extreme(total, wish, stock, least, side) for side in (-1.0, 1.0))
+    if low - 1e-12 <= wanted <= high + 1e-12:
+        return least
+    side = 1.0 if wanted > high else -1.0
+
+    def short(added: float) -> float:
+        return side * (wanted - _extreme(total, wish, stock, added, side))
+
+    before = least
+    for added in _masses(least, stock.most):
+        if short(added) <= 0:
+            root = float(brentq(short, before, added, xtol=1e-14, rtol=1e-14))  # type: ignore[arg-type]
+            return min(root + 1e-11, stock.most)  # on the side where there is an answer
+        before = added
     return None
 
 
-def _equations(total: Assembly, wish: Wish, stock: Stock, z_b: float) -> tuple[np.ndarray, np.ndarray]:
-    """A, b of the wishes, A x = b, shapes (1 to 4, 2 k) and (1 to 4,)."""
+def _masses(least: float, most: float) -> np.ndarray:
+    """Masses to look at, more and more of them towards the least [kg]."""
+    return least + (most - least) * np.geomspace(1e-4, 1.0, 25)
+
+
+def _extreme(total: Assembly, wish: Wish, stock: Stock, added: float, side: float) -> float:
+    """Highest (side 1) or lowest (side -1) BG [m] with pieces of a given mass; -side inf where they cannot balance."""
+    row, at_zero = _height(total, wish, stock, added)
+    x = _least(-side * row, *_balance(total, wish, stock), stock.most, total=added)
+    return -side * np.inf if x is None else float(row @ x + at_zero)
+
+
+def _balance(total: Assembly, wish: Wish, stock: Stock) -> tuple[np.ndarray, np.ndarray]:
+    """A, b of the wishes but BG, A x = b, shapes (1 or 3, 2 k) and (1 or 3,)."""
     mass, water = total.solid.mass, total.density * total.volume
-    lever = mass * total.solid.center_of_gravity - water * total.center_of_buoyancy
     wet = 1.0 - total.density / stock.densities  # what a kilogram of it weighs in water [kg]
-    n = water - mass if wish.net_buoyancy is None else wish.net_buoyancy / GRAVITY
-    rows, right = [-wet], [n - (water - mass)]
+    rows, right = [-wet], [_net(total, wish) - (water - mass)]
     if wish.level:
+        lever = mass * total.solid.center_of_gravity - water * total.center_of_buoyancy
         rows += [wet * stock.positions[:, 0], wet * stock.positions[:, 1]]
         right += [-lever[0], -lever[1]]
-    if wish.metacentric_height is not None:
-        h = wish.metacentric_height
-        rows.append(wet * stock.positions[:, 2] - h)
-        right.append(h * mass - n * z_b - lever[2])
     return np.stack(rows), np.array(right)
+
+
+def _height(total: Assembly, wish: Wish, stock: Stock, added: float) -> tuple[np.ndarray, float]:
+    """BG = row @ x + at_zero [m] for pieces x of a given mass in all, shape (2 k,)."""
+    mass, water = total.solid.mass + added, total.solid.mass + added + _net(total, wish)
+    per_water = 1.0 / water if water > 1e-9 else 0.0  # of something that displaces nothing CB counts as at CO
+    row = stock.positions[:, 2] * (1.0 / mass - total.density / stock.densities * per_water)
+    z_g, z_b = total.solid.center_of_gravity[2], total.center_of_buoyancy[2]
+    return row, float(total.solid.mass * z_g / mass - total.density * total.volume * z_b * per_water)
+
+
+def _net(total: Assembly, wish: Wish) -> float:
+    """The wanted net buoyancy as a mass [kg]."""
+    if wish.net_buoyancy is None:
+        return total.density * total.volume - total.solid.mass
+    return wish.net_buoyancy / GRAVITY
 
 
 def _preferences(total: Assembly, stock: Stock) -> np.ndarray:
@@ -171,16 +217,28 @@ def _preferences(total: Assembly, stock: Stock) -> np.ndarray:
     return _HIGH_OR_LOW * np.where(foam, depth, 1.0 - depth) + _NEAR * aside.sum(axis=1)
 
 
-def _least(cost: np.ndarray, A: np.ndarray, b: np.ndarray, most: float, others: int = 0) -> np.ndarray | None:
-    """x >= 0 with A x = b, sum x <= most (but for the last `others`) and the least cost; None where there is none."""
+def _least(
+    cost: np.ndarray, A: np.ndarray, b: np.ndarray, most: float, total: float | None = None, others: int = 0
+) -> np.ndarray | None:
+    """x >= 0 of the least cost with A x = b; None where there is none.
+
+    Args:
+        cost: Of each, shape (n,).
+        A: Shape (k, n).
+        b: Shape (k,).
+        most: Largest sum of x, but for the last `others`.
+        total: What the sum must be; None: anything up to `most`.
+        others: How many of x are no pieces.
+    """
     from scipy.optimize import linprog
 
+    counted = (np.arange(cost.size) < cost.size - others)[None].astype(float)
     found = linprog(
         cost,
-        A_ub=(np.arange(cost.size) < cost.size - others)[None].astype(float),
+        A_ub=counted,
         b_ub=[most],
-        A_eq=A,
-        b_eq=b,
+        A_eq=A if total is None else np.vstack([A, counted]),
+        b_eq=b if total is None else np.append(b, total),
         method="highs-ds",  # the simplex ends in a vertex: few pieces
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-9},
     )
@@ -193,18 +251,13 @@ def _least(cost: np.ndarray, A: np.ndarray, b: np.ndarray, most: float, others: 
     return np.maximum(x, 0.0)
 
 
-def _center_of_buoyancy(total: Assembly, stock: Stock, x: np.ndarray) -> np.ndarray:
-    volumes = x / stock.densities
-    moment = total.volume * total.center_of_buoyancy + volumes @ stock.positions
-    volume = total.volume + volumes.sum()
-    return moment / volume if volume > 0 else np.zeros(3)
-
-
 def _with(total: Assembly, stock: Stock, x: np.ndarray) -> Floating:
     """How the vehicle floats with the pieces on it."""
-    mass, volume = total.solid.mass + x.sum(), total.volume + (x / stock.densities).sum()
+    volumes = x / stock.densities
+    mass, volume = total.solid.mass + x.sum(), total.volume + volumes.sum()
     r_g = (total.solid.mass * total.solid.center_of_gravity + x @ stock.positions) / mass
-    r_b = _center_of_buoyancy(total, stock, x)
+    moment = total.volume * total.center_of_buoyancy + volumes @ stock.positions
+    r_b = moment / volume if volume > 0 else np.zeros(3)
     return floating(mass * GRAVITY, total.density * GRAVITY * volume, r_g, r_b)
 
 
@@ -224,21 +277,17 @@ def _why_not(total: Assembly, wish: Wish, stock: Stock) -> str:
     if x is None:
         roll, pitch = np.degrees(_with(total, stock, _most_level(total, level, stock)).trim)
         return f"level: {limit}, the best is roll {roll:.2f}, pitch {pitch:.2f} deg; {fix}"
-    wanted = float(wish.metacentric_height or 0.0)
-    inside, outside = _with(total, stock, x).metacentric_height, wanted
-    side = "at most" if wanted > inside else "no less than"
-    for _ in range(30):  # heights that can be reached are an interval: BG is a quotient of linear functions
-        middle = 0.5 * (inside + outside)
-        if _amounts(total, replace(wish, metacentric_height=middle), stock) is None:
-            outside = middle
-        else:
-            inside = middle
-    return f"BG {1000 * wanted:g} mm: {limit}, {side} {1000 * inside:.4g} mm can be reached; {fix}"
+    wanted, least = float(wish.metacentric_height or 0.0), float(x.sum())
+    masses = [least, *_masses(least, stock.most)]
+    low = min(_extreme(total, wish, stock, added, -1.0) for added in masses)
+    high = max(_extreme(total, wish, stock, added, 1.0) for added in masses)
+    reached = f"at most {1000 * high:.4g}" if wanted > high else f"no less than {1000 * low:.4g}"
+    return f"BG {1000 * wanted:g} mm: {limit}, {reached} mm can be reached; {fix}"
 
 
 def _most_level(total: Assembly, wish: Wish, stock: Stock) -> np.ndarray:
     """Amounts that leave the least moment, |x| + |y| of it, with the net buoyancy as wished."""
-    A, b = _equations(total, wish, stock, 0.0)
+    A, b = _balance(total, wish, stock)
     slack = np.zeros((3, 4))
     slack[1:] = [[1, -1, 0, 0], [0, 0, 1, -1]]
     cost = np.concatenate([np.zeros(A.shape[1]), np.ones(4)])

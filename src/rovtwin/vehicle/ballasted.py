@@ -129,7 +129,7 @@ def _notes(wish: Wish, before: dict[str, Any], after: dict[str, Any]) -> list[st
         found.append("it does not hang level: ask for it with --level")
     was, wanted = before["metacentric_height_m"], wish.metacentric_height
     if wanted is not None and was > wanted + 1e-6:
-        found.append(f"BG is lowered from {1000 * was:.3g} mm, as asked: left at that it would take less")
+        found.append(f"BG is lowered from {1000 * was:.3g} mm, as asked; without --bg fewer pieces may do")
     return found
 
 
