@@ -38,7 +38,9 @@ from rovtwin.gnc.mission import mission
 from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
+from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.simulation.waves import ThesisWaves
@@ -159,6 +161,12 @@ def waves() -> ThesisWaves:
     return ThesisWaves(4.1, 8.7, 0.3, (0.03, 0.03))
 
 
+def sea() -> AirySea:
+    return AirySea.of(
+        SeaState.of(1.5, zero_crossing_period=5.7, gamma=3.3), direction=0.3, depth=20.0, spreading=1.0, count=16
+    )
+
+
 def twin() -> Example:
     sensors = {name: sensor for name, sensor in table_5_7().items() if name in ("accelerometer", "pressure")}
     block = Twin(model(), World(wandering()), sensors)
@@ -230,6 +238,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.supervisor.Supervisor": lambda: Example(
         Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
     ),
+    "simulation.airy.AirySea": lambda: Example(sea(), states(), PHYSICS),
     "simulation.current.CombinedCurrent": lambda: Example(
         CombinedCurrent((sheared(), wandering())), states().position, PHYSICS
     ),

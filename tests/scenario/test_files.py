@@ -9,10 +9,10 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.seeds import parse_seeds
 
 
-def test_all_reference_scenarios_but_the_airy_sea_are_shipped():
+def test_all_reference_scenarios_are_shipped():
     assert set(list_scenarios()) == {
         "lawnmower_calm", "lawnmower_waves", "lawnmower_mismatch", "lawnmower_hard", "lawnmower_dropout",
-        "square", "station_keeping",
+        "lawnmower_sea", "square", "station_keeping",
     }  # fmt: skip
     assert {"lawnmower", "square", "station"} <= set(list_missions())
 

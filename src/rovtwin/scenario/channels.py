@@ -25,8 +25,18 @@ SENSORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 _euler = jax.jit(jax.vmap(euler_from_quaternion))
 
 
-def log_channels(thrusters: list[str], sensors: list[str], rate: float, with_sensors: bool) -> list[Channel]:
-    """All channels of a run with these thrusters and sensors, in the order in which viewers list them."""
+def log_channels(
+    thrusters: list[str], sensors: list[str], rate: float, with_sensors: bool, moving_surface: bool = False
+) -> list[Channel]:
+    """All channels of a run, in the order in which viewers list them.
+
+    Args:
+        thrusters: Their names.
+        sensors: Their names.
+        rate: Of truth and autopilot channels [1/s].
+        with_sensors: Whether readings are logged.
+        moving_surface: Whether the world's surface moves.
+    """
     thr = tuple(thrusters)
     table: list[tuple[str, tuple[str, ...], Any, str, str]] = [
         ("truth/eta", ETA, ETA_UNITS, "n", "true pose of CO"),
@@ -34,6 +44,7 @@ def log_channels(thrusters: list[str], sensors: list[str], rate: float, with_sen
         ("truth/thrust", thr, "N", "b", "true force of each thruster"),
         ("truth/water_velocity", ("north", "east", "down"), "m/s", "n", "water velocity at CO"),
         ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves and drift at CO"),
+        *([("truth/surface", ("depth",), "m", "n", "water surface above CO")] if moving_surface else []),
         ("autopilot/eta", ETA, ETA_UNITS, "n", "estimated pose of CO"),
         ("autopilot/nu", NU, NU_UNITS, "b", "estimated velocity over ground"),
         ("autopilot/bias", TAU, TAU_UNITS, "", "estimated disturbance: force in n, moment in b"),
@@ -68,16 +79,19 @@ def euler(attitude: Any) -> np.ndarray:
     return np.asarray(_euler(attitude))
 
 
-def truth_samples(record: Record) -> dict[str, np.ndarray]:
+def truth_samples(record: Record, moving_surface: bool = False) -> dict[str, np.ndarray]:
     """Samples of the truth channels, leading axis n."""
     state = record.state
-    return {
+    samples = {
         "truth/eta": np.concatenate([state.position, euler(state.attitude)], axis=1),
         "truth/nu": np.asarray(state.nu),
         "truth/thrust": np.asarray(state.thrust),
         "truth/water_velocity": np.asarray(record.water_velocity),
         "truth/external_wrench": np.asarray(record.external_wrench),
     }
+    if moving_surface:
+        samples["truth/surface"] = np.asarray(record.surface)[:, None]
+    return samples
 
 
 def autopilot_samples(record: Record) -> dict[str, np.ndarray]:

@@ -6,9 +6,11 @@ from dataclasses import replace
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array
-from rovtwin.scenario.schema import ConstantCurrentSection, ShearedCurrentSection, WorldSection
+from rovtwin.scenario.schema import AirySection, ConstantCurrentSection, ShearedCurrentSection, WorldSection
+from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.current import ConstantCurrent, Current, GaussMarkovCurrent, ShearedCurrent
 from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World, walls_of
 from rovtwin.vehicle import Model, Vehicle
@@ -63,10 +65,35 @@ def _waves_of(world: WorldSection) -> Block | None:
     waves = world.waves
     if waves is None:
         return None
+    if isinstance(waves, AirySection):
+        return airy_of(waves, world.floor)
     return ThesisWaves(
         waves.significant_height,
         waves.zero_crossing_period,
         direction=math.radians(waves.direction_deg),
         drift_intensity=(waves.drift, waves.drift),
         as_printed=waves.as_printed,
+    )
+
+
+def airy_of(waves: AirySection, floor: float | None) -> AirySea:
+    """The sea of a section; it is as deep as the floor unless the section says otherwise.
+
+    Raises:
+        ConfigError: A sea that cannot be: too steep, or too high for the water.
+    """
+    sea = SeaState.of(
+        waves.significant_height,
+        zero_crossing_period=waves.zero_crossing_period,
+        peak_period=waves.peak_period,
+        gamma=waves.peak_enhancement,
+        where="world.waves",
+    )
+    return AirySea.of(
+        sea,
+        direction=math.radians(waves.direction_deg),
+        depth=waves.depth or floor,
+        spreading=waves.spreading,
+        count=waves.components,
+        where="world.waves",
     )

@@ -76,7 +76,7 @@ class Composed:
             speed,
             float(sensors["position"].noise[0]),
             sensors["position"].rate / 1000,
-            waves.drift if waves and waves.drift > 0 else DESIGN_FORCE_WALK,
+            getattr(waves, "drift", 0.0) or DESIGN_FORCE_WALK,
             dvl_sigma=float(dvl.noise[0]) if dvl else None,
             dvl_rate=dvl.rate / 1000 if dvl else None,
             accelerometer_sigma=float(accelerometer.noise[0]),

@@ -65,6 +65,7 @@ class Recorder:
         self._log_every = scenario.rates.control // scenario.log.rate
         self._score_every = max(1, scenario.rates.control // SCORE_RATE)
         self._sensors = scenario.log.sensors
+        self._moving_surface = scenario.world.moving_surface
         self._write = write
         self._tick = 0
         self._kept: list[dict[str, np.ndarray]] = []
@@ -77,7 +78,7 @@ class Recorder:
         k = self._tick + np.arange(length)
         self._tick += length
         t = k * self._dt
-        samples = truth_samples(record) | autopilot_samples(record)
+        samples = truth_samples(record, self._moving_surface) | autopilot_samples(record)
         # The last tick of a run is kept whatever its number: it holds the verdict.
         last = (k == k[-1]) & _ends(record)
         logged = (k % self._log_every == 0) | last
@@ -148,7 +149,13 @@ def fly(
         LogError: The folder cannot be written.
     """
     composed = compose(scenario)
-    channels = log_channels(composed.thruster_names, composed.sensor_names, scenario.log.rate, scenario.log.sensors)
+    channels = log_channels(
+        composed.thruster_names,
+        composed.sensor_names,
+        scenario.log.rate,
+        scenario.log.sensors,
+        scenario.world.moving_surface,
+    )
     metadata = provenance(scenario, composed)
     pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}
     if folder is None:

@@ -20,16 +20,21 @@ class LoopMemory(eqx.Module):
     measurements: Measurements
     water_velocity: Array
     external_wrench: Array
+    surface: Array | None
 
 
 class Record(eqx.Module):
-    """What one control tick leaves: truth at its instant, readings since the last tick, the autopilot's answer."""
+    """What one control tick leaves: truth at its instant, readings since the last tick, the autopilot's answer.
+
+    `surface` is the depth of the water's surface above CO, None where the world has none.
+    """
 
     state: State
     water_velocity: Array
     external_wrench: Array
     measurements: Measurements
     autopilot: AutopilotOutput
+    surface: Array | None = None
 
 
 class Loop(eqx.Module):
@@ -51,6 +56,7 @@ class Loop(eqx.Module):
             measurements=self.twin.empty(),
             water_velocity=water.velocity,
             external_wrench=water.wrench,
+            surface=water.surface,
         )
 
     def tick(self, memory: LoopMemory, k: Array, control_dt: float) -> tuple[LoopMemory, Record]:
@@ -58,7 +64,14 @@ class Loop(eqx.Module):
         request = jnp.asarray(NO_REQUEST)
         inputs = AutopilotInput(memory.measurements, request)
         autopilot, decided = self.autopilot.step(memory.autopilot, inputs, control_dt)
-        record = Record(memory.state, memory.water_velocity, memory.external_wrench, memory.measurements, decided)
+        record = Record(
+            memory.state,
+            memory.water_velocity,
+            memory.external_wrench,
+            memory.measurements,
+            decided,
+            memory.surface,
+        )
         twin, moved = self.twin.step(memory.twin, TwinInput(decided.command, k), control_dt)
         after = LoopMemory(
             autopilot=autopilot,
@@ -67,6 +80,7 @@ class Loop(eqx.Module):
             measurements=moved.measurements,
             water_velocity=moved.environment.velocity,
             external_wrench=moved.environment.wrench,
+            surface=moved.environment.surface,
         )
         return after, record
 

@@ -74,7 +74,7 @@ def realtime_chunks(
     off = jnp.zeros(loop.twin.model.thrusters.count)
     jax.block_until_ready(move(memory.twin, Command(off), 0))
 
-    truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench)
+    truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench, memory.surface)
     began = time.monotonic()
     now = clock or (lambda: time.monotonic() - began)
     link = TwinLink(truth.following(move), memory.twin, off.shape[0], control_dt, now)
@@ -100,9 +100,10 @@ def realtime_chunks(
 def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.ndarray]]) -> Record:
     """The record of several ticks, leading axis ticks, from truth before each and the autopilot's vectors."""
     truths, taken, given = zip(*rows, strict=True)
-    state, water_velocity, external_wrench = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))
+    truth = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))
+    state, water_velocity, external_wrench, surface = truth
     measurements, decided = autopilot.unpacked(taken, given)
-    return Record(state, water_velocity, external_wrench, measurements, decided)
+    return Record(state, water_velocity, external_wrench, measurements, decided, surface)
 
 
 class _Truth:
@@ -114,7 +115,8 @@ class _Truth:
     def following(self, move: Callable[..., Any]) -> Callable[[Any, Command, int], tuple[Any, Measurements]]:
         def advance_twin(memory: Any, command: Command, k: int) -> tuple[Any, Measurements]:
             memory, moved = move(memory, command, k)
-            self.now = (moved.state, moved.environment.velocity, moved.environment.wrench)
+            water = moved.environment
+            self.now = (moved.state, water.velocity, water.wrench, water.surface)
             return memory, moved.measurements
 
         return advance_twin

@@ -56,10 +56,17 @@ class SensorMemory(eqx.Module):
 
 Ideal = Callable[["Sensor", SensorInput], Array]
 
+
+def _depth(sensor: "Sensor", seen: SensorInput) -> Array:
+    """Pressure as a depth: with the waves' dynamic pressure where there is one."""
+    still = measurement.depth(seen.state, sensor.lever)
+    return still if seen.environment.head is None else still + seen.environment.head
+
+
 # kind -> (number of values, noise-free reading)
 KINDS: dict[str, tuple[int, Ideal]] = {
     "position": (2, lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2]),
-    "pressure": (1, lambda sensor, seen: measurement.depth(seen.state, sensor.lever)[None]),
+    "pressure": (1, lambda sensor, seen: _depth(sensor, seen)[None]),
     "accelerometer": (
         3,
         lambda sensor, seen: measurement.specific_force(seen.state, seen.nu_dot, sensor.lever, sensor.rotation),

@@ -10,6 +10,7 @@ from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
 from rovtwin.scenario.schema.water import WaterSection
 from rovtwin.scenario.schema.world import (
+    AirySection,
     ConstantCurrentSection,
     GaussMarkovCurrentSection,
     ShearedCurrentSection,
@@ -20,6 +21,7 @@ from rovtwin.scenario.schema.world import (
 __all__ = [
     "PRESETS",
     "SENSOR_NAMES",
+    "AirySection",
     "AutopilotSection",
     "ConstantCurrentSection",
     "DatumSection",

@@ -66,6 +66,44 @@ class ThesisWavesSection(Strict):
     as_printed: bool = Field(default=False, description="modal frequency and sigma as (5.5) and (5.6) print them")
 
 
+class AirySection(Strict):
+    """A real sea: linear waves of a spectrum, whose orbital motion the vehicle feels at its depth."""
+
+    model: Literal["airy"]
+    spectrum: Literal["jonswap", "pierson_moskowitz"] = "jonswap"
+    significant_height: Positive = Field(description="Hs [m]")
+    zero_crossing_period: Positive | None = Field(default=None, description="Tz [s]; this or peak_period")
+    peak_period: Positive | None = Field(default=None, description="Tp [s]; this or zero_crossing_period")
+    gamma: Annotated[Number, Field(ge=1, le=10)] | None = Field(
+        default=None, description="peak enhancement of jonswap; default 3.3"
+    )
+    direction_deg: Degrees = Field(default=0.0, description="where the waves run to, from north over east")
+    spreading: Annotated[Number, Field(gt=0, le=100)] | None = Field(
+        default=None, description="s of cos^2s about the direction; default all run the same way"
+    )
+    depth: Positive | None = Field(default=None, description="of the water [m]; default world.floor, or deep")
+    components: Annotated[int, Field(strict=True, ge=2, le=1024)] = Field(default=64, description="number of waves")
+
+    @model_validator(mode="after")
+    def _one_sea(self) -> "AirySection":
+        if (self.zero_crossing_period is None) == (self.peak_period is None):
+            given = "neither" if self.peak_period is None else "both"
+            raise ValueError(f"found {given} of zero_crossing_period and peak_period, expected one of them")
+        if self.spectrum == "pierson_moskowitz" and self.gamma not in (None, 1.0):
+            raise ValueError("gamma belongs to jonswap; take it out or write spectrum: jonswap")
+        return self
+
+    @property
+    def peak_enhancement(self) -> float:
+        """gamma; Pierson-Moskowitz is the JONSWAP spectrum of gamma = 1."""
+        if self.spectrum == "pierson_moskowitz":
+            return 1.0
+        return 3.3 if self.gamma is None else self.gamma
+
+
+WavesSection = Annotated[ThesisWavesSection | AirySection, Field(discriminator="model")]
+
+
 class MismatchSection(Strict):
     """How the plant differs from the autopilot's model; the damping factors are drawn from the seed."""
 
@@ -99,7 +137,7 @@ class WorldSection(Strict):
         default=None, description="density, for the plant, not for the model; default: what the vehicle is written for"
     )
     current: CurrentSection = ConstantCurrentSection()
-    waves: ThesisWavesSection | None = None
+    waves: WavesSection | None = None
     surface: bool = Field(default=True, description="whether buoyancy ends at depth 0, as in nature")
     floor: Positive | None = Field(default=None, description="depth of the floor, which holds the hull [m]")
     tank: TankSection | None = None
@@ -109,6 +147,11 @@ class WorldSection(Strict):
         default_factory=dict, description="faults: share of the force left, by thruster name; 0 is dead"
     )
 
+    @property
+    def moving_surface(self) -> bool:
+        """Whether there is a surface that goes up and down."""
+        return self.surface and isinstance(self.waves, AirySection)
+
     @field_validator("current", mode="before")
     @classmethod
     def _current_as_vector(cls, value: Any) -> Any:
@@ -117,6 +160,20 @@ class WorldSection(Strict):
         if isinstance(value, dict) and "type" not in value:
             return {"type": "constant"} | value
         return value
+
+    @field_validator("waves", mode="before")
+    @classmethod
+    def _thesis_waves_by_default(cls, value: Any) -> Any:
+        return {"model": "thesis"} | value if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _one_depth(self) -> "WorldSection":
+        waves = self.waves
+        if isinstance(waves, AirySection) and waves.depth and self.floor and waves.depth != self.floor:
+            raise ValueError(
+                f"waves.depth is {waves.depth:g} m and floor {self.floor:g} m, but the waves feel the floor; give one"
+            )
+        return self
 
     @field_validator("mismatch", mode="before")
     @classmethod
