@@ -39,9 +39,11 @@ from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
 from rovtwin.simulation.airy import AirySea
+from rovtwin.simulation.cable import Cable
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
 from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.tether import Tether, TetherInput
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
@@ -173,6 +175,15 @@ def twin() -> Example:
     return Example(block, TwinInput(commands(), jnp.arange(TICKS)), CONTROL, TwinInput(0, None))
 
 
+def tether() -> Example:
+    """Tended, over a floor, caught for a while."""
+    cable = Cable(0.005, 0.02, stiffness=500.0, surface=jnp.zeros(()), floor=jnp.asarray(2.5))
+    block = Tether(cable, (4.0, 0.0, 0.0), (-0.2, 0.1, 0.0), 12.0, slack=jnp.asarray(1.1), segments=10)
+    water = over_time(11, 3, seed=30)
+    snagged = (jnp.arange(TICKS) > 20) & (jnp.arange(TICKS) < 40)
+    return Example(block, TetherInput(states(), water, snagged))
+
+
 def measurements() -> Measurements:
     """Readings about the start, each sensor at a rate of its own; two a tick from the fast ones, absent in between."""
     about = {"position": START.position[:2], "pressure": START.position[2:], "attitude": jnp.array([0, 0, 0.4])}
@@ -246,6 +257,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "simulation.current.GaussMarkovCurrent": lambda: Example(wandering(), states().position, PHYSICS),
     "simulation.current.ShearedCurrent": lambda: Example(sheared(), states().position, PHYSICS),
     **{f"simulation.sensors.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
+    "simulation.tether.Tether": tether,
     "simulation.twin.Twin": twin,
     "simulation.waves.ThesisWaves": lambda: Example(waves(), states(), PHYSICS),
     "simulation.world.World": lambda: Example(World(sheared(), waves()), states(), PHYSICS),
@@ -254,6 +266,6 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 # Compiling these takes long: they run in `make test-all`.
 SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
 SLOW_BATCH = SLOW | {"simulation.twin.Twin"}  # tests/simulation/test_twin.py has one
-SLOW_GRADIENT = SLOW | {"gnc.observer.Ekf: consistent", "simulation.twin.Twin"}
+SLOW_GRADIENT = SLOW | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether", "simulation.twin.Twin"}
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

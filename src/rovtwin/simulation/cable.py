@@ -1,0 +1,269 @@
+"""A cable in water as a chain of nodes: its forces, and the shape in which they balance.
+
+N segments of equal unstretched length join N + 1 nodes; the first is held at the anchor, the last at the vehicle.
+Weight, buoyancy and drag act at the nodes, tension along the segments. There is no inertia, so every node is where its
+forces balance: tension against weight and the drag of its own motion through the water,
+
+    sum of forces(r, (r - r_before) / dt) = 0
+
+which is one implicit step of an overdamped chain. It is solved by Newton's method with the Jacobian of tension and
+drag, a block-tridiagonal matrix of symmetric 3x3 blocks that is positive definite whatever the shape, since slack
+segments push nothing. Eliminating from the anchor on leaves, at the vehicle, the force of the whole cable there and its
+rate of change with the place of that end.
+
+References: Walton and Polachek (1960), Mathematics of Computation 14 (chains of nodes in water); Hall and Goupee
+(2015), Ocean Engineering 104:590-603 (lumped loads, drag across and along, contact with the floor); Hoerner (1965),
+ch. 3 (drag of inclined cylinders).
+"""
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
+
+SLOWEST = 0.01  # below this speed drag is linear: a 5 mm cylinder at 1 cm/s has a Reynolds number of 50 [m/s]
+SLACK_SHARE = 1e-6  # stiffness of a slack segment, of that of a taut one: keeps the equations solvable
+FLOOR_STIFFNESS = 200.0  # of the floor, per metre of cable: 0.2 N/m lies 1 mm deep [N/m2]
+FRICTION, SLIDING_SPEED = 0.3, 0.02  # on the floor; it creeps below that speed [m/s]
+FADE = 0.05  # height over which a cable leaves the water [m]
+DRY_DRAG = 0.05  # share of the drag that is left in air, so that a slack loop there falls at a finite speed
+LARGEST_MOVE = 0.5  # of a node in one iteration, in segments
+ENOUGH = 0.02  # [N]
+TINY = 1e-12  # [m2]
+
+
+class Cable(eqx.Module):
+    """What a cable is made of, and what is around it.
+
+    Attributes:
+        diameter: [m].
+        wet_weight: Weight less buoyancy, negative floats [N/m].
+        normal_drag: C_D across, on the diameter.
+        tangential_drag: C_f along, on the circumference.
+        stiffness: EA [N].
+        density: Of the water [kg/m3].
+        surface: Depth z in n of the surface [m], or None: water without end upwards.
+        floor: Depth z in n of the floor [m], or None.
+    """
+
+    diameter: Array = eqx.field(converter=as_array)
+    wet_weight: Array = eqx.field(converter=as_array, default=0.0)
+    normal_drag: Array = eqx.field(converter=as_array, default=1.2)
+    tangential_drag: Array = eqx.field(converter=as_array, default=0.015)
+    stiffness: Array = eqx.field(converter=as_array, default=2e4)
+    density: Array = eqx.field(converter=as_array, default=FRESH_WATER)
+    surface: Array | None = None
+    floor: Array | None = None
+
+
+class Pin(eqx.Module):
+    """What holds a node from outside: `stiffness` per node [N/m], shape (N + 1,), towards `place` in n, shape (3,)."""
+
+    stiffness: Array
+    place: Array
+
+
+class Balance(eqx.Module):
+    """Forces on the nodes, and minus their rate of change with the nodes' places.
+
+    Attributes:
+        force: In n [N], shape (N + 1, 3).
+        own: Of a node with its own place [N/m], shape (N + 1, 3, 3).
+        links: Of the two ends of a segment with each other's place [N/m], shape (N, 3, 3).
+    """
+
+    force: Array
+    own: Array
+    links: Array
+
+
+def balance(
+    cable: Cable, nodes: Array, before: Array, water: Array, length: Array, dt: Array | float, pin: Pin | None = None
+) -> Balance:
+    """Forces on all nodes of a cable that got from `before` to `nodes` within dt.
+
+    Args:
+        cable: Its properties.
+        nodes: In n [m], shape (N + 1, 3).
+        before: Where they were dt earlier [m], shape (N + 1, 3).
+        water: Velocity of the water at the nodes, n [m/s], shape (N + 1, 3).
+        length: Unstretched, of the whole cable [m].
+        dt: [s].
+        pin: What else holds it.
+    """
+    count = nodes.shape[0] - 1
+    segment = length / count
+    share = np.ones(count + 1)
+    share[0] = share[-1] = 0.5
+    span = segment * share  # of the cable that a node stands for
+    edges = nodes[1:] - nodes[:-1]
+
+    pull, links = _tension(cable, edges, segment)
+    drag, resistance = _drag(cable, edges, water - (nodes - before) / dt, span)
+    down, hold, wet = _vertical(cable, nodes[:, 2], span)
+    force = wet[:, None] * drag + _at_ends(pull, -1.0) + jnp.concatenate([jnp.zeros_like(nodes[:, :2]), down], axis=1)
+    own = (wet / dt)[:, None, None] * resistance + _at_ends(links, 1.0) + hold[:, None, None] * _DOWN_DOWN
+    if cable.floor is not None:
+        force, own = _on_floor(cable.floor, nodes, before, span, dt, force, own)
+    if pin is not None:
+        force = force + pin.stiffness[:, None] * (pin.place - nodes)
+        own = own + pin.stiffness[:, None, None] * np.eye(3)
+    return Balance(force, own, links)
+
+
+_DOWN_DOWN = np.diag([0.0, 0.0, 1.0])
+_LEVEL = np.diag([1.0, 1.0, 0.0])
+
+
+def _at_ends(of_segments: Array, sign: float) -> Array:
+    """What each segment does to its two ends, summed per node; `sign` is that of the end further from the anchor."""
+    none = jnp.zeros_like(of_segments[:1])
+    return jnp.concatenate([of_segments, none]) + sign * jnp.concatenate([none, of_segments])
+
+
+def _tension(cable: Cable, edges: Array, segment: Array) -> tuple[Array, Array]:
+    """Pull of each segment on its end towards the anchor, shape (N, 3), and its stiffness, shape (N, 3, 3)."""
+    long = jnp.sqrt(jnp.sum(edges * edges, axis=1) + TINY)
+    along = edges / long[:, None]
+    tension = cable.stiffness * jnp.maximum(long / segment - 1.0, 0.0)
+    axial = cable.stiffness / segment * jnp.where(long > segment, 1.0, SLACK_SHARE)
+    across = tension / long
+    links = across[:, None, None] * np.eye(3) + (axial - across)[:, None, None] * _outer(along)
+    return tension[:, None] * along, links
+
+
+def _drag(cable: Cable, edges: Array, flow: Array, span: Array) -> tuple[Array, Array]:
+    """Drag at the nodes, across and along the cable each on its own, shape (N + 1, 3); and its rate, (N + 1, 3, 3).
+
+    Args:
+        cable: Its properties.
+        edges: From node to node [m], shape (N, 3).
+        flow: Of the water past the nodes [m/s], shape (N + 1, 3).
+        span: Length that each node stands for [m], shape (N + 1,).
+    """
+    through = jnp.concatenate([edges[:1], edges[1:] + edges[:-1], edges[-1:]])
+    tangent = through / jnp.sqrt(jnp.sum(through * through, axis=1, keepdims=True) + TINY)
+    along = jnp.sum(flow * tangent, axis=1)
+    across = flow - along[:, None] * tangent
+    fast = jnp.sqrt(jnp.sum(across * across, axis=1) + SLOWEST**2)
+    fast_along = jnp.sqrt(along * along + SLOWEST**2)
+    normal = 0.5 * cable.density * cable.diameter * cable.normal_drag * span
+    tangential = 0.5 * cable.density * jnp.pi * cable.diameter * cable.tangential_drag * span
+    force = (normal * fast)[:, None] * across + (tangential * fast_along * along)[:, None] * tangent
+    slope_along = tangential * (fast_along + along * along / fast_along) - normal * fast
+    rate = (
+        (normal * fast)[:, None, None] * np.eye(3)
+        + (normal / fast)[:, None, None] * _outer(across)
+        + slope_along[:, None, None] * _outer(tangent)
+    )
+    return force, rate
+
+
+def _vertical(cable: Cable, z: Array, span: Array) -> tuple[Array, Array, Array]:
+    """Weight less buoyancy, shape (N + 1, 1); how it holds a floating cable, and how wet it is, shapes (N + 1,)."""
+    if cable.surface is None:
+        return (cable.wet_weight * span)[:, None], jnp.zeros_like(z), jnp.ones_like(z)
+    displaced = cable.density * GRAVITY * 0.25 * jnp.pi * cable.diameter**2
+    height = 0.5 + (z - cable.surface) / FADE
+    wet = jnp.clip(height, 0.0, 1.0)
+    down = (cable.wet_weight + (1.0 - wet) * displaced) * span
+    hold = jnp.where((height > 0.0) & (height < 1.0), displaced / FADE * span, 0.0)
+    return down[:, None], hold, jnp.maximum(wet, DRY_DRAG)
+
+
+def _on_floor(
+    floor: Array, nodes: Array, before: Array, span: Array, dt: Array | float, force: Array, own: Array
+) -> tuple[Array, Array]:
+    """Adds the floor's push and friction; friction is smooth through zero speed, so that a cable creeps."""
+    deep = nodes[:, 2] - floor
+    push = FLOOR_STIFFNESS * span * jnp.maximum(deep, 0.0)
+    velocity = (nodes - before) / dt * jnp.array([1.0, 1.0, 0.0])
+    brake = FRICTION * push / jnp.sqrt(jnp.sum(velocity * velocity, axis=1) + SLIDING_SPEED**2)
+    force = force - brake[:, None] * velocity - push[:, None] * jnp.array([0.0, 0.0, 1.0])
+    hold = jnp.where(deep > 0.0, FLOOR_STIFFNESS * span, 0.0)
+    return force, own + (brake / dt)[:, None, None] * _LEVEL + hold[:, None, None] * _DOWN_DOWN
+
+
+def _outer(vectors: Array) -> Array:
+    return vectors[:, :, None] * vectors[:, None, :]
+
+
+def inverse(matrix: Array) -> Array:
+    """Of a symmetric 3x3 matrix, by cofactors: LAPACK would be called out of the compiled loop."""
+    (a, b, c), (_, d, e), (_, _, f) = matrix
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    return jnp.stack([aa, ab, ac, ab, bb, bc, ac, bc, cc]).reshape(3, 3) / (a * aa + b * ab + c * ac)
+
+
+def solve(forces: Balance) -> tuple[Array, Array, Array]:
+    """One Newton step with both ends held: block elimination from the anchor, then back.
+
+    Returns:
+        How the nodes must move, shape (N + 1, 3), zero at the ends; force of the cable on what holds its last node
+        once they have [N], shape (3,); minus the rate of that force with the place of the last node [N/m], (3, 3).
+    """
+
+    def eliminate(carry: tuple[Array, Array], node: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        (pivot, force), (link, own, push) = carry, node
+        freed = inverse(pivot)
+        passed = link @ freed
+        return (own - passed @ link, push + passed @ force), (freed, force)
+
+    first = forces.own[1], forces.force[1]
+    rest = forces.links[1:], forces.own[2:], forces.force[2:]
+    (stiffness, end), (freed, pushed) = jax.lax.scan(eliminate, first, rest)
+
+    def back(next_move: Array, node: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        inverted, push, link = node
+        move = inverted @ (push + link @ next_move)
+        return move, move
+
+    held = jnp.zeros((1, 3))
+    _, moves = jax.lax.scan(back, held[0], (freed, pushed, forces.links[1:]), reverse=True)
+    return jnp.concatenate([held, moves, held]), end, stiffness
+
+
+def advance(
+    cable: Cable,
+    guess: Array,
+    before: Array,
+    water: Array,
+    length: Array,
+    dt: Array | float,
+    iterations: int,
+    pin: Pin | None = None,
+) -> tuple[Array, Array, Array]:
+    """The shape dt after `before`.
+
+    Iterates until what a move leaves out, the square of a segment's turn, is worth less than `ENOUGH` of tension.
+
+    Args:
+        cable: Its properties.
+        guess: Of the shape, with its ends where they are then, n [m], shape (N + 1, 3).
+        before: Nodes dt earlier [m], shape (N + 1, 3).
+        water: Velocity of the water at the nodes, n [m/s], shape (N + 1, 3).
+        length: Unstretched, of the whole cable [m].
+        dt: [s].
+        iterations: At most.
+        pin: What else holds it.
+
+    Returns:
+        Nodes; force on what holds the last one [N]; its stiffness there [N/m], as of `solve`.
+    """
+    segment = length / (guess.shape[0] - 1)
+    near = segment * jnp.sqrt(2.0 * ENOUGH / cable.stiffness)
+
+    def newton(state: tuple) -> tuple:
+        nodes, *_ = state
+        move, force, stiffness = solve(balance(cable, nodes, before, water, length, dt, pin))
+        largest = jnp.sqrt(jnp.max(jnp.sum(move * move, axis=1)) + TINY)
+        return nodes + jnp.minimum(1.0, LARGEST_MOVE * segment / largest) * move, force, stiffness, largest
+
+    def again(state: tuple, _: None) -> tuple[tuple, None]:
+        return jax.lax.cond(state[3] > near, newton, lambda same: same, state), None
+
+    start = guess, jnp.zeros(3), jnp.zeros((3, 3)), 2.0 * near
+    (nodes, force, stiffness, _), _ = jax.lax.scan(again, start, None, length=iterations)
+    return nodes, force, stiffness

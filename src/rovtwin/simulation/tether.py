@@ -1,0 +1,210 @@
+"""Tether: the cable from the surface to a vehicle, as a Block that pulls at it.
+
+Once per control tick the cable's shape is solved for the end of the tick, the vehicle taken to move on as it does
+(`cable`). Over the physics steps within, the pull follows the vehicle to first order,
+
+    F = F_end - K (p - p_expected)
+
+with K the cable's own stiffness and resistance at that end: the vehicle and a taut cable are then solved together,
+implicitly, and stay stable at any stiffness that a tick can resolve, K < 3 m / dt^2.
+
+What it is not: the cable has no mass (2 kg with the water around 50 m of 5 mm), no bending stiffness and no torsion; it
+feels the current, not the orbital motion of waves; walls do not hold it.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.frames import cross, rotation_from_quaternion
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.simulation.cable import Cable, Pin, advance
+from rovtwin.simulation.checks import require, require_finite, require_not_negative, require_positive, require_shape
+from rovtwin.vehicle.dynamics import State
+
+SHORTEST = 2.0  # a tended tether is never shorter than this [m]
+# Before a run the shape settles in implicit steps that grow and shrink: 10 minutes in all, 60 m of drift at 0.1 m/s.
+SETTLING_STEPS = np.concatenate([np.geomspace(0.05, 20.0, 120), np.geomspace(20.0, 0.05, 40)])  # [s]
+SNAG_STIFFNESS = 1e4  # of what a snagged tether is caught in [N/m]
+
+
+class TetherInput(eqx.Module):
+    """What a tether sees in one tick.
+
+    Attributes:
+        state: Of the vehicle, at the start of the tick.
+        water: Velocity of the water at the nodes in its memory, n [m/s], shape (segments + 1, 3).
+        snagged: Whether it is caught, bool; from when it is, to when it is not, one place along it stays where it was.
+    """
+
+    state: State
+    water: Array
+    snagged: Array
+
+
+class TetherMemory(eqx.Module):
+    """What a tether remembers.
+
+    Attributes:
+        nodes: From anchor to vehicle, n [m], shape (segments + 1, 3).
+        moves: Of the nodes in the last tick [m], shape (segments + 1, 3): the next shape is sought further on.
+        length: Paid out [m].
+        snagged: Whether it is caught, bool.
+        caught_at: Where it was caught last, n [m], shape (3,).
+    """
+
+    nodes: Array
+    moves: Array
+    length: Array
+    snagged: Array
+    caught_at: Array
+
+
+class Pull(eqx.Module):
+    """What a tether does to the vehicle over one tick.
+
+    Attributes:
+        force: On the vehicle at its end, at the expected place, n [N], shape (3,).
+        stiffness: K, minus the rate of the force with that place [N/m], shape (3, 3).
+        place: Of the attachment at the start of the tick, n [m], shape (3,).
+        velocity: Of the attachment there, n [m/s], shape (3,).
+        nodes: At the end of the tick, n [m], shape (segments + 1, 3).
+        length: Paid out [m].
+    """
+
+    force: Array
+    stiffness: Array
+    place: Array
+    velocity: Array
+    nodes: Array
+    length: Array
+
+    @property
+    def tension(self) -> Array:
+        """At the vehicle [N]."""
+        return jnp.sqrt(jnp.sum(self.force * self.force, axis=-1))
+
+
+class Tether(Block):
+    """A tether between a fixed place and a vehicle.
+
+    Attributes:
+        cable: What it is made of.
+        anchor: Where its upper end is held (boat, quay), n [m], shape (3,).
+        attachment: Its place on the vehicle from CO, b [m], shape (3,).
+        length: Paid out, or, where it is tended, on the drum: the most that can be [m].
+        slack: Paid-out length over the distance, 1 or more, where somebody tends it; None: the length stays.
+        segments: Of the chain, int.
+        iterations: Of Newton's method in a tick at most, int; one is enough in most.
+        snag: Which node, from 1 to segments - 1, stays where it is when the tether is caught, int.
+    """
+
+    cable: Cable
+    anchor: Array = eqx.field(converter=as_array)
+    attachment: Array = eqx.field(converter=as_array)
+    length: Array = eqx.field(converter=as_array)
+    slack: Array | None = None
+    segments: int = eqx.field(static=True, default=19)
+    iterations: int = eqx.field(static=True, default=6)
+    snag: int = eqx.field(static=True, default=9)
+
+    def __check_init__(self):
+        for name in ("anchor", "attachment"):
+            require_shape(f"Tether.{name}", getattr(self, name), (3,))
+            require_finite(f"Tether.{name}", getattr(self, name))
+        require_positive("Tether.length", self.length)
+        for name in ("diameter", "stiffness", "density"):
+            require_positive(f"Cable.{name}", getattr(self.cable, name))
+        for name in ("normal_drag", "tangential_drag"):
+            require_not_negative(f"Cable.{name}", getattr(self.cable, name))
+        require_finite("Cable.wet_weight", self.cable.wet_weight)
+        if self.slack is not None:
+            require("Tether.slack", self.slack, self.slack >= 1.0, "a ratio of at least 1")
+        if not 2 <= self.segments:
+            raise ConfigError(f"Tether.segments: found {self.segments}, expected 2 or more (10 to 20 are usual)")
+        if not 0 < self.snag < self.segments:
+            raise ConfigError(f"Tether.snag: found {self.snag}, expected a node from 1 to {self.segments - 1}")
+
+    def init(self, key: Array, start: Start) -> TetherMemory:
+        """Settled in still water."""
+        return self.settled(start, jnp.zeros_like)
+
+    def settled(self, start: Start, water_at: Callable[[Array], Array]) -> TetherMemory:
+        """Memory before the first tick: the shape to which current and weight bring the cable while the vehicle waits.
+
+        Args:
+            start: Where the vehicle is.
+            water_at: Velocity of the water at places in n, shapes (k, 3) and (k, 3).
+        """
+        place = start.position + rotation_from_quaternion(start.attitude) @ self.attachment
+        length = self._paid_out(place)
+        middle = 0.5 * (self.anchor + place)
+        nodes = self._tent(place, length, water_at(middle[None])[0])
+
+        def settle(nodes: Array, dt: Array) -> tuple[Array, None]:
+            return advance(self.cable, nodes, nodes, water_at(nodes), length, dt, 2)[0], None
+
+        nodes, _ = jax.lax.scan(settle, nodes, as_array(SETTLING_STEPS))
+        return TetherMemory(nodes, jnp.zeros_like(nodes), length, jnp.asarray(False), nodes[self.snag])
+
+    def step(self, memory: TetherMemory, input: TetherInput, dt: float) -> tuple[TetherMemory, Pull]:
+        """Its shape and its pull over the next dt."""
+        place, velocity = self._attachment(input.state)
+        length = jnp.where(memory.snagged, memory.length, self._paid_out(place))
+        before = jnp.concatenate([memory.nodes[:-1], place[None]])
+        guess = jnp.concatenate([(before + memory.moves)[:-1], (place + dt * velocity)[None]])
+        caught = np.eye(self.segments + 1)[self.snag]
+        newly = input.snagged & ~memory.snagged
+        caught_at = jnp.where(newly, caught @ memory.nodes, memory.caught_at)
+        pin = Pin(jnp.where(input.snagged, SNAG_STIFFNESS, 0.0) * caught, caught_at)
+        nodes, force, stiffness = advance(self.cable, guess, before, input.water, length, dt, self.iterations, pin)
+        after = TetherMemory(nodes, nodes - before, length, input.snagged, caught_at)
+        return after, Pull(force, stiffness, place, velocity, nodes, length)
+
+    def wrench(self, pull: Pull, state: State, elapsed: Array | float, h: float) -> Array:
+        """Wrench of the tether on the vehicle over one physics step of h, b at CO [N, N m], shape (6,).
+
+        Args:
+            pull: Of the tick.
+            state: At the start of the physics step.
+            elapsed: Since the start of the tick [s].
+            h: Physics step [s].
+        """
+        place, velocity = self._attachment(state)
+        # At the middle of the step: held at its start, the force of a spring would feed energy in.
+        off = place + 0.5 * h * velocity - pull.place - (elapsed + 0.5 * h) * pull.velocity
+        force = (pull.force - pull.stiffness @ off) @ rotation_from_quaternion(state.attitude)
+        return jnp.concatenate([force, cross(self.attachment, force)])
+
+    def _attachment(self, state: State) -> tuple[Array, Array]:
+        """Its place and velocity in n, shapes (3,)."""
+        R_nb = rotation_from_quaternion(state.attitude)
+        velocity = state.nu[:3] + cross(state.nu[3:], self.attachment)
+        return state.position + R_nb @ self.attachment, R_nb @ velocity
+
+    def _paid_out(self, place: Array) -> Array:
+        if self.slack is None:
+            return self.length
+        chord = place - self.anchor
+        wanted = self.slack * jnp.sqrt(jnp.sum(chord * chord) + 1e-12)
+        return jnp.minimum(jnp.maximum(wanted, SHORTEST), self.length)
+
+    def _tent(self, place: Array, length: Array, water: Array) -> Array:
+        """Two straight halves of the right length, bent to where weight and current would bend them."""
+        chord = place - self.anchor
+        distance = jnp.sqrt(jnp.sum(chord * chord) + 1e-12)
+        cable = self.cable
+        drag = (
+            0.5 * cable.density * cable.diameter * cable.normal_drag * jnp.sqrt(jnp.sum(water * water) + 1e-12) * water
+        )
+        # Neither weight nor current along the line may leave it without a side to go to.
+        lean = drag + cable.wet_weight * jnp.array([0.0, 0.0, 1.0]) + 1e-4 * jnp.array([0.3, 0.7, 0.2])
+        lean = lean + 1e-3 * jnp.sqrt(lean @ lean) * jnp.array([0.3, 0.7, 0.2])
+        lean = lean - chord * (chord @ lean) / distance**2
+        height = 0.5 * jnp.sqrt(jnp.maximum(length**2 - distance**2, 0.0) + 1e-12)
+        share = np.linspace(0.0, 1.0, self.segments + 1)[:, None]
+        bend = height * lean / jnp.sqrt(lean @ lean + 1e-24)
+        return self.anchor + share * chord + (1.0 - np.abs(2.0 * share - 1.0)) * bend

@@ -1,0 +1,284 @@
+"""A tether against other solutions: the cable's differential equation, catenaries, statics; what it may never do."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, fsolve
+
+from rovtwin.core.block import Start
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.simulation.cable import Cable
+from rovtwin.simulation.tether import Pull, Tether, TetherInput
+from rovtwin.vehicle.dynamics import State
+
+DT = 0.02
+DIAMETER, C_D, C_F, EA, RHO = 0.005, 1.2, 0.015, 2e4, 1000.0
+ATTACHMENT = (-0.2, 0.28, -0.1)
+FREE = jnp.asarray(False)
+
+
+def tether(length=50.0, anchor=(0.0, 0.0, 0.0), attachment=ATTACHMENT, weight=0.0, **changes):
+    cable = {"wet_weight": weight, "normal_drag": C_D, "tangential_drag": C_F, "stiffness": EA}
+    cable |= {key: changes.pop(key) for key in list(changes) if key in Cable.__dataclass_fields__}
+    cable = {k: v if v is None else as_array(v) for k, v in cable.items()}
+    return Tether(Cable(DIAMETER, **cable), anchor, attachment, length, **changes)
+
+
+def sheared(z, surface, below):
+    """Velocity in n that falls from `surface` to `below` over 40 m of depth."""
+    share = jnp.clip(z / 40.0, 0.0, 1.0)[..., None]
+    return (1.0 - share) * jnp.asarray(surface) + share * jnp.asarray(below)
+
+
+def state_at(place, attitude=(0.0, 0.0, 0.0), attachment=ATTACHMENT, nu=(0.0,) * 6):
+    """A vehicle whose attachment is at a place in n."""
+    q = quaternion_from_euler(jnp.asarray(attitude))
+    position = jnp.asarray(place) - rotation_from_quaternion(q) @ jnp.asarray(attachment)
+    return State(position, q, jnp.asarray(nu), jnp.zeros(0))
+
+
+@eqx.filter_jit
+def at_rest(tether, state, surface, below) -> tuple[Pull, jax.Array]:
+    """Its pull and wrench on a vehicle that waits, settled in a sheared current."""
+    start = Start(state.position, state.attitude, jnp.zeros(6))
+    memory = tether.settled(start, lambda nodes: sheared(nodes[:, 2], surface, below))
+    water = sheared(memory.nodes[:, 2], surface, below)
+    _, pull = tether.step(memory, TetherInput(state, water, FREE), DT)
+    return pull, tether.wrench(pull, state, 0.0, 0.002)
+
+
+def solved(place, length, weight, surface, below):
+    """Force of an elastic cable from the origin on its end, n [N]: shooting on its equations in arc length."""
+
+    def slope(s, y):
+        size = np.linalg.norm(y[3:])
+        t = y[3:] / size
+        u = np.asarray(sheared_np(y[2], surface, below))
+        along = u @ t
+        across = u - along * t
+        load = 0.5 * RHO * DIAMETER * (C_D * np.linalg.norm(across) * across + np.pi * C_F * abs(along) * along * t)
+        return np.concatenate([t * (1.0 + size / EA), -(load + [0.0, 0.0, weight])])
+
+    def end(tension):
+        return solve_ivp(slope, (0, length), np.concatenate([np.zeros(3), tension]), rtol=1e-8, atol=1e-9).y[:, -1]
+
+    mid = np.asarray(sheared_np(0.5 * place[2], surface, below))
+    load = 0.5 * RHO * DIAMETER * C_D * np.linalg.norm(mid) * mid * length + np.array([0.0, 0.0, weight * length])
+    chord = np.asarray(place) / np.linalg.norm(place)
+    for pre in (0.5, 1.0, 2.0, 0.2, 5.0):
+        guess = 0.5 * load + pre * np.linalg.norm(load) * chord
+        tension, _, good, _ = fsolve(lambda x: end(x)[:3] - place, guess, full_output=True)
+        if good == 1 and np.allclose(end(tension)[:3], place, atol=1e-5):
+            return -end(tension)[3:]
+    raise AssertionError("the reference did not converge")
+
+
+def sheared_np(z, surface, below):
+    share = np.clip(z / 40.0, 0.0, 1.0)
+    return (1.0 - share) * np.asarray(surface) + share * np.asarray(below)
+
+
+NONE = (0.0, 0.0, 0.0)
+CASES = {
+    "current across": ((0.0, 0.0, 40.0), 44.0, 0.0, (0.3, 0.0, 0.0), (0.3, 0.0, 0.0)),
+    "current across, nearly taut": ((0.0, 0.0, 40.0), 40.4, 0.0, (0.3, 0.1, 0.0), (0.3, 0.1, 0.0)),
+    "current across, slack": ((0.0, 10.0, 20.0), 40.0, 0.0, (0.3, 0.0, 0.0), (0.3, 0.0, 0.0)),
+    "sheared current": ((5.0, 0.0, 30.0), 40.0, 0.0, (0.4, 0.0, 0.0), (0.0, 0.2, 0.0)),
+    "current along": ((40.0, 0.0, 15.0), 44.0, 0.0, (0.3, 0.05, 0.0), (0.3, 0.05, 0.0)),
+    "weight": ((30.0, 0.0, 10.0), 40.0, 0.2, NONE, NONE),
+    "weight, level and slack": ((20.0, 0.0, 1.0), 40.0, 0.1, NONE, NONE),
+    "buoyancy": ((30.0, 5.0, 20.0), 38.0, -0.1, NONE, NONE),
+    "mixed": ((20.0, 10.0, 15.0), 35.0, 0.1, (0.2, -0.3, 0.0), (0.1, 0.1, 0.0)),
+    "mixed, buoyant": ((-20.0, 10.0, 25.0), 38.0, -0.05, (0.2, 0.1, 0.0), (0.0, 0.3, 0.0)),
+    "mixed, beyond its length": ((20.0, 10.0, 15.0), 26.9, 0.1, (0.2, -0.3, 0.0), (0.1, 0.1, 0.0)),
+}
+ATTITUDE = (0.1, -0.05, 0.7)
+
+
+def compared(case, segments=19):
+    """Force and moment in b, of the tether and of the reference."""
+    place, length, weight, surface, below = CASES[case]
+    state = state_at(place, ATTITUDE)
+    _, wrench = at_rest(tether(length, weight=weight, segments=segments), state, jnp.array(surface), jnp.array(below))
+    force = np.asarray(rotation_from_quaternion(state.attitude)).T @ solved(place, length, weight, surface, below)
+    return np.asarray(wrench), np.concatenate([force, np.cross(ATTACHMENT, force)])
+
+
+def off(case, segments=19) -> tuple[float, float]:
+    """Errors of force and moment, each over its own size."""
+    ours, theirs = compared(case, segments)
+    force, moment = np.linalg.norm(theirs[:3]), np.linalg.norm(theirs[3:])
+    apart = ours - theirs
+    return float(np.linalg.norm(apart[:3]) / force), float(np.linalg.norm(apart[3:]) / moment)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_force_and_moment_against_the_differential_equation(case):
+    force, moment = off(case)
+    assert force < 0.02 and moment < 0.02
+
+
+def test_converges_with_the_number_of_segments():
+    assert max(off("mixed", 19)) < 0.4 * max(off("mixed", 10))
+
+
+def root(function, low, high) -> float:
+    return float(np.asarray(brentq(function, low, high)))
+
+
+def catenary(span, length):
+    """Parameter c of length = 2 c sinh(span / 2c)."""
+    return root(lambda c: 2 * c * np.sinh(span / (2 * c)) - length, 0.02 * span, 1e3 * span)
+
+
+def test_weight_alone_is_a_catenary():
+    """Level span: H = w c, V = w L / 2."""
+    pull, _ = at_rest(tether(44.0, weight=0.2), state_at((40.0, 0.0, 0.0)), jnp.zeros(3), jnp.zeros(3))
+    c = catenary(40.0, 44.0)
+    np.testing.assert_allclose(pull.force, [-0.2 * c, 0.0, 0.2 * 22.0], rtol=0.01, atol=1e-6)
+
+
+def test_drag_across_alone_is_a_catenary_too():
+    """With C_f = 0 the tension is the same everywhere, T = f c, and T phi' = f cos^2 phi gives tan phi = s / c.
+
+    50 m of 5 mm at 0.3 m/s: 13.5 N if it stood straight across, half of it at each end.
+    """
+    span, length = 49.5, 50.0
+    across = tether(length, tangential_drag=0.0, stiffness=1e6)
+    pull, _ = at_rest(across, state_at((0.0, 0.0, span)), jnp.array([0.3, 0, 0]), jnp.array([0.3, 0, 0]))
+    load = 0.5 * RHO * DIAMETER * C_D * 0.3**2
+    assert load * length == pytest.approx(13.5)
+    c = catenary(span, length)
+    slope = length / (2 * c)
+    expected = load * c * np.array([slope, 0.0, -1.0]) / np.hypot(1.0, slope)
+    np.testing.assert_allclose(pull.force, expected, rtol=0.01, atol=1e-6)
+    assert 6.4 < pull.force[0] < 6.75
+
+
+def test_lies_on_the_floor():
+    """Anchored on the floor at 10 m, the vehicle 6 m above it: L = lying + s, s = sqrt(h^2 + 2 h H / w)."""
+    weight, height, distance, length = 0.3, 6.0, 30.0, 33.0
+    on_floor = tether(length, (0.0, 0.0, 10.0), weight=weight, floor=10.0, segments=20)
+    pull, _ = at_rest(on_floor, state_at((distance, 0.0, 10.0 - height)), jnp.zeros(3), jnp.zeros(3))
+
+    def too_far(H):
+        hanging = np.sqrt(height**2 + 2 * height * H / weight)
+        return length - hanging + H / weight * np.arccosh(1 + height * weight / H) - distance
+
+    H = root(too_far, 1e-3, 50.0)
+    hanging = np.sqrt(height**2 + 2 * height * H / weight)
+    assert hanging < 0.8 * length  # some of it lies
+    assert float(jnp.max(pull.nodes[:, 2])) < 10.01
+    assert pull.force[2] == pytest.approx(weight * hanging, rel=0.03)
+    assert -pull.force[0] == pytest.approx(H, rel=0.05)  # friction creeps, but slowly
+
+
+def test_floats_at_the_surface():
+    """A buoyant, slack tether rises to the surface and no higher."""
+    floating = tether(30.0, weight=-0.05, surface=0.0)
+    pull, _ = at_rest(floating, state_at((20.0, 0.0, 3.0)), jnp.zeros(3), jnp.zeros(3))
+    assert float(jnp.min(pull.nodes[:, 2])) > -0.05
+    assert float(jnp.sum(pull.nodes[:, 2] < 0.05)) >= 5
+
+
+def test_two_taut_tethers_yaw_the_vehicle_by_statics():
+    """Straight behind, at y = -/+0.28 m, the starboard one with more tension: N = 0.28 (T_starboard - T_port)."""
+    total, tension = 0.0, {}
+    for y, stretch in ((-0.28, 1e-3), (0.28, 2e-3)):
+        lever = (-0.2, y, 0.0)
+        behind = tether(20.0 / (1.0 + stretch), (0.0, y, 5.0), lever)
+        pull, wrench = at_rest(behind, state_at((20.0, y, 5.0), attachment=lever), jnp.zeros(3), jnp.zeros(3))
+        total, tension[y] = total + wrench, float(pull.tension)
+        assert tension[y] == pytest.approx(EA * stretch, rel=1e-3)
+    assert total[5] == pytest.approx(0.28 * (tension[0.28] - tension[-0.28]), rel=1e-3)
+    assert total[0] == pytest.approx(-sum(tension.values()), rel=1e-3)
+
+
+@eqx.filter_jit
+def dragged(tether, places, snagged):
+    """Pulls on an attachment that is led through places (n, 3), a tick apart, in still water."""
+    velocity = jnp.diff(places, axis=0, append=places[-1:]) / DT
+    start = Start.at(places[0] - jnp.asarray(ATTACHMENT))
+    memory = tether.init(jax.random.key(0), start)
+
+    def tick(memory, now):
+        place, v, caught = now
+        state = state_at(place, nu=jnp.concatenate([v, jnp.zeros(3)]))
+        return tether.step(memory, TetherInput(state, jnp.zeros_like(memory.nodes), caught), DT)
+
+    return jax.lax.scan(tick, memory, (places, velocity, snagged))[1]
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.1])
+def test_gives_no_energy(weight):
+    """Led twice round a closed path in still water, in and out of its reach, it takes work and gives none."""
+    t = jnp.arange(0.0, 120.0, DT)
+    angle = 2 * jnp.pi * t / 60.0
+    places = jnp.stack([12 + 6 * jnp.sin(angle), 4 * jnp.cos(angle), 8 + 3 * jnp.sin(2 * angle)], axis=1)
+    pull = dragged(tether(19.0, weight=weight), places, jnp.zeros(len(t), dtype=bool))
+    # The force belongs to the end of the tick.
+    steps = jnp.diff(places, axis=0)
+    middle = 0.5 * (pull.force[:-1] + jnp.concatenate([pull.force[:1], pull.force[:-2]]))
+    power = jnp.sum(middle * steps, axis=1)[len(t) // 2 :]
+    assert float(jnp.max(pull.tension)) > 1.0
+    assert float(jnp.sum(power)) < 0.0
+
+
+def test_snagged_holds_where_it_was_caught():
+    """Caught half-way, the vehicle can go on only as far as the other half is long; let go, it has all of it again."""
+    t = jnp.arange(0.0, 60.0, DT)
+    places = jnp.stack([5.0 + 0.3 * jnp.minimum(t, 45.0), 0.0 * t, 5.0 + 0.0 * t], axis=1)
+    caught = (t > 5.0) & (t < 50.0)
+    limp = tether(30.0, weight=0.02, stiffness=200.0, snag=8, segments=16)
+    pull = dragged(limp, places, caught)
+    held = pull.nodes[:, 8]
+    during = np.asarray(caught)
+    assert np.abs(held[during] - held[during][0]).max() < 0.02
+    free = dragged(limp, places, jnp.zeros(len(t), dtype=bool))
+    late = np.asarray((t > 45.0) & (t < 50.0))
+    assert pull.tension[late].min() > 3.0 + free.tension[late].max()
+    np.testing.assert_allclose(pull.force[-1], free.force[-1], atol=0.2)
+
+
+def test_tended_follows_the_distance_up_to_what_is_on_the_drum():
+    places = jnp.stack([jnp.linspace(0.2, 30.0, 500), jnp.zeros(500), jnp.full(500, 1.0)], axis=1)
+    tended = tether(25.0, slack=as_array(1.1))
+    length = np.asarray(dragged(tended, places, jnp.zeros(500, dtype=bool)).length)
+    distance = np.linalg.norm(places, axis=1)
+    np.testing.assert_allclose(length, np.clip(1.1 * distance, 2.0, 25.0), atol=1e-5)
+
+
+def test_the_pull_follows_the_vehicle_within_a_tick():
+    """Moved aside by a little, the vehicle feels K times that: what the cable itself gives if solved again there."""
+    place, aside = jnp.array([15.0, 3.0, 8.0]), jnp.array([2e-4, -1e-4, 1e-4])
+    taut = tether(17.0, weight=0.1)
+
+    @eqx.filter_jit
+    def first_pull(velocity):
+        memory = taut.init(jax.random.key(0), Start.at(place - jnp.asarray(ATTACHMENT)))
+        state = state_at(place, nu=jnp.concatenate([velocity, jnp.zeros(3)]))
+        return taut.step(memory, TetherInput(state, jnp.zeros_like(memory.nodes), FREE), DT)[1]
+
+    # At the velocity that takes it aside within the tick, the cable is solved there.
+    pull, moved = first_pull(jnp.zeros(3)), first_pull(aside / DT)
+    wrench = taut.wrench(pull, state_at(place + aside), DT, 0.0)
+    np.testing.assert_allclose(wrench[:3], moved.force, atol=0.02 * float(np.linalg.norm(pull.stiffness @ aside)))
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({"length": -1.0}, "Tether.length: found -1.0, expected a number above 0"),
+        ({"slack": as_array(0.9)}, "Tether.slack: found 0.9, expected a ratio of at least 1"),
+        ({"anchor": (0.0, 0.0)}, "Tether.anchor: found shape"),
+        ({"stiffness": 0.0}, "Cable.stiffness: found 0.0, expected a number above 0"),
+        ({"segments": 1}, "Tether.segments: found 1, expected 2 or more"),
+        ({"snag": 19}, "Tether.snag: found 19, expected a node from 1 to 18"),
+    ],
+)
+def test_no_tether_like_that(bad, message):
+    with pytest.raises(ConfigError, match=message):
+        tether(**bad)
