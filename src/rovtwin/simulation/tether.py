@@ -122,7 +122,7 @@ class Tether(Block):
             require_not_negative(f"Cable.{name}", getattr(self.cable, name))
         require_finite("Cable.wet_weight", self.cable.wet_weight)
         if self.slack is not None:
-            require("Tether.slack", self.slack, self.slack >= 1.0, "a ratio of at least 1")
+            require("Tether.slack", self.slack, lambda x: x >= 1.0, "a ratio of at least 1")
         if not 2 <= self.segments:
             raise ConfigError(f"Tether.segments: found {self.segments}, expected 2 or more (10 to 20 are usual)")
         if not 0 < self.snag < self.segments:
