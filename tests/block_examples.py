@@ -41,6 +41,7 @@ from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInp
 from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.cable import Cable
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.faults import FaultInput, Faults, ThrusterFault
 from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
 from rovtwin.simulation.tether import Tether, TetherInput
@@ -142,6 +143,8 @@ SENSORS = {
         "dropout": 0.1,
         "clock_drift": 1e-4,
         "bias_walk": 1e-3,
+        "offsets": [(0.93, 0.96, [1.0, -2.0])],
+        "frozen": [(0.96, 0.99)],
     },
     "accelerometer": {"rate_hz": 100.0, "noise": 0.03, "bias": 0.017, "lever": (0.1, 0.0, -0.05)},
 }
@@ -167,6 +170,12 @@ def sea() -> AirySea:
     return AirySea.of(
         SeaState.of(1.5, zero_crossing_period=5.7, gamma=3.3), direction=0.3, depth=20.0, spreading=1.0, count=16
     )
+
+
+def faults() -> Example:
+    some = [ThrusterFault("weak", [0], 0.2, share=0.5), ThrusterFault("stuck", [1], 0.4, 0.9)]
+    block = Faults(THRUSTERS, [*some, ThrusterFault("reversed", [2], 0.1)], [(0.5, 0.6)])
+    return Example(block, FaultInput(commands(), jnp.arange(TICKS)), CONTROL, FaultInput(0, None))
 
 
 def twin() -> Example:
@@ -258,6 +267,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "simulation.current.ShearedCurrent": lambda: Example(sheared(), states().position, PHYSICS),
     **{f"simulation.sensors.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
     "simulation.tether.Tether": tether,
+    "simulation.faults.Faults": faults,
     "simulation.twin.Twin": twin,
     "simulation.waves.ThesisWaves": lambda: Example(waves(), states(), PHYSICS),
     "simulation.world.World": lambda: Example(World(sheared(), waves()), states(), PHYSICS),

@@ -12,6 +12,7 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.simulation.sensors import KINDS, Sensor, SensorInput, table_5_7
 
 START, DT = Start.at(), 0.002
+SEA = Environment.calm(floor=jnp.asarray(20.0))
 SOMEWHERE = state((4.0, -2.0, 3.0), (0.9, 0.1, -0.3, 0.3), (0.3, -0.1, 0.05, 0.1, 0.2, -0.15))
 SOMEWHERE = type(SOMEWHERE)(
     SOMEWHERE.position, SOMEWHERE.attitude / jnp.linalg.norm(SOMEWHERE.attitude), SOMEWHERE.nu, SOMEWHERE.thrust
@@ -24,7 +25,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
     def run(key):
         def one(memory, k):
-            return sensor.step(memory, SensorInput(seen, NU_DOT, k, Environment.calm()), DT)
+            return sensor.step(memory, SensorInput(seen, NU_DOT, k, SEA), DT)
 
         return jax.lax.scan(one, sensor.init(key, START), jnp.arange(first, first + steps))[1]
 
@@ -33,7 +34,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
 
 def ideal(sensor, seen=SOMEWHERE):
-    return np.asarray(KINDS[sensor.kind][1](sensor, SensorInput(seen, NU_DOT, jnp.array(0), Environment.calm())))
+    return np.asarray(KINDS[sensor.kind][1](sensor, SensorInput(seen, NU_DOT, jnp.array(0), SEA)))
 
 
 @pytest.mark.parametrize("rate", [1.0, 7.0, 10.0, 42.0, 100.0, 333.333, 500.0])
@@ -101,7 +102,7 @@ def test_bias_walk_grows_with_the_square_root_of_time():
 
     def run(key):
         def one(memory, k):
-            return sensor.step(memory, SensorInput(SOMEWHERE, NU_DOT, k, Environment.calm()), DT)
+            return sensor.step(memory, SensorInput(SOMEWHERE, NU_DOT, k, SEA), DT)
 
         return jax.lax.scan(one, sensor.init(key, START), jnp.arange(500))[1].value[:, 0]
 
@@ -176,7 +177,7 @@ def test_gradient_of_a_reading_is_finite(kind):
     def slope(differentiable):
         sensor, seen, nu_dot = differentiable
         memory = sensor.init(jax.random.key(0), START)
-        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499), Environment.calm()), DT)[1].value.sum()
+        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499), SEA), DT)[1].value.sum()
 
     sensor = Sensor(kind, 100.0, noise=0.1, bias_walk=0.1, outlier=1.0, outlier_size=1.0, latency=0.0)
     gradient = slope((sensor, SOMEWHERE, NU_DOT))
@@ -213,7 +214,7 @@ def test_table_5_7():
 
 def test_a_step_of_another_length_is_a_mistake():
     sensor = Sensor("pressure", 42.0)
-    now = SensorInput(SOMEWHERE, NU_DOT, jnp.array(0), Environment.calm())
+    now = SensorInput(SOMEWHERE, NU_DOT, jnp.array(0), SEA)
     with pytest.raises(ValueError, match="500"):
         sensor.step(sensor.init(jax.random.key(0), START), now, 0.02)
 
@@ -239,3 +240,94 @@ def test_a_step_of_another_length_is_a_mistake():
 def test_sensors_that_cannot_be(make, words):
     with pytest.raises(ConfigError, match=words):
         make()
+
+
+# -- faults
+
+
+def test_silent_biased_and_frozen_within_their_spans():
+    """A gyro at 100 Hz for 2 s: what the fault does within its span, and the same bits as without it elsewhere."""
+    plain = Sensor("gyro", 100.0, noise=0.1)
+    faults = {"offsets": [(0.2, 0.4, [0.5, 0.0, -1.0]), (0.3, 0.4, 1.0)], "frozen": [(0.8, 1.2)]}
+    broken = Sensor("gyro", 100.0, noise=0.1, blackouts=[(1.5, np.inf)], **faults)
+    (a, sound, _), (b, valid, t) = record(plain, 1000), record(broken, 1000)
+    a, b, t = a[sound], b[sound], t[sound]
+    at = 0.01 * np.arange(1, 201)
+    lost = at >= 1.5 - 1e-9
+    np.testing.assert_array_equal(valid[sound], ~lost)
+    assert not b[lost].any() and not t[lost].any()
+    first, second = (at > 0.2 - 1e-9) & (at < 0.3 - 1e-9), (at > 0.3 - 1e-9) & (at < 0.4 - 1e-9)
+    np.testing.assert_allclose(b[first] - a[first], np.tile([0.5, 0.0, -1.0], (10, 1)), atol=1e-12)
+    np.testing.assert_allclose(b[second] - a[second], np.tile([1.5, 1.0, 0.0], (10, 1)), atol=1e-12)
+    frozen = (at > 0.8 - 1e-9) & (at < 1.2 - 1e-9)
+    np.testing.assert_array_equal(b[frozen], np.broadcast_to(a[78], (40, 3)))  # the reading of 0.79 s
+    np.testing.assert_allclose(t[frozen], at[frozen], rtol=1e-12)  # with new time stamps
+    rest = ~(first | second | frozen | lost)
+    np.testing.assert_array_equal(b[rest], a[rest])
+
+
+def test_a_sensor_frozen_from_the_start_repeats_its_first_reading():
+    value, valid, _ = record(Sensor("pressure", 42.0, noise=0.1, frozen=[(0.0, np.inf)]), 500)
+    assert len(np.unique(value[valid])) == 1 and value[valid][0] != 0.0
+
+
+def test_a_frozen_sensor_repeats_the_last_reading_that_came():
+    """Lost readings are none; latency delays the repeats like all else."""
+    faults = {"noise": 0.1, "dropout": 0.5, "frozen": [(1.0, 1.5)]}
+    value, valid, t = record(Sensor("pressure", 100.0, **faults), 1000)
+    last = value[valid & (t < 1.0 - 1e-9)][-1]
+    inside = valid & (t > 1.0 - 1e-9) & (t < 1.5 - 1e-9)
+    assert 10 < inside.sum() < 40
+    np.testing.assert_array_equal(value[inside], np.broadcast_to(last, (inside.sum(), 1)))
+    late, valid_late, t_late = record(Sensor("pressure", 100.0, latency=0.1, **faults), 1000)
+    np.testing.assert_array_equal(late[50:][valid_late[50:]], value[:950][valid[:950]])
+    np.testing.assert_array_equal(t_late[50:], t[:950])
+
+
+@pytest.mark.parametrize(
+    "fault", [{"offsets": [(1.0, 0.5, 0.0)]}, {"offsets": [(0.0, 1.0, [1.0, 2.0])]}, {"frozen": [(2.0, 2.0)]}]
+)
+def test_faults_that_cannot_be_are_refused(fault):
+    with pytest.raises(ConfigError, match="offsets|frozen"):
+        Sensor("gyro", 100.0, **fault)
+
+
+# -- altimeter and leak
+
+
+def test_an_altimeter_reads_along_its_beam():
+    """Level at 3 m over a floor at 20 m: 17 m straight down, 17 / cos 30 deg when the beam leans by 30 deg."""
+    level = state((1.0, 2.0, 3.0))
+    for lean, place in ((0.0, 3.0), (np.pi / 6, 3.0), (0.0, 4.0)):
+        R = np.array(Sensor("altimeter", 10.0).rotation)
+        turn = np.array([[np.cos(lean), 0, -np.sin(lean)], [0, 1, 0], [np.sin(lean), 0, np.cos(lean)]])
+        sensor = Sensor("altimeter", 10.0, rotation=turn @ R, lever=(0.5, 0.0, place - 3.0))
+        value, valid, _ = record(sensor, 100, seen=level)
+        np.testing.assert_allclose(value[valid], (20.0 - place) / np.cos(lean), rtol=1e-12)
+        assert valid.sum() == 2
+
+
+def test_an_altimeter_has_no_reading_where_there_is_no_echo():
+    """Beyond its range, level or looking up, from below the floor, and without a floor; finite fillers all the same."""
+    down = state((0.0, 0.0, 3.0))
+    blind = {
+        "too far": (Sensor("altimeter", 10.0, max_range=16.9), down, SEA),
+        "level": (Sensor("altimeter", 10.0, rotation=np.eye(3)), down, SEA),
+        "up": (Sensor("altimeter", 10.0), state((0.0, 0.0, 3.0), (0.0, 1.0, 0.0, 0.0)), SEA),
+        "below": (Sensor("altimeter", 10.0), state((0.0, 0.0, 21.0)), SEA),
+        "no floor": (Sensor("altimeter", 10.0, frozen=[(0.1, 1.0)]), down, Environment.calm()),
+    }
+    for why, (sensor, seen, sea) in blind.items():
+        memory = sensor.init(jax.random.key(0), START)
+        for k in (49, 99):
+            memory, slot = sensor.step(memory, SensorInput(seen, NU_DOT, jnp.asarray(k), sea), DT)
+            assert not slot.valid.any() and not slot.value.any(), why
+    assert record(Sensor("altimeter", 10.0, max_range=17.1), 100, seen=down)[1].any()
+
+
+def test_a_leak_sensor_says_so():
+    sensor = Sensor("leak", 1.0)
+    for leak, reads in ((jnp.asarray(True), 1.0), (jnp.asarray(False), 0.0), (None, 0.0)):
+        seen = SensorInput(SOMEWHERE, NU_DOT, jnp.asarray(499), SEA, leak=leak)
+        _, slot = sensor.step(sensor.init(jax.random.key(0), START), seen, DT)
+        assert slot.valid[0] and float(slot.value[0, 0]) == reads

@@ -189,6 +189,7 @@ class Environment(eqx.Module):
         head: Dynamic pressure of waves at `place`, as a height of water [m], or None.
         surface: Depth z in n of the surface above CO [m], negative under a crest, or None without a surface.
         walls: Planes, or None in open water.
+        floor: Depth z in n of the floor, for instruments that look at it [m], or None; its plane is among the walls.
     """
 
     velocity: Array
@@ -199,6 +200,7 @@ class Environment(eqx.Module):
     head: Array | None = None
     surface: Array | None = None
     walls: Walls | None = None
+    floor: Array | None = None
 
     @classmethod
     def calm(cls, **changes: Any) -> "Environment":

@@ -23,9 +23,11 @@ from rovtwin.report.style import (
     ORANGE,
     WIDTH,
     dress,
+    fault_patch,
     legend_above,
     limits,
     line,
+    mark_faults,
     name_panel,
     new_figure,
     note,
@@ -54,6 +56,7 @@ def forces(flight: Flight) -> Figure:
     if tau is not None and wanted:
         axes, unnamed = _column(figure, grid[0, -1], flight, strip, [_WRENCH[k] for k in wanted])
         handles += _wrench(axes, flight, tau, wanted)
+    handles += [fault_patch()] if flight.faults else []
     legend_above(figure, [*handles, *map(phase_patch, sorted(unnamed))])
     return figure
 
@@ -63,6 +66,7 @@ def _thrusters(axes: list[Axes], flight: Flight, thrust: Series) -> list[Any]:
     for k, (one, name) in enumerate(zip(axes, thruster_names(flight, thrust.channel.fields), strict=True)):
         line(one, thrust.t, thrust.values[:, k], color=BLACK, linewidth=0.7)
         name_panel(one, name.replace("_", " ").replace(".", " "))
+        mark_faults(one, [f for f in flight.faults if name in f.thrusters], numbered=True)
         if bounds is not None:
             low, high = bounds[0][k], bounds[1][k]
             one.axhline(low, **LIMIT)
@@ -78,6 +82,7 @@ def _wrench(axes: list[Axes], flight: Flight, tau: Series, wanted: list[int]) ->
     for one, k in zip(axes, wanted, strict=True):
         line(one, tau.t, tau.values[:, k], color=BLUE, linewidth=0.7)
         name_panel(one, _WRENCH_NAMES[k])
+        mark_faults(one, flight.faults, numbered=k == wanted[0])
         one.set_ylim(*limits(tau.values[:, k], share=0.9995, least=0.05))
         if cut is not None:
             _saturated(one, cut.t, cut.values[:, k] > 0.5)

@@ -28,6 +28,17 @@ class Interval:
     waypoint: int
 
 
+@dataclass(frozen=True)
+class FaultSpan:
+    """A fault: its number in the report, from 1, what it is, from when to when [s], and the thrusters it is of."""
+
+    number: int
+    what: str
+    start: float
+    end: float
+    thrusters: tuple[str, ...]
+
+
 class Flight:
     """A log as a report sees it: series that may be missing, phases, and metadata that may be missing too.
 
@@ -111,6 +122,24 @@ class Flight:
         """Figures of the run, as whoever flew it computed them; empty when there are none."""
         found = self.json("summary")
         return found if isinstance(found, dict) else {}
+
+    @cached_property
+    def faults(self) -> list[FaultSpan]:
+        """Faults that came during the run, in order of time; those for good end with it."""
+        start, end = self.span
+        given = self.json("faults")
+        listed = [one for one in given if isinstance(one, Mapping)] if isinstance(given, list) else []
+        came = [one for one in listed if _number(one.get("start")) and one["start"] <= end]
+        return [
+            FaultSpan(
+                k,
+                str(one.get("what", "fault")),
+                max(float(one["start"]), start),
+                min(float(one["end"]), end) if _number(one.get("end")) else end,
+                tuple(str(name) for name in one.get("thrusters") or ()),
+            )
+            for k, one in enumerate(sorted(came, key=lambda one: one["start"]), start=1)
+        ]
 
     @cached_property
     def waypoints(self) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from rovtwin.core.log import Log
 from rovtwin.report.catalogue import drawable, left_out
 from rovtwin.report.flight import Flight
-from rovtwin.report.tables import mission_table, provenance_table, sensor_table
+from rovtwin.report.tables import fault_table, mission_table, provenance_table, sensor_table
 from rovtwin.report.vehicle import vehicle_tables
 from rovtwin.report.verdict import verdict
 
@@ -53,6 +53,7 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
         verdict=verdict(flight),
         pictures=pictures,
         mission=mission_table(flight),
+        faults=fault_table(flight),
         sensors=sensor_table(flight),
         vehicle=vehicle_tables(flight),
         provenance=provenance_table(flight),

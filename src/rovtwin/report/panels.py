@@ -11,7 +11,17 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from rovtwin.report.flight import Flight
-from rovtwin.report.style import WIDTH, dress, legend_above, new_figure, phase_patch, ribbon, shade
+from rovtwin.report.style import (
+    WIDTH,
+    dress,
+    fault_patch,
+    legend_above,
+    mark_faults,
+    new_figure,
+    phase_patch,
+    ribbon,
+    shade,
+)
 
 TIME = "Time [s]"
 
@@ -25,12 +35,14 @@ class Panels:
         axes: Panels, shape (rows, columns).
         handles: What the legend holds.
         phases: Phases that the legend has to name, because the ribbon has no room for them.
+        faults: Whether faults are marked.
     """
 
     figure: Figure
     axes: np.ndarray
     handles: list[Artist] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
+    faults: bool = False
 
     def entry(self, label: str, **style: Any) -> None:
         """One line of the legend."""
@@ -38,7 +50,8 @@ class Panels:
 
     def done(self, columns: int = 6) -> Figure:
         """The figure with its legend."""
-        legend_above(self.figure, [*self.handles, *map(phase_patch, self.phases)], columns)
+        faults = [fault_patch()] if self.faults else []
+        legend_above(self.figure, [*self.handles, *faults, *map(phase_patch, self.phases)], columns)
         return self.figure
 
 
@@ -56,14 +69,15 @@ def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25
     figure = new_figure(height=height * rows + 0.75)
     grid = figure.subplots(len(strip) + rows, columns, sharex=True, squeeze=False, height_ratios=strip + [1.0] * rows)
     body = grid[len(strip) :]
-    for row, names in zip(body, labels, strict=True):
+    for i, (row, names) in enumerate(zip(body, labels, strict=True)):
         for axes, label in zip(row, names, strict=True):
             dress(axes, label)
             shade(axes, flight.phases) if shaded else None
+            mark_faults(axes, flight.faults, numbered=i == 0)
     width = (WIDTH - 0.6 * columns) / columns
     unnamed = [ribbon(axes, flight.phases, width) for axes in (grid[0] if strip else [])]
     for axes in body[-1]:
         axes.set_xlabel(TIME, fontsize=9)
     body[0, 0].set_xlim(*flight.span)
     body[0, 0].xaxis.set_major_locator(MaxNLocator({1: 9, 2: 6}.get(columns, 4), steps=[1, 2, 2.5, 5, 10]))
-    return Panels(figure, body, phases=sorted(unnamed[0]) if unnamed else [])
+    return Panels(figure, body, phases=sorted(unnamed[0]) if unnamed else [], faults=bool(flight.faults))

@@ -17,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from rovtwin.report.flight import Interval
+from rovtwin.report.flight import FaultSpan, Interval
 
 WIDTH = 7.5  # of a figure [inch]: a page of A4 with margins, without scaling
 FONT, SMALL, TINY = 9.0, 8.0, 7.0  # axis labels; ticks, legends and titles; labels inside
@@ -30,6 +30,7 @@ TRUTH: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "zorder": 4}
 ESTIMATE: dict[str, Any] = {"color": BLUE, "linewidth": 1.5, "alpha": 0.8, "zorder": 3}
 REFERENCE: dict[str, Any] = {"color": ORANGE, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 5}
 LIMIT: dict[str, Any] = {"color": PURPLE, "linewidth": 1.0, "linestyle": (0, (6, 2, 1, 2)), "zorder": 2.5}
+FAULT = "#b2182b"  # of nothing else
 BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.18, "linewidth": 0.0, "zorder": 2}
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, SKY, BLACK, GREY)  # runs or parts without a meaning of their own
 
@@ -136,6 +137,33 @@ def ribbon(axes: Axes, phases: Sequence[Interval], width: float) -> set[str]:
 def phase_patch(name: str) -> Patch:
     """The colour of a phase, for a legend."""
     return Patch(facecolor=PHASE_COLOURS.get(name, "#ececec"), edgecolor="#999999", linewidth=0.4, label=name)
+
+
+def mark_faults(axes: Axes, faults: Sequence[FaultSpan], numbered: bool = False) -> None:
+    """Faults as pale spans behind the data, a line where each begins and, where `numbered`, its number on top."""
+    across = axes.get_xaxis_transform()
+    for fault in faults:
+        bar = [(fault.start, fault.end - fault.start)]
+        axes.broken_barh(bar, (0, 1), transform=across, facecolors=FAULT, alpha=0.09, linewidth=0, zorder=0.5)
+        axes.axvline(fault.start, color=FAULT, linewidth=0.8, zorder=2.4)
+        if numbered:
+            axes.annotate(
+                str(fault.number),
+                (fault.start, 0.98),
+                xycoords=across,
+                xytext=(2, 0),
+                textcoords="offset points",
+                va="top",
+                fontsize=TINY,
+                color=FAULT,
+                fontweight="bold",
+                zorder=6,
+            )
+
+
+def fault_patch() -> Patch:
+    """A fault, for a legend."""
+    return Patch(facecolor="#f4dfe2", edgecolor=FAULT, linewidth=0.8, label="Fault, by number")
 
 
 def thin(t: np.ndarray, y: np.ndarray, points: int = 1400) -> tuple[np.ndarray, np.ndarray]:

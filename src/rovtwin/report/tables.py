@@ -57,9 +57,16 @@ def mission_table(flight: Flight) -> Table | None:
     return Table("Mission", head, rows, note) if rows else None
 
 
+def fault_table(flight: Flight) -> Table | None:
+    """What broke and when, by the numbers in the figures; None where nothing did."""
+    end = flight.span[1]
+    rows = [[str(f.number), f.what, f"{f.start:g}", "the end" if f.end >= end else f"{f.end:g}"] for f in flight.faults]
+    return Table("Faults", ["Number", "What", "From [s]", "Until [s]"], rows) if rows else None
+
+
 def provenance_table(flight: Flight) -> Table:
     """Where the log comes from: all short metadata."""
-    long = {"scenario", "summary", "vehicle_table", "mission", "waves"}
+    long = {"scenario", "summary", "vehicle_table", "mission", "waves", "faults"}
     rows = [[key, value] for key, value in flight.log.metadata.items() if key not in long]
     if flight.datum is not None:
         rows = [[key, str(flight.datum) if key == METADATA_KEY else value] for key, value in rows]

@@ -13,13 +13,15 @@ ETA, NU, TAU = ("x", "y", "z", "phi", "theta", "psi"), ("u", "v", "w", "p", "q",
 ETA_UNITS, NU_UNITS, TAU_UNITS = ("m",) * 3 + ("rad",) * 3, ("m/s",) * 3 + ("rad/s",) * 3, ("N",) * 3 + ("N m",) * 3
 STD = tuple(f"std_{name}" for name in ETA + NU)
 
-SENSORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+SENSORS: dict[str, tuple[tuple[str, ...], str | tuple[str, ...], str, str]] = {
     "position": (("north", "east"), "m", "n", "acoustic position of the transponder"),
     "pressure": (("depth",), "m", "n", "depth from pressure"),
     "accelerometer": (("x", "y", "z"), "m/s2", "sensor", "specific force"),
     "gyro": (("x", "y", "z"), "rad/s", "sensor", "angular rate"),
     "attitude": (("phi", "theta", "psi"), "rad", "n", "zyx Euler angles"),
     "dvl": (("x", "y", "z"), "m/s", "sensor", "velocity over ground"),
+    "altimeter": (("range",), "m", "sensor", "distance to the floor along the beam"),
+    "leak": (("leak",), "1", "", "1 when water comes in"),
 }
 
 _euler = jax.jit(jax.vmap(euler_from_quaternion))
@@ -69,8 +71,9 @@ def log_channels(
     if with_sensors:
         for name in sensors:
             fields, unit, frame, description = SENSORS[name]
-            units = (unit,) * len(fields) + ("s",)
-            channels.append(Channel(f"sensor/{name}", (*fields, "t_valid"), units, frame, description=description))
+            units = (unit,) * len(fields) if isinstance(unit, str) else unit
+            fields, units = (*fields, "t_valid"), (*units, "s")
+            channels.append(Channel(f"sensor/{name}", fields, units, frame, description=description))
     return channels
 
 

@@ -13,11 +13,13 @@ from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.bound import position_bound
+from rovtwin.gnc.ekf_tuning import SENSOR_STD
 from rovtwin.gnc.guidance import Guidance
 from rovtwin.gnc.mission import mission as mission_of
 from rovtwin.gnc.observer import Ekf, EkfTuning
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
 from rovtwin.scenario.compose_world import plant_of, world_of
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
@@ -27,7 +29,7 @@ from rovtwin.scenario.schema import (
     SensorSection,
     WorldSection,
 )
-from rovtwin.simulation.sensors import Sensor, table_5_7
+from rovtwin.simulation.sensors import EXTRA, KINDS, Sensor, table_5_7
 from rovtwin.simulation.twin import Twin
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 from rovtwin.vehicle.trim import afloat
@@ -46,6 +48,7 @@ class Composed:
         model: What the autopilot believes; the plant is `loop.twin.model`.
         thruster_names, sensor_names: For the log.
         vehicle: Its description.
+        faults: What breaks and when, for the report.
         scenario: What it was made from.
     """
 
@@ -56,6 +59,7 @@ class Composed:
     thruster_names: list[str]
     sensor_names: list[str]
     vehicle: Vehicle
+    faults: list[dict[str, Any]]
     scenario: Scenario
 
     def vehicle_table(self) -> dict[str, Any]:
@@ -100,7 +104,13 @@ def compose(scenario: Scenario) -> Composed:
     plant = plant_of(scenario.world, vehicle, model, key_plant)
     loop = Loop(
         autopilot=autopilot_of(scenario, model, sensors),
-        twin=Twin(plant, world_of(scenario.world), sensors, scenario.substeps),
+        twin=Twin(
+            plant,
+            world_of(scenario.world),
+            sensors,
+            scenario.substeps,
+            faults_of(scenario, list(vehicle.thruster_names)),
+        ),
     )
     return Composed(
         loop=loop,
@@ -110,6 +120,7 @@ def compose(scenario: Scenario) -> Composed:
         thruster_names=[_field_name(name) for name in vehicle.thruster_names],
         sensor_names=list(sensors),
         vehicle=vehicle,
+        faults=listed(scenario, list(vehicle.thruster_names)),
         scenario=scenario,
     )
 
@@ -133,10 +144,23 @@ def sensors_of(scenario: Scenario) -> dict[str, Sensor]:
     """The sensors by name, with what the scenario changes about them."""
     section = scenario.sensors
     changes = {name: _changes_of(getattr(section, name)) for name in SENSOR_NAMES}
-    if not section.dvl.on_board:
-        if changes.pop("dvl"):
-            raise ConfigError("sensors.dvl: there is none on board; set sensors.dvl.on_board to true to have one")
-    return table_5_7(section.preset == "as_printed", section.dvl.on_board, scenario.rates.physics, changes)
+    extra = [name for name in EXTRA if _on_board(name, scenario)]
+    for name in EXTRA:
+        if name not in extra and changes.pop(name):
+            key = f"sensors.{name}"
+            raise ConfigError(f"{key}: there is none on board; set {key}.on_board to true to have one")
+    if "altimeter" in extra and scenario.world.floor is None:
+        raise ConfigError("sensors.altimeter: the world has no floor to look at; set world.floor to its depth [m]")
+    faults = sensor_faults(scenario, {name: KINDS[name][0] for name in changes})
+    for name, given in faults.items():
+        changes[name] |= given | {"blackouts": [*changes[name].get("blackouts", []), *given["blackouts"]]}
+    return table_5_7(section.preset == "as_printed", False, scenario.rates.physics, changes, extra)
+
+
+def _on_board(name: str, scenario: Scenario) -> bool:
+    """Whether an extra sensor is there: asked for, or because the time-line has a leak that somebody should see."""
+    leaks = name == "leak" and any(fault.fault == "leak" for fault in scenario.faults)
+    return leaks or getattr(scenario.sensors, name).on_board
 
 
 def _changes_of(section: SensorSection) -> dict[str, Any]:
@@ -176,7 +200,7 @@ def _tuning_of(section: AutopilotSection, sensors: dict[str, Sensor], control_dt
     if section.observer.tuning == "as_printed":
         return EkfTuning.as_printed(control_dt)
     walk = section.observer.force_walk
-    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if name != "accelerometer"}
+    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if name in SENSOR_STD}
     known = {name: value for name, value in std.items() if value > 0}
     return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
 

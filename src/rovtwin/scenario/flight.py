@@ -236,6 +236,7 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
         "vehicle_table": to_json(composed.vehicle_table()),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
+        "faults": to_json(composed.faults),
         "datum": datum.metadata(),
         "mission": to_json([w.model_dump() | {"position": w.placed(datum)} for w in scenario.mission.waypoints]),
     }

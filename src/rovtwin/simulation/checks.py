@@ -48,6 +48,15 @@ def require_finite(where: str, value: Array) -> None:
     require(where, value, np.isfinite, "finite numbers")
 
 
+def require_spans(where: str, spans: Array) -> None:
+    """Spans of time (from, to), shape (m, 2); the end may be infinite."""
+    if isinstance(spans, Tracer):
+        return
+    found = np.asarray(spans)
+    if not (np.isfinite(found[:, 0]).all() and (found[:, 0] < found[:, 1]).all()):
+        raise ConfigError(f"{where}: found {found.tolist()}, expected pairs (from, to)")
+
+
 def require_direction(where: str, value: Array) -> None:
     """An angle in radians, within a turn either way."""
     expected = "an angle from -2 pi to 2 pi in radians (this looks like degrees)"

@@ -5,7 +5,7 @@ the work of a reading is done only when there is one, also for a thousand vehicl
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,68 +13,55 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.flow import Environment, Slot
+from rovtwin.core.flow import Slot
 from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp, module_for
 from rovtwin.simulation.checks import (
     require,
     require_finite,
     require_not_negative,
+    require_positive,
     require_probability,
     require_shape,
+    require_spans,
 )
 from rovtwin.simulation.noise import raw_key
-from rovtwin.vehicle import measurement
-from rovtwin.vehicle.dynamics import State
+from rovtwin.simulation.sensor_kinds import KINDS, SensorInput
+
+__all__ = ["KINDS", "PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7"]
 
 PHYSICS_RATE = 500.0  # of all shipped scenarios [Hz]
+MAX_RANGE = 50.0  # of a small single-beam echo sounder over sand [m]
+DOWN = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # R_bs of a sensor whose x axis looks down
 
 
-class SensorInput(eqx.Module):
-    """What a sensor sees at the end of physics step k.
+class Wear(eqx.Module):
+    """What a reading leaves behind.
 
     Attributes:
-        state: Of the vehicle after the step.
-        nu_dot: Rate of its nu, shape (6,) [m/s2, rad/s2]; needed by accelerometers only, and only when they tick.
-        k: Number of the physics step, int, from 0, never batched: the state is that at time (k + 1) dt.
-        environment: What surrounded the vehicle during that step.
+        wander: Bias that walks, shape (n,).
+        last: The last valid reading, shape (n,), or None where the sensor never freezes.
+        known: Whether there was one, bool, or None.
     """
 
-    state: State
-    nu_dot: Array
-    k: Array
-    environment: Environment
+    wander: Array
+    last: Array | None
+    known: Array | None
 
 
 class SensorMemory(eqx.Module):
-    """Key; bias that wanders, shape (n,); readings under way, capacity as many as the latency holds, or None."""
+    """Key; what the last reading left; readings under way, capacity as many as the latency holds, or None."""
 
     key: Array
-    wander: Array
+    wear: Wear
     under_way: Slot | None
 
 
-Ideal = Callable[["Sensor", SensorInput], Array]
+class Offsets(eqx.Module):
+    """A bias that comes and goes: `value`, shape (m, n), within each of `spans`, shape (m, 2) [s]."""
 
-
-def _depth(sensor: "Sensor", seen: SensorInput) -> Array:
-    """Pressure as a depth: with the waves' dynamic pressure where there is one."""
-    still = measurement.depth(seen.state, sensor.lever)
-    return still if seen.environment.head is None else still + seen.environment.head
-
-
-# kind -> (number of values, noise-free reading)
-KINDS: dict[str, tuple[int, Ideal]] = {
-    "position": (2, lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2]),
-    "pressure": (1, lambda sensor, seen: _depth(sensor, seen)[None]),
-    "accelerometer": (
-        3,
-        lambda sensor, seen: measurement.specific_force(seen.state, seen.nu_dot, sensor.lever, sensor.rotation),
-    ),
-    "gyro": (3, lambda sensor, seen: measurement.angular_rate(seen.state, sensor.rotation)),
-    "attitude": (3, lambda sensor, seen: measurement.attitude_euler(seen.state, sensor.rotation)),
-    "dvl": (3, lambda sensor, seen: measurement.velocity_over_ground_at(seen.state, sensor.lever, sensor.rotation)),
-}
+    spans: Array
+    value: Array
 
 
 class Sensor(Block):
@@ -89,7 +76,9 @@ class Sensor(Block):
 
     Attributes:
         kind: "position" (north, east [m]), "pressure" (depth [m]), "accelerometer" (specific force [m/s2]), "gyro"
-            [rad/s], "attitude" (zyx Euler [rad], wrapped) or "dvl" (velocity over ground [m/s]).
+            [rad/s], "attitude" (zyx Euler [rad], wrapped), "dvl" (velocity over ground [m/s]), "altimeter" (distance to
+            the floor along its x axis [m]), "battery" (charge of the emptiest, 0 to 1, and power of all [W]) or
+            "leak" (0 or 1).
         rate: Millihertz, int.
         physics_rate: Of the clock k, millihertz, int.
         latency_steps: Physics steps from a reading to its delivery, int.
@@ -102,6 +91,9 @@ class Sensor(Block):
         outlier: Probability that a reading that comes is an outlier.
         outlier_size: Length of what an outlier adds, in a direction drawn uniformly.
         blackouts: Spans of true time without readings, from (included) to (excluded) [s], shape (m, 2).
+        offsets: Bias within spans of time, or None.
+        frozen: Spans in which it repeats its last reading, with new time stamps [s], shape (m, 2), or None.
+        max_range: Of an altimeter [m]; there is no reading beyond it.
         lever: Its place seen from CO, b [m], shape (3,).
         rotation: R_bs, maps its axes to b, shape (3, 3).
     """
@@ -119,6 +111,9 @@ class Sensor(Block):
     outlier: Array
     outlier_size: Array
     blackouts: Array
+    offsets: Offsets | None
+    frozen: Array | None
+    max_range: Array
     lever: Array
     rotation: Array
 
@@ -138,10 +133,17 @@ class Sensor(Block):
         outlier: Any = 0.0,
         outlier_size: Any = 0.0,
         blackouts: Sequence[tuple[float, float]] = (),
+        offsets: Sequence[tuple[float, float, Any]] = (),
+        frozen: Sequence[tuple[float, float]] = (),
+        max_range: Any = MAX_RANGE,
         lever: Any = (0.0, 0.0, 0.0),
         rotation: Any = None,
     ):
-        """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps."""
+        """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps.
+
+        `offsets` are (from, to, bias), one for each span. An altimeter looks down unless `rotation` is given, all else
+        ahead.
+        """
         if kind not in KINDS:
             raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(KINDS))}")
         self.kind = kind
@@ -155,9 +157,13 @@ class Sensor(Block):
         )
         self.clock_drift, self.clock_offset = as_array(clock_drift), as_array(clock_offset)
         self.dropout, self.outlier, self.outlier_size = as_array(dropout), as_array(outlier), as_array(outlier_size)
-        self.blackouts = as_array(module_for(blackouts).reshape(blackouts, (-1, 2)))
+        self.blackouts = _spans(blackouts)
+        self.offsets = _offsets(f"{kind}.offsets", offsets, self.size) if len(offsets) else None
+        self.frozen = _spans(frozen) if len(frozen) else None
+        self.max_range = as_array(max_range)
         self.lever = as_array(lever)
-        self.rotation = as_array(np.eye(3) if rotation is None else rotation)
+        straight = DOWN if kind == "altimeter" else np.eye(3)
+        self.rotation = as_array(straight if rotation is None else rotation)
         self._check(as_array(latency))
 
     def _check(self, latency: Array) -> None:
@@ -171,7 +177,14 @@ class Sensor(Block):
         require_probability(f"{kind}.dropout", self.dropout)
         require_probability(f"{kind}.outlier", self.outlier)
         require_not_negative(f"{kind}.outlier_size", self.outlier_size)
-        require(f"{kind}.blackouts", self.blackouts, lambda spans: spans[:, 0] < spans[:, 1], "pairs (from, to)")
+        for name, spans in (
+            ("blackouts", self.blackouts),
+            ("offsets", None if self.offsets is None else self.offsets.spans),
+            ("frozen", self.frozen),
+        ):
+            if spans is not None:
+                require_spans(f"{kind}.{name}", spans)
+        require_positive(f"{kind}.max_range", self.max_range)
         require_shape(f"{kind}.lever", self.lever, (3,))
         require_finite(f"{kind}.lever", self.lever)
         require_shape(f"{kind}.rotation", R, (3, 3))
@@ -204,21 +217,22 @@ class Sensor(Block):
     def init(self, key: Array, start: Start) -> SensorMemory:
         """No wander yet, nothing under way."""
         under_way = Slot.empty(self.capacity(self.latency_steps + 1), self.size) if self.latency_steps else None
-        return SensorMemory(raw_key(key), jnp.zeros(self.size), under_way)
+        freezes = self.frozen is not None
+        last, known = (jnp.zeros(self.size), jnp.zeros((), dtype=bool)) if freezes else (None, None)
+        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known), under_way)
 
     def step(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[SensorMemory, Slot]:
         """One physics step of `dt` seconds, which must be that of `physics_rate`."""
         if abs(dt * self.physics_rate / 1000 - 1.0) > 1e-6:
             raise ValueError(f"{self.kind}: made for physics at {self.physics_rate / 1000} Hz, stepped by {dt} s")
-        ticks = self.ticks(input.k)
-        if memory.under_way is None:
-            wander, slot = jax.lax.cond(
-                ticks,
-                lambda: self._read(memory, input, dt),
-                lambda: (memory.wander, Slot.empty(1, self.size)),
-            )
-            return SensorMemory(memory.key, wander, None), slot
-        return self._step_late(memory, memory.under_way, input, dt)
+        if memory.under_way is not None:
+            return self._step_late(memory, memory.under_way, input, dt)
+        wear, slot = jax.lax.cond(
+            self.ticks(input.k),
+            lambda: self._read(memory, input, dt),
+            lambda: (memory.wear, Slot.empty(1, self.size)),
+        )
+        return SensorMemory(memory.key, wear, None), slot
 
     def _step_late(
         self, memory: SensorMemory, under_way: Slot, input: SensorInput, dt: float
@@ -227,9 +241,9 @@ class Sensor(Block):
         rows = jnp.arange(under_way.valid.shape[0])
         taken, delivered = self.readings_before(input.k), self.delivered_before(input.k)
 
-        def write() -> tuple[Array, Slot]:
-            wander, slot = self._read(memory, input, dt)
-            return wander, put(under_way, slot, rows == taken % rows.shape[0])
+        def write() -> tuple[Wear, Slot]:
+            wear, slot = self._read(memory, input, dt)
+            return wear, put(under_way, slot, rows == taken % rows.shape[0])
 
         def read() -> Slot:
             here = rows == delivered % rows.shape[0]
@@ -237,30 +251,56 @@ class Sensor(Block):
             t_valid = jnp.where(here, under_way_now.t_valid, 0.0).sum()
             return Slot(value[None], (here & under_way_now.valid).any()[None], t_valid[None])
 
-        wander, under_way_now = jax.lax.cond(self.ticks(input.k), write, lambda: (memory.wander, under_way))
+        wear, under_way_now = jax.lax.cond(self.ticks(input.k), write, lambda: (memory.wear, under_way))
         due = self.delivered_before(input.k + 1) > delivered
         slot = jax.lax.cond(due, read, lambda: Slot.empty(1, self.size))
-        return SensorMemory(memory.key, wander, under_way_now), slot
+        return SensorMemory(memory.key, wear, under_way_now), slot
 
-    def _read(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[Array, Slot]:
-        """One reading: the bias's next value, and a Slot of capacity 1."""
+    def _read(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[Wear, Slot]:
+        """One reading, and what it leaves behind: Slot of capacity 1."""
         n = self.size
         (white, walk, direction), (lost, odd) = _draw(jax.random.fold_in(memory.key, input.k), n)
         t = (input.k + 1) * dt
-        wander = memory.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
-        value = KINDS[self.kind][1](self, input) + self.bias + wander + self.noise * white
+        wander = memory.wear.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
+        ideal = KINDS[self.kind][1](self, input)
+        value = ideal + self.bias + wander + self.noise * white
         outlier = self.outlier_size * direction / jnp.sqrt((direction**2).sum())
         value = value + jnp.where(odd < self.outlier, outlier, 0.0)
+        if self.offsets is not None:
+            value = value + jnp.where(_within(self.offsets.spans, t, dt)[:, None], self.offsets.value, 0.0).sum(0)
         if self.kind == "attitude":
             value = wrap(value)
-        # A thousandth of a step keeps rounding from deciding which side of an edge a reading is on.
-        begin, end = self.blackouts[:, 0] - 1e-3 * dt, self.blackouts[:, 1] - 1e-3 * dt
-        dark = ((begin <= t) & (t < end)).any()
-        valid = (lost >= self.dropout) & ~dark
+        valid = (lost >= self.dropout) & ~_within(self.blackouts, t, dt).any()
+        if self.kind == "altimeter":
+            valid = valid & (ideal[0] > 0.0) & (ideal[0] <= self.max_range)
+            value = jnp.where(valid, value, 0.0)  # no echo, no number: what is not finite must not reach a memory
+        last, known = memory.wear.last, memory.wear.known
+        if self.frozen is not None and last is not None and known is not None:
+            stuck = known & _within(self.frozen, t, dt).any()
+            value = jnp.where(stuck, last, value)
+            last, known = jnp.where(valid, value, last), known | valid
         # A reading that never was must not leak out through its filler.
         value = jnp.where(valid, value, 0.0)
         t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
-        return wander, Slot(value[None], valid[None], t_valid[None])
+        return Wear(wander, last, known), Slot(value[None], valid[None], t_valid[None])
+
+
+def _within(spans: Array, t: Array, dt: float) -> Array:
+    """Whether t lies in each span, from (included) to (excluded), shape (m,)."""
+    # A thousandth of a step keeps rounding from deciding which side of an edge a reading is on.
+    begin, end = spans[:, 0] - 1e-3 * dt, spans[:, 1] - 1e-3 * dt
+    return (begin <= t) & (t < end)
+
+
+def _spans(given: Any) -> Array:
+    """Spans of time as an array, shape (m, 2), of any number of them."""
+    return as_array(module_for(given).reshape(given, (-1, 2)))
+
+
+def _offsets(where: str, given: Sequence[tuple[float, float, Any]], size: int) -> Offsets:
+    value = as_array([np.asarray(_per_axis(where, bias, size)) for _, _, bias in given])
+    require_finite(where, value)
+    return Offsets(_spans([(begin, end) for begin, end, _ in given]), value)
 
 
 def _per_axis(where: str, value: Any, size: int) -> Array:
@@ -292,37 +332,45 @@ def put(slots: Slot, one: Slot, here: Array) -> Slot:
     )
 
 
+EXTRA: dict[str, dict[str, Any]] = {
+    "dvl": {"rate_hz": 10.0, "noise": 5e-3},
+    "altimeter": {"rate_hz": 10.0, "noise": 0.01},
+    "leak": {"rate_hz": 1.0},
+}
+"""Sensors that the thesis's vehicle has not, as they come if nothing else is said."""
+
+
 def table_5_7(
     as_printed: bool = False,
     dvl: bool = False,
     physics_rate_hz: float = PHYSICS_RATE,
     changes: Mapping[str, Mapping[str, Any]] | None = None,
+    extra: Sequence[str] = (),
 ) -> dict[str, Sensor]:
     """The sensors of thesis table 5.7, at CO, by name.
 
     Args:
         as_printed: With the biases of accelerometer (6.8e-6 m/s2) and gyro (0.017 rad/s) as the thesis prints them;
             they are swapped there, and by default stand corrected (0.017 m/s2 and 6.8e-6 rad/s).
-        dvl: With a DVL of 5 mm/s per axis at 10 Hz, which the thesis's vehicle has not.
+        dvl: With a DVL of 5 mm/s per axis at 10 Hz.
         physics_rate_hz: Rate of the physics clock.
         changes: By sensor name, arguments of `Sensor` that differ, such as `{"position": {"dropout": 0.1}}`.
+        extra: Names out of EXTRA, of sensors to have besides.
     """
-    changes = dict(changes or {})
     accelerometer_bias, gyro_bias = (6.8e-6, 0.017) if as_printed else (0.017, 6.8e-6)
-
-    def sensor(kind: str, rate_hz: float, **parameters: Any) -> Sensor:
-        given: dict[str, Any] = {"rate_hz": rate_hz} | parameters | dict(changes.pop(kind, {}))
-        return Sensor(kind, physics_rate_hz=physics_rate_hz, **given)
-
-    sensors = {
-        "position": sensor("position", 1.0, noise=0.5),
-        "pressure": sensor("pressure", 42.0, noise=1e-3),
-        "accelerometer": sensor("accelerometer", 100.0, noise=0.0308, bias=accelerometer_bias),
-        "gyro": sensor("gyro", 100.0, noise=3.08e-5, bias=gyro_bias),
-        "attitude": sensor("attitude", 100.0, noise=1e-3),
+    table: dict[str, dict[str, Any]] = {
+        "position": {"rate_hz": 1.0, "noise": 0.5},
+        "pressure": {"rate_hz": 42.0, "noise": 1e-3},
+        "accelerometer": {"rate_hz": 100.0, "noise": 0.0308, "bias": accelerometer_bias},
+        "gyro": {"rate_hz": 100.0, "noise": 3.08e-5, "bias": gyro_bias},
+        "attitude": {"rate_hz": 100.0, "noise": 1e-3},
     }
-    if dvl:
-        sensors["dvl"] = sensor("dvl", 10.0, noise=5e-3)
-    if changes:
-        raise ConfigError(f"sensors: found changes of {', '.join(changes)}, expected those of {', '.join(sensors)}")
-    return sensors
+    wanted = [name for name in EXTRA if name in extra or (name == "dvl" and dvl)]
+    table |= {name: EXTRA[name] for name in wanted}
+    changes = changes or {}
+    if unknown := sorted(set(changes) - set(table)):
+        raise ConfigError(f"sensors: found changes of {', '.join(unknown)}, expected those of {', '.join(table)}")
+    return {
+        name: Sensor(name, physics_rate_hz=physics_rate_hz, **(given | dict(changes.get(name, {}))))
+        for name, given in table.items()
+    }

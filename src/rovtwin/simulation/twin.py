@@ -1,10 +1,13 @@
 """Twin: the plant in its world, with its sensors; what a Link to a simulated vehicle talks to."""
 
+from dataclasses import replace
+
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Environment, Measurements, Slot
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.faults import FaultInput, Faults, weakened
 from rovtwin.simulation.noise import key_for
 from rovtwin.simulation.sensors import Sensor, SensorInput, SensorMemory, put
 from rovtwin.simulation.world import World, WorldMemory
@@ -20,11 +23,12 @@ class TwinInput(eqx.Module):
 
 
 class TwinMemory(eqx.Module):
-    """State of the plant, and the memories of world and sensors."""
+    """State of the plant, and the memories of world, sensors and faults (None without)."""
 
     state: State
     world: WorldMemory
     sensors: dict[str, SensorMemory]
+    faults: Array | None = None
 
 
 class TwinOutput(eqx.Module):
@@ -58,12 +62,14 @@ class Twin(Block):
         world: Current and waves.
         sensors: By name; each draws random numbers of its own, whatever others there are.
         substeps: Physics steps in a control tick, int.
+        faults: Of thrusters, and leaks, or None; sensors have their own.
     """
 
     model: Model
     world: World
     sensors: dict[str, Sensor]
     substeps: int = eqx.field(static=True, default=10)
+    faults: Faults | None = None
 
     def init(self, key: Array, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""
@@ -71,6 +77,7 @@ class Twin(Block):
             State.at(self.model, start),
             self.world.init(key_for(key, "world"), start),
             {name: sensor.init(key_for(key, f"sensor {name}"), start) for name, sensor in self.sensors.items()},
+            None if self.faults is None else self.faults.init(key_for(key, "faults"), start),
         )
 
     def empty(self) -> Measurements:
@@ -81,20 +88,27 @@ class Twin(Block):
         """One control tick of `dt` seconds."""
         h = dt / self.substeps
         first = jnp.asarray(input.k, dtype=jnp.int64) * self.substeps
+        faults, leak, command, model = None, None, input.command, self.model
+        if self.faults is not None and memory.faults is not None:
+            faults, fault = self.faults.step(memory.faults, FaultInput(command, input.k), dt)
+            leak, command, model = fault.leak, fault.command, weakened(model, fault.share)
 
         def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], None]:
             memory, output = carry
             k = first + j
             world, environment = self.world.step(memory.world, memory.state, h)
-            state = plant_step(self.model, memory.state, input.command, environment, h)
+            state = plant_step(model, memory.state, command, environment, h)
             nu_dot = self._nu_dot(k, j, state, environment, output.nu_dot, h)
-            sensors, measurements = self._sense(memory, output, SensorInput(state, nu_dot, k, environment), first, h)
-            return (TwinMemory(state, world, sensors), TwinOutput(state, nu_dot, environment, measurements)), None
+            seen = SensorInput(state, nu_dot, k, environment, leak=leak)
+            sensors, measurements = self._sense(memory, output, seen, first, h)
+            after = TwinMemory(state, world, sensors, faults)
+            return (after, TwinOutput(state, nu_dot, environment, measurements)), None
 
         # Carried through the scan so that the last one comes out; its structure is the world's.
         shape = jax.eval_shape(lambda m: self.world.step(m.world, m.state, h)[1], memory)
         environment = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
         nothing = TwinOutput(memory.state, jnp.zeros(6), environment, self.empty())
+        memory = replace(memory, faults=faults)
         (memory, output), _ = jax.lax.scan(jax.checkpoint(substep), (memory, nothing), jnp.arange(self.substeps))
         return memory, output
 

@@ -70,6 +70,7 @@ class World(Block):
             head=action.head,
             surface=surface,
             walls=self.walls,
+            floor=self.floor,
         )
         return WorldMemory(current, waves), environment
 

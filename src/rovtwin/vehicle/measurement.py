@@ -27,6 +27,21 @@ def depth(state: State, lever: Array) -> Array:
     return state.position[2] + rotation_from_quaternion(state.attitude)[2] @ lever
 
 
+def range_to_floor(state: State, lever: Array, R_bs: Array, floor: Array) -> Array:
+    """Distance to a level floor along a narrow beam, x of s [m], scalar: (floor - depth) / beam_z.
+
+    Not finite for a level beam, negative for one that looks up, or from below the floor.
+
+    Args:
+        state: Of the vehicle.
+        lever: r, the sensor seen from CO, b [m], shape (3,).
+        R_bs: Mounting, maps s to b, shape (3, 3).
+        floor: Its depth in n [m].
+    """
+    down_b = rotation_from_quaternion(state.attitude)[2]
+    return (floor - depth(state, lever)) / (down_b @ R_bs[:, 0])
+
+
 def specific_force(state: State, nu_dot: Array, lever: Array, R_bs: Array) -> Array:
     """What an accelerometer reads, s [m/s2], shape (3,): its acceleration relative to free fall.
 

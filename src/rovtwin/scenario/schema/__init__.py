@@ -5,6 +5,7 @@ SI units; a name whose unit is not SI says so (`heading_deg`). `rovtwin scenario
 
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
 from rovtwin.scenario.schema.datum import DatumSection
+from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
@@ -25,6 +26,7 @@ __all__ = [
     "AutopilotSection",
     "ConstantCurrentSection",
     "DatumSection",
+    "FaultSection",
     "GaussMarkovCurrentSection",
     "MissionSection",
     "Scenario",

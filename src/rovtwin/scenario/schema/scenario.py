@@ -9,6 +9,7 @@ from rovtwin.core.config import Number, Strict
 from rovtwin.core.datum import Datum
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
+from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, StartSection
 from rovtwin.scenario.schema.sensors import SensorsSection
 from rovtwin.scenario.schema.world import WorldSection
@@ -53,6 +54,7 @@ class Scenario(Strict):
     sensors: SensorsSection = SensorsSection()
     autopilot: AutopilotSection = AutopilotSection()
     mission: MissionSection
+    faults: list[FaultSection] = Field(default_factory=list, description="what breaks, and when")
     log: LogSection = LogSection()
 
     @field_validator("sensors", mode="before")

@@ -35,13 +35,23 @@ class SensorSection(Strict):
         return windows
 
 
-class DvlSection(SensorSection):
-    """A Doppler log, 5 mm/s per axis at 10 Hz."""
+class ExtraSection(SensorSection):
+    """A sensor that is not on board unless asked for."""
 
     on_board: bool = False
 
 
-SENSOR_NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl")
+class DvlSection(ExtraSection):
+    """A Doppler log, 5 mm/s per axis at 10 Hz."""
+
+
+class AltimeterSection(ExtraSection):
+    """A single-beam echo sounder, 1 cm at 10 Hz; it looks along its x axis, which is down by default."""
+
+    max_range: Positive | None = Field(default=None, description="no reading beyond it [m]; default 50")
+
+
+SENSOR_NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl", "altimeter", "leak")
 
 
 class SensorsSection(Strict):
@@ -54,8 +64,10 @@ class SensorsSection(Strict):
     gyro: SensorSection = SensorSection()
     attitude: SensorSection = SensorSection()
     dvl: DvlSection = DvlSection()
+    altimeter: AltimeterSection = AltimeterSection()
+    leak: ExtraSection = ExtraSection()
 
-    @field_validator("dvl", mode="before")
+    @field_validator("dvl", "altimeter", "leak", mode="before")
     @classmethod
-    def _dvl_by_default(cls, value: Any) -> Any:
+    def _by_default(cls, value: Any) -> Any:
         return {"on_board": value} if isinstance(value, bool) else value

@@ -1,0 +1,128 @@
+"""Faults in scenarios: from the file to the flight, its log and its report."""
+
+import json
+
+import numpy as np
+import pytest
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.report import write_report
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.flight import fly
+
+LINE = """faults=[
+    {at: 2, until: 4, thruster: port.surge, fault: dead},
+    {at: 3, thruster: starboard.heave, fault: stuck, command: 0.4},
+    {at: 2, thruster: port.sway, fault: weak, share: 0.5},
+    {at: 2, thruster: starboard.sway, fault: reversed},
+    {at: 5, unit: port, fault: lost, sensors: [attitude]},
+    {at: 1, until: 2, sensor: gyro, fault: biased, value: [0.01, 0, 0]},
+    {at: 1, until: 3, sensor: pressure, fault: frozen},
+    {at: 4, sensor: position, fault: silent},
+    {at: 3, fault: leak}]""".replace("\n", " ")
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    """Seven seconds with one fault of every kind, given on the command line, and an altimeter."""
+    settings = [LINE, "duration=7", "world.floor=20", "sensors.altimeter=true", "name=broken"]
+    return fly(load_scenario("lawnmower_calm", settings), tmp_path_factory.mktemp("runs") / "broken")
+
+
+def between(series, start, end):
+    """Values of a sensor's readings taken within a span."""
+    t = series["t_valid"]
+    return series.values[(t >= start - 1e-6) & (t < end - 1e-6)]
+
+
+def test_the_plant_does_what_the_faults_say(flight):
+    thrust = flight.log["truth/thrust"]
+    late = thrust.t > 6.9
+    port = [name for name in thrust.channel.fields if name.startswith("port")]
+    assert len(port) == 3
+    for name in port:
+        assert np.abs(thrust[name][late]).max() < 1e-3
+    # 0.4 of the command of a heave pseudo-thruster of 11 N, with its dead band and exponent.
+    assert thrust["starboard_heave"][late][-1] == pytest.approx(11 * ((0.4 - 0.07) / 0.93) ** 1.33, rel=1e-6)
+
+
+def test_the_sensors_fail_as_they_should(flight):
+    log = flight.log
+    frozen = between(log["sensor/pressure"], 1.0, 3.0)
+    assert len(frozen) == 84 and np.ptp(frozen[:, 0]) == 0.0
+    assert np.ptp(between(log["sensor/pressure"], 3.0, 7.0)[:, 0]) > 0.0
+    assert log["sensor/position"]["t_valid"][-1] == pytest.approx(3.0)
+    assert log["sensor/attitude"]["t_valid"][-1] == pytest.approx(4.99)
+    gyro, rate = log["sensor/gyro"], log["truth/nu"]
+    error = gyro["x"] - np.interp(gyro["t_valid"], rate.t, rate["p"])
+    inside = (gyro["t_valid"] > 1.0 - 1e-6) & (gyro["t_valid"] < 2.0 - 1e-6)
+    assert np.mean(error[inside]) == pytest.approx(0.01, abs=1e-3) and abs(np.mean(error[gyro.t < 1])) < 1e-3
+
+
+def test_a_leak_brings_its_sensor_on_board(flight):
+    leak = flight.log["sensor/leak"]
+    np.testing.assert_array_equal(leak["leak"], [0, 0, 0, 1, 1, 1, 1][: len(leak)])
+
+
+def test_the_altimeter_reads_the_height_above_the_floor(flight):
+    altimeter, eta = flight.log["sensor/altimeter"], flight.log["truth/eta"]
+    depth, roll, pitch = (np.interp(altimeter["t_valid"], eta.t, eta[name]) for name in ("z", "phi", "theta"))
+    assert np.abs(altimeter["range"] * np.cos(roll) * np.cos(pitch) - (20.0 - depth)).max() < 0.05  # the beam leans too
+    assert len(altimeter) == 70
+
+
+def test_the_filter_passes_over_what_it_does_not_know(flight):
+    dof = flight.log["autopilot/nis_dof"]
+    assert not dof["altimeter"].any() and not dof["leak"].any() and dof["pressure"].any()
+
+
+def test_log_and_report_name_the_faults(flight, tmp_path):
+    listed = json.loads(flight.log.metadata["faults"])
+    assert listed[0] == {"what": "port.surge dead", "start": 2.0, "end": 4.0, "thrusters": ["port.surge"]}
+    assert listed[4]["what"] == "unit port lost (and attitude silent)" and len(listed[4]["thrusters"]) == 3
+    page = write_report(flight.log, tmp_path).read_text()
+    for text in ("gyro biased (by 0.01, 0, 0)", "starboard.heave stuck (at command 0.4)", "the end", "Faults</h2>"):
+        assert text in page
+
+
+def test_without_faults_there_is_nothing(short):
+    composed = compose(short)
+    assert composed.loop.twin.faults is None and composed.faults == []
+    assert all(s.frozen is None and s.offsets is None for s in composed.loop.twin.sensors.values())
+
+
+WRONG = {
+    "faults[0].thruster: no thruster 'port.serge'; there are port.surge": "{thruster: port.serge, fault: dead}",
+    "no unit 'uhi' with thrusters; there are port, starboard": "{unit: uhi, fault: lost}",
+    "faults[0].sensor: no sensor 'dvl' on board; there are position": "{sensor: dvl, fault: frozen}",
+    "faults[0].sensors: no sensor 'sonar'": "{unit: port, fault: lost, sensors: [sonar]}",
+    "faults[0].value: found 2 numbers, expected 1 or 3": "{sensor: gyro, fault: biased, value: [1, 2]}",
+    "missing value": "{sensor: gyro, fault: biased}",
+    "missing share": "{thruster: port.surge, fault: weak}",
+    "found share, which belongs to fault 'weak'": "{thruster: port.surge, fault: dead, share: 0.1}",
+    "fault 'frozen' is of a sensor; a thruster can be dead": "{thruster: port.surge, fault: frozen}",
+    "fault 'dead' is of a thruster; say of which thruster": "{fault: dead}",
+    "fault 'leak' is of the vehicle itself; a unit can be lost": "{unit: port, fault: leak}",
+    "found thruster and unit, expected one": "{unit: port, thruster: port.surge, fault: dead}",
+    "ends at 2 s, expected later than it begins, 3 s": "{at: 3, until: 2, fault: leak}",
+    "expected a number of at most 1": "{thruster: port.surge, fault: stuck, command: 2}",
+    "Did you mean 'thruster'": "{thrustr: port.surge, fault: dead}",
+    "Did you mean 'reversed'": "{thruster: port.surge, fault: reverse}",
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_what_cannot_break_is_said(said):
+    with pytest.raises(ConfigError) as error:
+        compose(load_scenario("lawnmower_calm", [f"faults=[{WRONG[said]}]"]))
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "said, setting",
+    [("has no floor", "sensors.altimeter=true"), ("there is none on board", "sensors.leak.rate_hz=2")],
+)
+def test_instruments_that_cannot_be_are_refused(said, setting):
+    with pytest.raises(ConfigError, match=said):
+        compose(load_scenario("lawnmower_calm", [setting]))
