@@ -7,6 +7,7 @@ import typer
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.output import report_error
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
+from rovtwin.cli.sea import sea
 from rovtwin.cli.vehicles import vehicle_app
 from rovtwin.core.errors import RovtwinError
 
@@ -26,6 +27,7 @@ app = typer.Typer(
 app.command()(fly)
 app.command()(demo)
 app.command()(score)
+app.command()(sea)
 app.command()(report)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")

@@ -160,7 +160,7 @@ class AirySea(Block):
         a, omega, k = self.amplitude, self.omega, self.wavenumber
         north, east = jnp.cos(self.direction), jnp.sin(self.direction)
         cosine, sine = _cosine_sine(k * (north * place[0] + east * place[1]) - omega * t + phase)
-        C, S = self._decay(jnp.maximum(place[2], 0.0))
+        C, S = self.decay(jnp.maximum(place[2], 0.0))
         speed, acceleration, slope = a * omega, a * omega**2, a * omega * k
         # One product for all sums over the same function of time: this runs in every physics step.
         u, v, head = jnp.stack([north * speed, east * speed, acceleration / (GRAVITY * k)]) @ (C * cosine)
@@ -176,8 +176,8 @@ class AirySea(Block):
             head,
         )
 
-    def _decay(self, z: Array) -> tuple[Array, Array]:
-        """C and S, shapes (n,), in exponentials that cannot overflow."""
+    def decay(self, z: Array) -> tuple[Array, Array]:
+        """C and S at a depth z [m], shapes (n,), in exponentials that cannot overflow."""
         falling = jnp.exp(-jnp.minimum(self.wavenumber * z, 300.0))
         if self.depth is None:
             return falling, falling

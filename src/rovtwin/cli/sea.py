@@ -1,0 +1,52 @@
+"""rovtwin sea: before a mission, whether the vehicle can hold its place."""
+
+from typing import Any
+
+import typer
+
+from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
+from rovtwin.cli.runs import Overrides, ScenarioName, Seed
+
+
+def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
+    """Say whether the vehicle can hold its place at the mission's way-points: required against available force.
+
+    In a scenario with the thesis's wave forces, also in the real sea of the same height and period.
+    """
+    from rovtwin.scenario.composition import compose
+    from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.sea import sea_report
+
+    report = sea_report(compose(load_scenario(scenario, overrides or (), seed)))
+    if as_json:
+        emit(report)
+        raise typer.Exit(DONE)
+    screen = console(False)
+    screen.print(f"{report['vehicle']} in {report['scenario']}", style="bold", markup=False)
+    _print(screen, "required to keep still, and available", report)
+    thesis = report["thesis_force_rms_n"]
+    if report["real_sea"]:
+        _print(screen, "the same in a real sea of that height and period", report["real_sea"])
+    if thesis is not None:
+        screen.print(f"the thesis's wave force for this height and period, as printed: {figure(thesis)} N rms")
+
+
+def _print(screen: Any, title: str, report: dict[str, Any]) -> None:
+    columns = ("depth", "heading", "X rms", "Y rms", "Z rms", "N rms", "horizontal rms / 99.9 %", "available",
+               "within reach", "on average", "verdict")  # fmt: skip
+    rows = table(f"{title} [N, N m]", *columns)
+    for place in report["places"]:
+        X, Y, Z, _, _, N = place["required_rms"]
+        mean = sum(force**2 for force in place["mean_required"][:3]) ** 0.5
+        rows.add_row(
+            f"{place['position'][2]:.3g} m",
+            f"{place['heading_deg'] % 360:.0f} deg",
+            *(figure(value) for value in (X, Y, Z, N)),
+            figure([place["horizontal_rms_n"], place["horizontal_p999_n"]]),
+            figure(place["available_n"]),
+            f"{100 * place['time_within_reach']:.3g} %",
+            figure(mean),
+            place["verdict"],
+        )
+    screen.print(rows)
+    screen.print(report["line"] + "\n", markup=False)

@@ -1,0 +1,155 @@
+"""Before a mission: can the vehicle hold its place where the way-points are, in the scenario's sea and current?"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.numerics import jax
+from rovtwin.scenario.compose_world import airy_of
+from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.schema import AirySection, Scenario, ThesisWavesSection
+from rovtwin.simulation.holding import Holding, holding
+from rovtwin.simulation.waves import ThesisWaves
+from rovtwin.simulation.world import World
+
+WORST_FIRST = ("capsizes", "drifts", "swept", "holds")
+FORCES = slice(0, 3)
+
+
+def moves(scenario: Scenario) -> bool:
+    """Whether the scenario's water moves: a real sea, or a current that is not zero."""
+    current = scenario.world.current.model_dump(exclude={"type", "depths", "time_constant"})
+    return isinstance(scenario.world.waves, AirySection) or bool(
+        np.any(np.concatenate([np.ravel(v) for v in current.values()]))
+    )
+
+
+def places(scenario: Scenario) -> list[tuple[tuple[float, float, float], float]]:
+    """Where a mission wants to be and how it heads there: one place for each depth and heading to 5 degrees."""
+    before, found = np.asarray(scenario.start.position, dtype=float), {}
+    heading = scenario.heading
+    for waypoint in scenario.mission.waypoints:
+        there = np.asarray(waypoint.position, dtype=float)
+        north, east = (there - before)[:2]
+        if waypoint.heading_deg is not None:
+            heading = math.radians(waypoint.heading_deg)
+        elif math.hypot(north, east) > 0.1:
+            heading = math.atan2(east, north)
+        alike = (round(there[2], 1), round(math.degrees(heading) / 5.0) % 72)
+        found.setdefault(alike, (tuple(there.tolist()), heading))
+        before = there
+    return list(found.values())
+
+
+def holdings(composed: Composed, world: World | None = None) -> list[Holding]:
+    """Required and available force at the mission's places, for the true vehicle in its world or another one."""
+    twin, scenario = composed.loop.twin, composed.scenario
+    key = jax.random.key(scenario.seed)
+    return [holding(twin.model, world or twin.world, key, place, heading) for place, heading in places(scenario)]
+
+
+def worst(found: list[Holding]) -> Holding:
+    """The place that decides."""
+    return min(found, key=lambda h: (WORST_FIRST.index(h.verdict), -h.mean_share, -float(np.mean(h.share**2))))
+
+
+def verdict_line(found: list[Holding]) -> str:
+    """The verdict of the place that decides, as a sentence."""
+    h = worst(found)
+    flow = float(np.linalg.norm(h.mean_flow))
+    where = f"at {h.place[2]:.3g} m, heading {math.degrees(h.heading) % 360:.0f} deg"
+    still = f"to keep still takes {rms(h.horizontal):.3g} N rms, {np.percentile(h.horizontal, 99.9):.3g} N at times, of"
+    if h.verdict == "capsizes":
+        said = f"cannot hold: a flow of {flow:.2g} m/s tips it over; it stays level up to {h.upright:.2g} m/s"
+    elif h.verdict == "drifts":
+        force = float(np.linalg.norm(h.mean_required[FORCES]))
+        said = f"cannot hold: takes {force:.3g} N on average, {h.mean_share:.2g} times what thrusters can"
+        if h.drift > 0:
+            said += f"; carried off at about {h.drift:.2g} m/s in a flow of {flow:.2g} m/s"
+    elif h.verdict == "swept":
+        said = (
+            f"holds on average, swept by the waves +-{h.sweep[0]:.2g} m to the sides and +-{h.sweep[1]:.2g} m up and "
+            f"down (rms); {still} {h.available:.3g} N; heave {rms(h.required[:, 2]):.3g} N rms"
+        )
+    else:
+        said = f"holds: {still} {h.available:.3g} N"
+    return f"{where}: {said}"
+
+
+def sea_report(composed: Composed) -> dict[str, Any]:
+    """All of it as plain data, with the other wave model of the same Hs and Tz beside it."""
+    scenario, section = composed.scenario, composed.scenario.world.waves
+    found = holdings(composed)
+    report: dict[str, Any] = {
+        "scenario": scenario.name,
+        "vehicle": composed.vehicle_data["name"],
+        "waves": section.model_dump(exclude_none=True) if section else None,
+        "verdict": worst(found).verdict,
+        "line": verdict_line(found),
+        "places": [as_data(h) for h in found],
+        "thesis_force_rms_n": None,
+        "real_sea": None,
+    }
+    if isinstance(section, ThesisWavesSection):
+        real = replace(composed.loop.twin.world, waves=airy_of(real_sea(section), scenario.world.floor))
+        there = holdings(composed, real)
+        report["thesis_force_rms_n"] = thesis_rms(section.significant_height, section.zero_crossing_period)
+        report["real_sea"] = {
+            "verdict": worst(there).verdict,
+            "line": verdict_line(there),
+            "places": [as_data(h) for h in there],
+        }
+    elif isinstance(section, AirySection):
+        sea = airy_of(section, scenario.world.floor)
+        m0 = 0.5 * np.sum(np.asarray(sea.amplitude) ** 2)
+        m2 = 0.5 * np.sum((np.asarray(sea.amplitude) * np.asarray(sea.omega)) ** 2)
+        report["thesis_force_rms_n"] = thesis_rms(section.significant_height, float(2 * np.pi * np.sqrt(m0 / m2)))
+    return report
+
+
+def real_sea(section: ThesisWavesSection) -> AirySection:
+    """The sea that the thesis's wave force is named after: Pierson-Moskowitz of the same Hs and Tz."""
+    return AirySection(
+        model="airy",
+        spectrum="pierson_moskowitz",
+        significant_height=section.significant_height,
+        zero_crossing_period=section.zero_crossing_period,
+        direction_deg=section.direction_deg,
+    )
+
+
+def thesis_rms(height: float, period: float) -> float:
+    """Rms of the thesis's wave force as it prints it, without drift [N]."""
+    return float(ThesisWaves(height, period, as_printed=True).rms())
+
+
+def rms(values: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def as_data(h: Holding) -> dict[str, Any]:
+    """A holding as plain data; wrenches [X, Y, Z, K, M, N] in N and N m, b at CO."""
+    share = float(np.mean(h.share <= 1.0))
+    return {
+        "position": h.place.tolist(),
+        "heading_deg": math.degrees(h.heading),
+        "verdict": h.verdict,
+        "required_mean": h.required.mean(axis=0).tolist(),
+        "required_rms": np.sqrt((h.required**2).mean(axis=0)).tolist(),
+        "required_p95": np.percentile(np.abs(h.required), 95.0, axis=0).tolist(),
+        "required_p999": np.percentile(np.abs(h.required), 99.9, axis=0).tolist(),
+        "horizontal_rms_n": rms(h.horizontal),
+        "horizontal_p95_n": float(np.percentile(h.horizontal, 95.0)),
+        "horizontal_p999_n": float(np.percentile(h.horizontal, 99.9)),
+        "available_n": h.available,
+        "time_within_reach": share,
+        "mean_required": h.mean_required.tolist(),
+        "mean_share": h.mean_share if math.isfinite(h.mean_share) else None,
+        "mean_flow_m_s": h.mean_flow.tolist(),
+        "sweep_rms_m": {"horizontal": float(h.sweep[0]), "vertical": float(h.sweep[1])},
+        "drift_m_s": h.drift,
+        "upright_up_to_m_s": h.upright if math.isfinite(h.upright) else None,
+    }

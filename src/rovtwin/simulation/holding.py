@@ -1,0 +1,213 @@
+"""Whether a vehicle can hold its place in a sea and a current: required against available force, before anything flies.
+
+Two questions, with two answers:
+
+- What would keep it dead still? The wrench of the thrusters that makes nu_dot = 0 at nu = 0, time sample by time
+  sample, from the same equations of motion that the twin flies: drag of the whole orbital velocity, Froude-Krylov and
+  added-mass force of the whole acceleration.
+- What keeps it there on average? A neutral vehicle that does not fight the waves is carried round with the water, and
+  feels no force of them to first order. Left is the mean flow: the current, and the Stokes drift of what is carried
+  round.
+
+A vehicle whose thrusters meet the first holds its place if its autopilot can use them. One that meets only the second
+stays about its place, swept to and fro by the waves as far as the water is. One that meets neither drifts away. And in
+a flow along its nose that its righting moment cannot stand up to it pitches over, whatever its thrust.
+
+Reference: Fossen (2021), ch. 10; Newman (1977), Marine Hydrodynamics, sec. 6.4 (Stokes drift).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Environment
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.simulation.airy import AirySea
+from rovtwin.simulation.world import World
+from rovtwin.vehicle.dynamics import State, acceleration
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import RANK_TOLERANCE
+from rovtwin.vehicle.thrusters import Thrusters, force_limits
+from rovtwin.vehicle.trim import stability
+
+Verdict = Literal["holds", "swept", "drifts", "capsizes"]
+HELD = np.array([0, 1, 2, 5])  # X, Y, Z, N: roll and pitch are left to the righting moment
+STILL = 99.0  # share of the time in which the thrusters must meet the waves for the vehicle to hold still [%]
+
+
+@dataclass(frozen=True)
+class Holding:
+    """What one place and heading ask of a vehicle.
+
+    Attributes:
+        place: CO in n [m], shape (3,).
+        heading: [rad].
+        t: Time [s], shape (n,).
+        required: Wrench that keeps the vehicle dead still, b at CO [N, N m], shape (n, 6).
+        share: The largest share of its limit that any thruster needs for that, shape (n,); above 1 it cannot.
+        mean_required: Wrench that keeps it there on average, in the mean current and Stokes drift, shape (6,).
+        mean_share: The same share for it, in the 95th percentile of a current that varies.
+        mean_flow: Current and Stokes drift, n [m/s], shape (3,).
+        sweep: Rms of the water's way to and fro, horizontal and vertical [m], shape (2,).
+        drift: Speed at which the vehicle is carried off in spite of full thrust [m/s]; 0 where it is not.
+        available: Largest force along the horizontal force required, both ways [N].
+        upright: Flow along the nose up to which the righting moment keeps it level [m/s].
+    """
+
+    place: np.ndarray
+    heading: float
+    t: np.ndarray
+    required: np.ndarray
+    share: np.ndarray
+    mean_required: np.ndarray
+    mean_share: float
+    mean_flow: np.ndarray
+    sweep: np.ndarray
+    drift: float
+    available: float
+    upright: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """`holds`, `swept` (holds on average), `drifts` or `capsizes` (cannot hold)."""
+        along = self.mean_flow[0] * np.cos(self.heading) + self.mean_flow[1] * np.sin(self.heading)
+        if abs(along) > self.upright:
+            return "capsizes"
+        if self.mean_share > 1.0:
+            return "drifts"
+        return "holds" if float(np.percentile(self.share, STILL)) <= 1.0 else "swept"
+
+    @property
+    def horizontal(self) -> np.ndarray:
+        """Size of the horizontal force required [N], shape (n,)."""
+        return np.hypot(self.required[:, 0], self.required[:, 1])
+
+
+def holding(
+    model: Model, world: World, key: Array, place: Any, heading: float, duration: float = 600.0, dt: float = 0.1
+) -> Holding:
+    """What it takes to hold a place and heading, level.
+
+    Args:
+        model: The vehicle.
+        world: Current, waves and surface.
+        key: Seeds the waves and a current that wanders.
+        place: CO in n [m], shape (3,).
+        heading: [rad].
+        duration: Of the record [s].
+        dt: Between its samples [s].
+    """
+    start = Start.at(place, heading)
+    steps = max(2, round(duration / dt))
+    state = State.at(model, start)
+    required, current, wrench = (np.asarray(x) for x in _held(model, replace(world, walls=None), key, state, steps, dt))
+    flow = current + _stokes_drift(world, float(start.position[2]))
+    means = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.asarray(wrench.mean(axis=0))))
+    shares = thrust_share(model.thrusters, means)
+    return Holding(
+        place=np.asarray(start.position),
+        heading=heading,
+        t=np.arange(steps) * dt,
+        required=required,
+        share=thrust_share(model.thrusters, required),
+        mean_required=means.mean(axis=0),
+        mean_share=float(np.percentile(shares, 95.0)),
+        mean_flow=flow.mean(axis=0),
+        sweep=_sweep(world, float(start.position[2])),
+        drift=_drift(model, state, flow.mean(axis=0), wrench.mean(axis=0)),
+        available=_available(model.thrusters, required),
+        upright=stability(model).pitch_depth_held,
+    )
+
+
+@eqx.filter_jit
+def _held(model: Model, world: World, key: Array, state: State, steps: int, dt: float) -> tuple[Array, Array, Array]:
+    """Required wrench (steps, 6), current (steps, 3) in n and external wrench (steps, 6) on a vehicle held still."""
+
+    def step(memory: Any, _: None) -> tuple[Any, tuple[Array, Array, Array]]:
+        current = jnp.zeros(3)
+        if world.current is not None:
+            current = world.current.step(memory.current, state.position, dt)[1].velocity
+        memory, environment = world.step(memory, state, dt)
+        return memory, (_required(model, state, environment), current, environment.wrench)
+
+    begin = world.init(key, Start(state.position, state.attitude, state.nu))
+    return jax.lax.scan(step, begin, None, length=steps)[1]
+
+
+def _required(model: Model, state: State, environment: Environment) -> Array:
+    """-M nu_dot at nu = 0 without thrust, shape (6,): exact, for nu_dot is linear in the thrusters' wrench."""
+    nu_dot = acceleration(model, state.position, state.attitude, jnp.zeros(6), jnp.zeros(6), environment)
+    return -model.mass @ nu_dot
+
+
+@jax.jit
+def _in_mean_flow(model: Model, state: State, flow: Array, wrench: Array) -> Array:
+    """Required wrench (n, 6) in steady flows (n, 3) in n."""
+
+    def one(velocity: Array) -> Array:
+        return _required(model, state, Environment.calm(velocity=velocity, wrench=wrench, place=state.position))
+
+    return jax.vmap(one)(flow)
+
+
+def thrust_share(thrusters: Thrusters, tau: np.ndarray) -> np.ndarray:
+    """Largest share of its limit that any thruster needs for each wrench (n, 6), shape (n,).
+
+    Forces and yaw moment only, shared out by least squares as autopilots do; inf where thrusters cannot push that way
+    at all.
+    """
+    T = (np.asarray(thrusters.configuration) * np.asarray(thrusters.health))[HELD]
+    wanted = np.asarray(tau)[:, HELD]
+    force = wanted @ np.linalg.pinv(T, rcond=RANK_TOLERANCE).T
+    low, high = (np.asarray(limit) for limit in force_limits(_sound(thrusters)))
+    limit = np.where(force >= 0, high, -low)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(np.abs(force) > 1e-9, np.abs(force) / limit, 0.0).max(axis=1, initial=0.0)
+    missing = np.abs(wanted - force @ T.T).max(axis=1)
+    return np.where(missing > 0.01 * np.abs(wanted).max(axis=1) + 1e-6, np.inf, share)
+
+
+def _sound(thrusters: Thrusters) -> Thrusters:
+    return eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(thrusters.health))
+
+
+def _available(thrusters: Thrusters, required: np.ndarray) -> float:
+    """Largest force, the lesser of both ways, along the direction in which the horizontal force mostly points [N]."""
+    push = required[:, :2]
+    direction = np.linalg.eigh(push.T @ push)[1][:, -1]
+    unit = np.zeros((2, 6))
+    unit[0, :2], unit[1, :2] = direction, -direction
+    return float((1.0 / thrust_share(thrusters, unit)).min())
+
+
+def _drift(model: Model, state: State, flow: np.ndarray, wrench: np.ndarray) -> float:
+    """What is left of the mean flow after the largest share of it that full thrust can stand up to [m/s]."""
+    shares = np.linspace(0.0, 1.0, 201)
+    tau = np.asarray(_in_mean_flow(model, state, jnp.asarray(shares[:, None] * flow), jnp.asarray(wrench)))
+    within = np.flatnonzero(thrust_share(model.thrusters, tau) <= 1.0)
+    kept = shares[within[-1]] if within.size else 0.0
+    return float((1.0 - kept) * np.linalg.norm(flow))
+
+
+def _stokes_drift(world: World, z: float) -> np.ndarray:
+    """Mean velocity of water particles in waves, n [m/s], shape (3,)."""
+    sea = world.waves
+    if not isinstance(sea, AirySea):
+        return np.zeros(3)
+    a, omega, k, direction = (np.asarray(x) for x in (sea.amplitude, sea.omega, sea.wavenumber, sea.direction))
+    C, S = (np.asarray(x) for x in sea.decay(as_array(max(z, 0.0))))
+    speed = 0.5 * a**2 * omega * k * (C**2 + S**2)  # cosh 2x = cosh^2 x + sinh^2 x
+    return np.array([speed @ np.cos(direction), speed @ np.sin(direction), 0.0])
+
+
+def _sweep(world: World, z: float) -> np.ndarray:
+    """Rms of the displacement of water particles, horizontal and vertical [m], shape (2,)."""
+    sea = world.waves
+    if not isinstance(sea, AirySea):
+        return np.zeros(2)
+    a = np.asarray(sea.amplitude)
+    return np.array([np.sqrt(0.5 * np.sum((a * np.asarray(x)) ** 2)) for x in sea.decay(as_array(max(z, 0.0)))])
