@@ -48,6 +48,21 @@ def test_fly_says_all_that_a_script_needs(short_run):
     assert Path(said["files"]["log.mcap"]).is_file() and Path(said["files"]["scenario.yaml"]).is_file()
 
 
+def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
+    storm = "world.waves={model: airy, significant_height: 1.5, zero_crossing_period: 5.7}"
+    code, out, _ = run(capsys, "sea", "lawnmower_sea", "--set", storm, "--json")
+    said = json.loads(out)
+    assert code == 0 and said["verdict"] == "swept" and len(said["places"]) == 3
+    assert said["places"][0]["horizontal_rms_n"] > 10 and said["places"][0]["available_n"] == pytest.approx(20)
+    code, out, _ = run(capsys, "sea", "lawnmower_waves")
+    assert code == 0 and "holds on average" in out and "0.503 N rms" in out
+    code, out, _ = run(capsys, "scenario", "check", "lawnmower_sea")
+    assert code == 0 and "usable" in out and "N rms" in out
+    code, out, _ = run(capsys, "scenario", "check", "lawnmower_calm", "--json")
+    assert code == 0 and json.loads(out)["holds_place"] is None
+    assert run(capsys, "sea", "lawnmower_see")[0] == 2
+
+
 def test_log_commands(short_run, tmp_path, capsys):
     folder, _ = short_run
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap", "--json")
@@ -170,7 +185,7 @@ BAD = [
     (("scenario", "check", "scenario_degrees.yaml"), "heading_deg"),
     (("scenario", "check", "empty.yaml"), "empty"),
     (("fly", "lawnmower_clam"), "Did you mean 'lawnmower_calm'"),
-    (("fly", "lawnmower_sea"), "no such scenario"),
+    (("fly", "lawnmower_seas"), "no such scenario"),
     (("fly", "square", "--set", "mission=mission_far.yaml"), "position"),
     (("fly", "square", "--set", "mission=mission_text.yaml"), "position"),
     (("fly", "square", "--set", "world.current=[.nan,0,0]"), "finite"),

@@ -15,7 +15,9 @@ import numpy as np
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.current import GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.sea import SeaState, wavenumber
 from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
 from rovtwin.simulation.waves import SEAS, ThesisWaves, filter_parameters, spectrum
 from rovtwin.vehicle.dynamics import State
@@ -81,6 +83,40 @@ def figure_waves(folder):
     right.set(xlabel="time [s]", ylabel="force [N]", title="two minutes of it")
     right.legend(fontsize=8)
     save(fig, folder / "world_waves.png")
+
+
+def figure_sea(folder):
+    """Spectrum of half an hour of a simulated sea, and how its orbital velocity decays with depth."""
+    fig, (left, right) = plt.subplots(1, 2, figsize=(8, 2.8), width_ratios=(1.3, 1))
+    state, water_depth, dt = SeaState.of(0.27, zero_crossing_period=3.0, gamma=3.3), 20.0, 0.25
+    sea = AirySea.of(state, depth=water_depth)
+    depths, t = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 8.0]), jnp.arange(7200) * dt
+
+    def one(key):
+        phase = sea.init(key, START).phase
+        at = jax.vmap(jax.vmap(lambda z, t: sea.at(phase, t, jnp.array([0.0, 0.0, z])), (None, 0)), (0, None))
+        water = at(jnp.asarray(depths), t)
+        return water.elevation[0], water.velocity[..., 0]
+
+    elevation, velocity = jax.tree.map(np.asarray, jax.jit(one)(jax.random.key(1)))
+    segments = elevation.reshape(-1, 480) * np.hanning(480) * np.sqrt(8 / 3)
+    power = (np.abs(np.fft.rfft(segments)) ** 2).mean(0) * dt / (np.pi * 480)
+    omega = np.linspace(0.5, 6.0, 400)
+    left.plot(2 * np.pi * np.fft.rfftfreq(480, dt), power, label="half an hour, simulated")
+    left.plot(omega, state.spectrum(omega), "k--", lw=1, label="JONSWAP, Hs 0.27 m, Tz 3 s")
+    left.set(xlabel="frequency [rad/s]", ylabel="[m2 s]", xlim=(0, 6), title="elevation of the surface")
+    left.legend(fontsize=8)
+    fine, z = np.linspace(0.5, 12.0, 4000), np.linspace(0.0, 8.0, 60)[:, None]
+    k = wavenumber(fine, water_depth)
+    C = np.exp(-k * z) * (1 + np.exp(-2 * k * (water_depth - z))) / (1 - np.exp(-2 * k * water_depth))
+    right.plot(
+        np.sqrt(np.trapezoid(state.spectrum(fine) * (fine * C) ** 2, fine)), z[:, 0], "k--", lw=1, label="theory"
+    )
+    right.plot(velocity.std(1), depths, "o", ms=4, label="simulated")
+    right.set(xlabel="rms [m/s]", ylabel="depth [m]", title="orbital velocity")
+    right.invert_yaxis()
+    right.legend(fontsize=8)
+    save(fig, folder / "world_sea.png")
 
 
 def figure_sensors(folder):
@@ -149,6 +185,7 @@ def main():
     folder.mkdir(parents=True, exist_ok=True)
     figure_current(folder)
     figure_waves(folder)
+    figure_sea(folder)
     figure_sensors(folder)
     wave_table()
 

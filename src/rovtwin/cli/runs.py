@@ -50,10 +50,20 @@ def fly(
     from rovtwin.scenario.files import load_scenario
 
     wanted = load_scenario(scenario, overrides or (), seed)
+    _say_whether_it_holds(wanted, console(as_json))
     flight = _fly(wanted, out, realtime, report, console(as_json))
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)
+
+
+def _say_whether_it_holds(scenario: "Scenario", screen: Console) -> None:
+    """One line before a flight in moving water."""
+    from rovtwin.scenario.composition import compose
+    from rovtwin.scenario.sea import moves, verdict
+
+    if moves(scenario):
+        screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
 
 
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console) -> Any:
@@ -240,16 +250,24 @@ def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None,
 
 @scenario_app.command("check")
 def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
-    """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying."""
+    """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying.
+
+    In waves or current also whether the vehicle can hold its place; `rovtwin sea` says more.
+    """
     from rovtwin.scenario.composition import compose
     from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.sea import moves, verdict
 
     found = load_scenario(scenario, overrides or ())
-    compose(found)
+    composed = compose(found)
+    holds, line = verdict(composed) if moves(found) else (None, None)
     if as_json:
-        emit({"scenario": found.name, "valid": True})
-    else:
-        console(False).print(f"{scenario}: usable", markup=False)
+        emit({"scenario": found.name, "valid": True, "holds_place": holds, "holds_place_line": line})
+        return
+    screen = console(False)
+    screen.print(f"{scenario}: usable", markup=False)
+    if line:
+        screen.print(f"- {line}", markup=False, soft_wrap=True)
 
 
 @scenario_app.command("schema")

@@ -32,21 +32,22 @@ def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, 
 
 
 def _print(screen: Any, title: str, report: dict[str, Any]) -> None:
-    columns = ("depth", "heading", "X rms", "Y rms", "Z rms", "N rms", "horizontal rms / 99.9 %", "available",
+    columns = ("depth", "heading", "X rms", "Y rms", "Z rms", "N rms", "horizontal", "available",
                "within reach", "on average", "verdict")  # fmt: skip
-    rows = table(f"{title} [N, N m]", *columns)
+    rows = table(f"{title} [N, N m]; horizontal: rms / 99.9 % of the time below", *columns)
     for place in report["places"]:
         X, Y, Z, _, _, N = place["required_rms"]
         mean = sum(force**2 for force in place["mean_required"][:3]) ** 0.5
         rows.add_row(
             f"{place['position'][2]:.3g} m",
             f"{place['heading_deg'] % 360:.0f} deg",
-            *(figure(value) for value in (X, Y, Z, N)),
+            *(figure(round(value, 3)) for value in (X, Y, Z, N)),
             figure([place["horizontal_rms_n"], place["horizontal_p999_n"]]),
             figure(place["available_n"]),
             f"{100 * place['time_within_reach']:.3g} %",
-            figure(mean),
+            figure(round(mean, 3)),
             place["verdict"],
         )
-    screen.print(rows)
+    if report["places"]:
+        screen.print(rows)
     screen.print(report["line"] + "\n", markup=False)

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.compose_world import airy_of
-from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.composition import Composed, below_surface
 from rovtwin.scenario.schema import AirySection, Scenario, ThesisWavesSection
 from rovtwin.simulation.holding import Holding, holding
 from rovtwin.simulation.waves import ThesisWaves
@@ -19,7 +20,7 @@ FORCES = slice(0, 3)
 
 
 def moves(scenario: Scenario) -> bool:
-    """Whether the scenario's water moves: a real sea, or a current that is not zero."""
+    """Whether the scenario's water moves: a real sea, or a current that is not zero somewhere."""
     current = scenario.world.current.model_dump(exclude={"type", "depths", "time_constant"})
     return isinstance(scenario.world.waves, AirySection) or bool(
         np.any(np.concatenate([np.ravel(v) for v in current.values()]))
@@ -31,7 +32,7 @@ def places(scenario: Scenario) -> list[tuple[tuple[float, float, float], float]]
     before, found = np.asarray(scenario.start.position, dtype=float), {}
     heading = scenario.heading
     for waypoint in scenario.mission.waypoints:
-        there = np.asarray(waypoint.position, dtype=float)
+        there = np.asarray(waypoint.placed(scenario.origin), dtype=float)
         north, east = (there - before)[:2]
         if waypoint.heading_deg is not None:
             heading = math.radians(waypoint.heading_deg)
@@ -47,7 +48,10 @@ def holdings(composed: Composed, world: World | None = None) -> list[Holding]:
     """Required and available force at the mission's places, for the true vehicle in its world or another one."""
     twin, scenario = composed.loop.twin, composed.scenario
     key = jax.random.key(scenario.seed)
-    return [holding(twin.model, world or twin.world, key, place, heading) for place, heading in places(scenario)]
+    return [
+        holding(twin.model, world or twin.world, key, below_surface(list(place), scenario.world, twin.model), heading)
+        for place, heading in places(scenario)
+    ]
 
 
 def worst(found: list[Holding]) -> Holding:
@@ -78,13 +82,19 @@ def verdict_line(found: list[Holding]) -> str:
     return f"{where}: {said}"
 
 
+def verdict(composed: Composed) -> tuple[str, str]:
+    """The worst verdict, and the line about it."""
+    found = holdings(composed)
+    return worst(found).verdict, verdict_line(found)
+
+
 def sea_report(composed: Composed) -> dict[str, Any]:
     """All of it as plain data, with the other wave model of the same Hs and Tz beside it."""
     scenario, section = composed.scenario, composed.scenario.world.waves
     found = holdings(composed)
     report: dict[str, Any] = {
         "scenario": scenario.name,
-        "vehicle": composed.vehicle_data["name"],
+        "vehicle": composed.vehicle.name,
         "waves": section.model_dump(exclude_none=True) if section else None,
         "verdict": worst(found).verdict,
         "line": verdict_line(found),
@@ -93,20 +103,24 @@ def sea_report(composed: Composed) -> dict[str, Any]:
         "real_sea": None,
     }
     if isinstance(section, ThesisWavesSection):
-        real = replace(composed.loop.twin.world, waves=airy_of(real_sea(section), scenario.world.floor))
-        there = holdings(composed, real)
         report["thesis_force_rms_n"] = thesis_rms(section.significant_height, section.zero_crossing_period)
-        report["real_sea"] = {
-            "verdict": worst(there).verdict,
-            "line": verdict_line(there),
-            "places": [as_data(h) for h in there],
-        }
+        report["real_sea"] = _in_real_sea(composed, section)
     elif isinstance(section, AirySection):
         sea = airy_of(section, scenario.world.floor)
         m0 = 0.5 * np.sum(np.asarray(sea.amplitude) ** 2)
         m2 = 0.5 * np.sum((np.asarray(sea.amplitude) * np.asarray(sea.omega)) ** 2)
         report["thesis_force_rms_n"] = thesis_rms(section.significant_height, float(2 * np.pi * np.sqrt(m0 / m2)))
     return report
+
+
+def _in_real_sea(composed: Composed, section: ThesisWavesSection) -> dict[str, Any]:
+    """The same for a sea that moves the water; what is wrong with it where there is no such sea."""
+    try:
+        sea = airy_of(real_sea(section), composed.scenario.world.floor)
+    except ConfigError as error:
+        return {"verdict": None, "line": f"no such sea: {error}", "places": []}
+    found = holdings(composed, replace(composed.loop.twin.world, waves=sea))
+    return {"verdict": worst(found).verdict, "line": verdict_line(found), "places": [as_data(h) for h in found]}
 
 
 def real_sea(section: ThesisWavesSection) -> AirySection:

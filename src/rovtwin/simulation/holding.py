@@ -74,7 +74,8 @@ class Holding:
     def verdict(self) -> Verdict:
         """`holds`, `swept` (holds on average), `drifts` or `capsizes` (cannot hold)."""
         along = self.mean_flow[0] * np.cos(self.heading) + self.mean_flow[1] * np.sin(self.heading)
-        if abs(along) > self.upright:
+        stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
+        if abs(along) * stood_up_to > self.upright:  # what carries it off it does not feel
             return "capsizes"
         if self.mean_share > 1.0:
             return "drifts"

@@ -1,0 +1,98 @@
+"""Required against available force: known answers, and the verdict's limits."""
+
+import numpy as np
+import pytest
+from tests.simulation.helper import vehicle
+
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.simulation.airy import AirySea
+from rovtwin.simulation.current import ConstantCurrent, ShearedCurrent
+from rovtwin.simulation.holding import holding, thrust_share
+from rovtwin.simulation.sea import SeaState
+from rovtwin.simulation.waves import ThesisWaves
+from rovtwin.simulation.world import World
+from rovtwin.vehicle.model import GRAVITY
+from rovtwin.vehicle.thrusters import thrusters_from
+
+KEY = jax.random.key(1)
+PLACE = (0.0, 0.0, 3.0)
+NONE = np.zeros((6, 6))
+ALL_AXES = thrusters_from(jnp.eye(6), jnp.full(6, 10.0))
+# 6.5 u + 159 u^2 = 10 N, and the flow that 10 N stand up to.
+TOP_SPEED = (-6.5 + np.sqrt(6.5**2 + 4 * 159 * 10)) / (2 * 159)
+
+
+def test_in_a_regular_wave_it_is_froude_krylov_and_added_mass():
+    omega, a = 1.0, 0.05
+    k = omega**2 / GRAVITY
+    sea = AirySea([a], [omega], [k], [0.0])
+    model = vehicle(linear_damping_ahead=NONE, quadratic_damping_ahead=NONE)
+    found = holding(model, World(waves=sea), KEY, PLACE, 0.0, 2 * np.pi * 20, 0.05)
+    at_depth = a * np.exp(-3 * k) * omega**2 / np.sqrt(2)
+    force = np.sqrt((found.required[:, :3] ** 2).mean(0))
+    inertia = float(model.displaced_mass) + np.diag(model.added_mass)[[0, 2]]
+    np.testing.assert_allclose(force[[0, 2]], at_depth * inertia, rtol=0.01)
+    assert found.sweep == pytest.approx(a * np.exp(-3 * k) / np.sqrt(2) * np.ones(2), rel=1e-6)
+    assert found.mean_flow[0] == pytest.approx(a**2 * omega * k * np.exp(-6 * k), rel=1e-6)
+    assert found.verdict == "holds" and found.available == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("heading", [0.0, np.pi])
+def test_in_a_current_it_is_the_drag(heading):
+    found = holding(vehicle(), World(ConstantCurrent([0.2, 0.0, 0.0])), KEY, PLACE, heading, 10.0)
+    drag = 6.5 * 0.2 + 159 * 0.2**2
+    sign = -1.0 if heading == 0.0 else 1.0
+    np.testing.assert_allclose(found.required[:, 0], sign * drag, rtol=1e-9)
+    assert found.mean_required[0] == pytest.approx(sign * drag)
+    assert found.mean_share == pytest.approx(drag / 10.0, rel=1e-6) and found.verdict == "holds" and found.drift == 0.0
+
+
+def test_a_current_beyond_its_thrust_carries_it_off():
+    found = holding(vehicle(), World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0)
+    assert found.verdict == "drifts"
+    assert found.drift == pytest.approx(0.5 - TOP_SPEED, abs=0.005)
+
+
+def test_what_counts_is_the_current_at_the_depth():
+    sheared = World(ShearedCurrent([0.0, 5.0], [[1.0, 0, 0], [0.0, 0, 0]]))
+    high, low = (holding(vehicle(), sheared, KEY, (0.0, 0.0, z), 0.0, 10.0) for z in (1.0, 4.5))
+    assert (high.verdict, low.verdict) == ("drifts", "holds")
+
+
+def test_waves_beyond_its_thrust_sweep_it():
+    sea = AirySea.of(SeaState.of(1.5, zero_crossing_period=5.7), count=16)
+    found = holding(vehicle(), World(waves=sea), KEY, PLACE, 0.0, 120.0)
+    assert found.verdict == "swept" and found.mean_share < 0.2 < 1.0 < np.percentile(found.share, 99)
+    assert 0.1 < found.sweep[0] < 0.5
+
+
+def test_the_force_of_the_thesis_is_required_as_it_is():
+    waves = ThesisWaves(4.1, 8.7)
+    found = holding(vehicle(), World(waves=waves), KEY, PLACE, 0.0)
+    assert np.sqrt((found.required[:, 0] ** 2).mean()) == pytest.approx(float(waves.rms()), rel=0.15)
+    assert not found.sweep.any() and found.verdict == "holds"
+
+
+def test_a_flow_that_tips_it_over_is_none_it_can_hold():
+    """Heave added mass of 400 kg against a righting moment of 5.9 N m: pitch goes at 0.12 m/s."""
+    strong = vehicle(
+        added_mass=np.diag([9.0, 13.0, 400.0, 2.0, 0.7, 0.9]),
+        thrusters=thrusters_from(jnp.eye(6), jnp.full(6, 1000.0)),
+    )
+    found = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0)
+    assert found.verdict == "capsizes" and found.upright < 0.5
+    across = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.5 * np.pi, 10.0)
+    assert across.verdict != "capsizes"
+
+
+def test_share_of_the_thrusters():
+    tau = np.zeros((3, 6))
+    tau[0, 0], tau[1, 2], tau[2, 5] = 5.0, -20.0, 1.0
+    np.testing.assert_allclose(thrust_share(ALL_AXES, tau), [0.5, 2.0, 0.1])
+    half = thrusters_from(jnp.eye(6), jnp.full(6, 10.0), health=jnp.array([0.5, 1, 1, 1, 1, 1]))
+    assert thrust_share(half, tau)[0] == pytest.approx(1.0)
+    surge_only = thrusters_from(jnp.eye(6)[:, :1], jnp.full(1, 10.0))
+    assert list(np.isinf(thrust_share(surge_only, tau))) == [False, True, True]
+    moments = np.zeros((1, 6))
+    moments[0, 3:5] = 100.0
+    assert thrust_share(ALL_AXES, moments)[0] == 0.0, "roll and pitch are left to the righting moment"
