@@ -39,6 +39,7 @@ from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
 from rovtwin.simulation.airy import AirySea
+from rovtwin.simulation.battery import Battery, BatteryInput
 from rovtwin.simulation.cable import Cable
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
 from rovtwin.simulation.faults import FaultInput, Faults, ThrusterFault
@@ -172,6 +173,12 @@ def sea() -> AirySea:
     )
 
 
+def battery() -> Example:
+    feeds = np.arange(THRUSTERS) < 2
+    block = Battery([1e-3, 20.0], [20.0, 5.0], [feeds, ~feeds], np.tile([1.0, 1.45], (THRUSTERS, 1)))
+    return Example(block, BatteryInput(over_time(10, 3, THRUSTERS, seed=18, size=5.0)))
+
+
 def faults() -> Example:
     some = [ThrusterFault("weak", [0], 0.2, share=0.5), ThrusterFault("stuck", [1], 0.4, 0.9)]
     block = Faults(THRUSTERS, [*some, ThrusterFault("reversed", [2], 0.1)], [(0.5, 0.6)])
@@ -267,6 +274,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "simulation.current.ShearedCurrent": lambda: Example(sheared(), states().position, PHYSICS),
     **{f"simulation.sensors.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
     "simulation.tether.Tether": tether,
+    "simulation.battery.Battery": battery,
     "simulation.faults.Faults": faults,
     "simulation.twin.Twin": twin,
     "simulation.waves.ThesisWaves": lambda: Example(waves(), states(), PHYSICS),

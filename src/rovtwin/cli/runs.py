@@ -32,6 +32,7 @@ FIGURES = (
     ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),
     ("  its 95 % interval if consistent", "nees_position_interval", ""),
     ("effort", "effort_n2s", "N2 s"),
+    ("energy from the batteries", "energy_wh", "Wh"),
     ("time saturated", "saturated_share", "%"),
     ("thruster activity, rms", "thruster_activity_n_per_s", "N/s"),
 )

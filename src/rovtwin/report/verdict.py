@@ -41,6 +41,7 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),
     "nees_position_mean": ("NEES of horizontal position, mean", "-", 1, 2, "2 is expected of an honest observer"),
     "effort_n2s": ("Effort", "N² s", 1, 0, "integral of the summed squared thruster forces"),
+    "energy_wh": ("Energy", "Wh", 1, 2, "taken from the batteries, hotel load included"),
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
     "thruster_activity_n_per_s": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
 }  # fmt: skip

@@ -1,5 +1,6 @@
 """The channels of a run's log, and how a chunk of records becomes their samples."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ SENSORS: dict[str, tuple[tuple[str, ...], str | tuple[str, ...], str, str]] = {
     "attitude": (("phi", "theta", "psi"), "rad", "n", "zyx Euler angles"),
     "dvl": (("x", "y", "z"), "m/s", "sensor", "velocity over ground"),
     "altimeter": (("range",), "m", "sensor", "distance to the floor along the beam"),
+    "battery": (("charge", "power"), ("1", "W"), "", "charge of the emptiest battery, power of all"),
     "leak": (("leak",), "1", "", "1 when water comes in"),
 }
 
@@ -28,7 +30,12 @@ _euler = jax.jit(jax.vmap(euler_from_quaternion))
 
 
 def log_channels(
-    thrusters: list[str], sensors: list[str], rate: float, with_sensors: bool, moving_surface: bool = False
+    thrusters: list[str],
+    sensors: list[str],
+    rate: float,
+    with_sensors: bool,
+    moving_surface: bool = False,
+    batteries: Sequence[str] = (),
 ) -> list[Channel]:
     """All channels of a run, in the order in which viewers list them.
 
@@ -38,6 +45,7 @@ def log_channels(
         rate: Of truth and autopilot channels [1/s].
         with_sensors: Whether readings are logged.
         moving_surface: Whether the world's surface moves.
+        batteries: Names of those that are simulated.
     """
     thr = tuple(thrusters)
     table: list[tuple[str, tuple[str, ...], Any, str, str]] = [
@@ -47,6 +55,7 @@ def log_channels(
         ("truth/water_velocity", ("north", "east", "down"), "m/s", "n", "water velocity at CO"),
         ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves and drift at CO"),
         *([("truth/surface", ("depth",), "m", "n", "water surface above CO")] if moving_surface else []),
+        *([("truth/battery", *_battery_fields(batteries), "", "what is left, and power drawn")] if batteries else []),
         ("autopilot/eta", ETA, ETA_UNITS, "n", "estimated pose of CO"),
         ("autopilot/nu", NU, NU_UNITS, "b", "estimated velocity over ground"),
         ("autopilot/bias", TAU, TAU_UNITS, "", "estimated disturbance: force in n, moment in b"),
@@ -77,6 +86,12 @@ def log_channels(
     return channels
 
 
+def _battery_fields(batteries: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Fields and their units: charge of each battery, then power of each."""
+    charge, power = (tuple(f"{name}_{what}" for name in batteries) for what in ("charge", "power"))
+    return charge + power, ("1",) * len(charge) + ("W",) * len(power)
+
+
 def euler(attitude: Any) -> np.ndarray:
     """zyx Euler angles (n, 3) of quaternions (n, 4)."""
     return np.asarray(_euler(attitude))
@@ -94,6 +109,8 @@ def truth_samples(record: Record, moving_surface: bool = False) -> dict[str, np.
     }
     if moving_surface:
         samples["truth/surface"] = np.asarray(record.surface)[:, None]
+    if (battery := record.battery) is not None:
+        samples["truth/battery"] = np.concatenate([battery.charge, battery.power], axis=1)
     return samples
 
 

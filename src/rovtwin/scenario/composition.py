@@ -19,6 +19,7 @@ from rovtwin.gnc.mission import mission as mission_of
 from rovtwin.gnc.observer import Ekf, EkfTuning
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.scenario.compose_battery import battery_of
 from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
 from rovtwin.scenario.compose_world import plant_of, world_of
 from rovtwin.scenario.loop import Loop
@@ -46,7 +47,7 @@ class Composed:
         key: Seeds all randomness of the run.
         start: Where it begins.
         model: What the autopilot believes; the plant is `loop.twin.model`.
-        thruster_names, sensor_names: For the log.
+        thruster_names, sensor_names, battery_names: For the log; batteries only if they are simulated.
         vehicle: Its description.
         faults: What breaks and when, for the report.
         scenario: What it was made from.
@@ -58,6 +59,7 @@ class Composed:
     model: Model
     thruster_names: list[str]
     sensor_names: list[str]
+    battery_names: list[str]
     vehicle: Vehicle
     faults: list[dict[str, Any]]
     scenario: Scenario
@@ -110,6 +112,7 @@ def compose(scenario: Scenario) -> Composed:
             sensors,
             scenario.substeps,
             faults_of(scenario, list(vehicle.thruster_names)),
+            battery_of(scenario, vehicle),
         ),
     )
     return Composed(
@@ -119,6 +122,7 @@ def compose(scenario: Scenario) -> Composed:
         model=model,
         thruster_names=[_field_name(name) for name in vehicle.thruster_names],
         sensor_names=list(sensors),
+        battery_names=[_field_name(s.name) for s in vehicle.power_sources] if scenario.battery else [],
         vehicle=vehicle,
         faults=listed(scenario, list(vehicle.thruster_names)),
         scenario=scenario,

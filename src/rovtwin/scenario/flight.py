@@ -71,6 +71,7 @@ class Recorder:
         self._kept: list[dict[str, np.ndarray]] = []
         self._thrust: list[np.ndarray] = []
         self._saturated: list[np.ndarray] = []
+        self._energy: list[float] = []
 
     def take(self, record: Record) -> None:
         """One chunk, leading axis ticks."""
@@ -93,6 +94,9 @@ class Recorder:
         samples |= {"t": t, "covariance": np.asarray(record.autopilot.estimate.covariance)}
         self._kept.append({name: values[scored] for name, values in samples.items()})
         self._thrust.append(np.asarray(record.state.thrust))
+        if record.battery is not None:
+            used = np.asarray(record.battery.used).sum(axis=1)
+            self._energy += [float(used[0]), float(used[-1])]
         self._saturated.append(np.any(np.abs(record.autopilot.command.u) >= 1.0 - 1e-9, axis=1))
 
     @property
@@ -116,6 +120,7 @@ class Recorder:
             saturated=np.concatenate(self._saturated),
             control_dt=self._dt,
             duration=self.seconds,
+            energy=self._energy[-1] - self._energy[0] if self._energy else None,
         )
 
 
@@ -155,6 +160,7 @@ def fly(
         scenario.log.rate,
         scenario.log.sensors,
         scenario.world.moving_surface,
+        composed.battery_names,
     )
     metadata = provenance(scenario, composed)
     pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}

@@ -7,6 +7,7 @@ import equinox as eqx
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.vehicle.dynamics import State
 
@@ -26,7 +27,8 @@ class LoopMemory(eqx.Module):
 class Record(eqx.Module):
     """What one control tick leaves: truth at its instant, readings since the last tick, the autopilot's answer.
 
-    `surface` is the depth of the water's surface above CO, None where the world has none.
+    `surface` is the depth of the water's surface above CO, None where the world has none; `battery` None where none is
+    simulated.
     """
 
     state: State
@@ -35,6 +37,7 @@ class Record(eqx.Module):
     measurements: Measurements
     autopilot: AutopilotOutput
     surface: Array | None = None
+    battery: BatteryState | None = None
 
 
 class Loop(eqx.Module):
@@ -71,6 +74,7 @@ class Loop(eqx.Module):
             memory.measurements,
             decided,
             memory.surface,
+            memory.twin.battery,
         )
         twin, moved = self.twin.step(memory.twin, TwinInput(decided.command, k), control_dt)
         after = LoopMemory(

@@ -74,7 +74,7 @@ def realtime_chunks(
     off = jnp.zeros(loop.twin.model.thrusters.count)
     jax.block_until_ready(move(memory.twin, Command(off), 0))
 
-    truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench, memory.surface)
+    truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench, memory.surface, memory.twin.battery)
     began = time.monotonic()
     now = clock or (lambda: time.monotonic() - began)
     link = TwinLink(truth.following(move), memory.twin, off.shape[0], control_dt, now)
@@ -101,9 +101,9 @@ def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.nda
     """The record of several ticks, leading axis ticks, from truth before each and the autopilot's vectors."""
     truths, taken, given = zip(*rows, strict=True)
     truth = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))
-    state, water_velocity, external_wrench, surface = truth
+    state, water_velocity, external_wrench, surface, battery = truth
     measurements, decided = autopilot.unpacked(taken, given)
-    return Record(state, water_velocity, external_wrench, measurements, decided, surface)
+    return Record(state, water_velocity, external_wrench, measurements, decided, surface, battery)
 
 
 class _Truth:
@@ -116,7 +116,7 @@ class _Truth:
         def advance_twin(memory: Any, command: Command, k: int) -> tuple[Any, Measurements]:
             memory, moved = move(memory, command, k)
             water = moved.environment
-            self.now = (moved.state, water.velocity, water.wrench, water.surface)
+            self.now = (moved.state, water.velocity, water.wrench, water.surface, memory.battery)
             return memory, moved.measurements
 
         return advance_twin

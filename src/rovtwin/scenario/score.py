@@ -28,6 +28,7 @@ class Flown:
         control_dt: Period of `thrust` [s].
         saturated: Every control tick, whether any thruster was at its limit, shape (m,).
         duration: From arming to the end [s].
+        energy: Taken from the batteries [J]; None where none are simulated.
     """
 
     t: np.ndarray
@@ -42,6 +43,7 @@ class Flown:
     saturated: np.ndarray
     control_dt: float
     duration: float
+    energy: float | None = None
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
@@ -125,6 +127,7 @@ def score(flown: Flown) -> dict[str, Any]:
         "nees_position_mean": _mean(position_nees[late]),
         "nees_effective_samples": effective_samples(position_nees[late]) if late.any() else None,
         "effort_n2s": float(np.sum(flown.thrust**2) * flown.control_dt),
+        "energy_wh": None if flown.energy is None else flown.energy / 3600.0,
         "saturated_share": _mean(flown.saturated.astype(float)),
         "thruster_activity_n_per_s": _rms(rate),
     }

@@ -335,6 +335,7 @@ def put(slots: Slot, one: Slot, here: Array) -> Slot:
 EXTRA: dict[str, dict[str, Any]] = {
     "dvl": {"rate_hz": 10.0, "noise": 5e-3},
     "altimeter": {"rate_hz": 10.0, "noise": 0.01},
+    "battery": {"rate_hz": 1.0},
     "leak": {"rate_hz": 1.0},
 }
 """Sensors that the thesis's vehicle has not, as they come if nothing else is said."""

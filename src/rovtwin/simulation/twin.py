@@ -1,12 +1,14 @@
 """Twin: the plant in its world, with its sensors; what a Link to a simulated vehicle talks to."""
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Environment, Measurements, Slot
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.battery import Battery, BatteryInput, BatteryState, forces_within
 from rovtwin.simulation.faults import FaultInput, Faults, weakened
 from rovtwin.simulation.noise import key_for
 from rovtwin.simulation.sensors import Sensor, SensorInput, SensorMemory, put
@@ -23,12 +25,13 @@ class TwinInput(eqx.Module):
 
 
 class TwinMemory(eqx.Module):
-    """State of the plant, and the memories of world, sensors and faults (None without)."""
+    """State of the plant, and the memories of world, sensors, faults and batteries (None without)."""
 
     state: State
     world: WorldMemory
     sensors: dict[str, SensorMemory]
     faults: Array | None = None
+    battery: BatteryState | None = None
 
 
 class TwinOutput(eqx.Module):
@@ -63,6 +66,7 @@ class Twin(Block):
         sensors: By name; each draws random numbers of its own, whatever others there are.
         substeps: Physics steps in a control tick, int.
         faults: Of thrusters, and leaks, or None; sensors have their own.
+        battery: What feeds the thrusters, or None: they never stop.
     """
 
     model: Model
@@ -70,6 +74,7 @@ class Twin(Block):
     sensors: dict[str, Sensor]
     substeps: int = eqx.field(static=True, default=10)
     faults: Faults | None = None
+    battery: Battery | None = None
 
     def init(self, key: Array, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""
@@ -78,6 +83,7 @@ class Twin(Block):
             self.world.init(key_for(key, "world"), start),
             {name: sensor.init(key_for(key, f"sensor {name}"), start) for name, sensor in self.sensors.items()},
             None if self.faults is None else self.faults.init(key_for(key, "faults"), start),
+            None if self.battery is None else self.battery.init(key_for(key, "battery"), start),
         )
 
     def empty(self) -> Measurements:
@@ -92,25 +98,32 @@ class Twin(Block):
         if self.faults is not None and memory.faults is not None:
             faults, fault = self.faults.step(memory.faults, FaultInput(command, input.k), dt)
             leak, command, model = fault.leak, fault.command, weakened(model, fault.share)
+        battery, energy = memory.battery, None
+        if self.battery is not None and battery is not None:
+            model, energy = weakened(model, self.battery.alive(battery)), battery.telemetry
 
-        def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], None]:
+        def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], Any]:
             memory, output = carry
             k = first + j
             world, environment = self.world.step(memory.world, memory.state, h)
             state = plant_step(model, memory.state, command, environment, h)
             nu_dot = self._nu_dot(k, j, state, environment, output.nu_dot, h)
-            seen = SensorInput(state, nu_dot, k, environment, leak=leak)
+            seen = SensorInput(state, nu_dot, k, environment, energy, leak)
             sensors, measurements = self._sense(memory, output, seen, first, h)
-            after = TwinMemory(state, world, sensors, faults)
-            return (after, TwinOutput(state, nu_dot, environment, measurements)), None
+            after = TwinMemory(state, world, sensors, faults, battery)
+            thrust = None if battery is None else state.thrust
+            return (after, TwinOutput(state, nu_dot, environment, measurements)), thrust
 
         # Carried through the scan so that the last one comes out; its structure is the world's.
         shape = jax.eval_shape(lambda m: self.world.step(m.world, m.state, h)[1], memory)
         environment = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
         nothing = TwinOutput(memory.state, jnp.zeros(6), environment, self.empty())
-        memory = replace(memory, faults=faults)
-        (memory, output), _ = jax.lax.scan(jax.checkpoint(substep), (memory, nothing), jnp.arange(self.substeps))
-        return memory, output
+        begin = replace(memory, faults=faults)
+        (after, output), thrust = jax.lax.scan(jax.checkpoint(substep), (begin, nothing), jnp.arange(self.substeps))
+        if self.battery is not None and battery is not None:
+            forces = forces_within(model.thrusters, command, memory.state.thrust, thrust, h)
+            after = replace(after, battery=self.battery.step(battery, BatteryInput(forces), dt)[0])
+        return after, output
 
     def _nu_dot(self, k: Array, j: Array, state: State, environment: Environment, last: Array, h: float) -> Array:
         """Acceleration at the end of physics step k; computed when an accelerometer reads it, or as output."""

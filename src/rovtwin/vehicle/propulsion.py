@@ -78,6 +78,13 @@ def thruster_arrays(thrusters: tuple[Mounted, ...], supply_voltage: float | None
     }
 
 
+def thrust_limits(mounted: Mounted, supply_voltage: float | None = None) -> tuple[float, float]:
+    """Largest force of one thruster ahead and astern, both positive [N]; arguments as of `thruster_arrays`."""
+    assert isinstance(mounted.item, Thruster)
+    voltage = mounted.supply_voltage if supply_voltage is None else supply_voltage
+    return _limits(mounted.item, thrust_points(mounted.item, voltage, f"thruster '{mounted.name}'"))
+
+
 def _limits(thruster: Thruster, points: np.ndarray | None) -> tuple[float, float]:
     if points is not None:
         return max(float(points[-1, 1]), 0.0), max(float(-points[0, 1]), 0.0)

@@ -91,6 +91,7 @@ class Thruster(Strict):
     rate_limit: Positive | None = Field(None, description="largest rate of the force [N/s]")
     quantisation: NonNegative = Field(0.0, description="step to which commands are rounded")
     health: Share = Field(1.0, description="share of the force left: 1 sound, 0 dead")
+    power: Positive | None = Field(None, description="electrical, at its largest force [W]; else that of a T200")
     source: Source = None
 
     @model_validator(mode="after")
@@ -123,6 +124,14 @@ class Sensor(Strict):
     name: str
     kind: SensorKind = Field(description="what it measures")
     pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
+    source: Source = None
+
+
+class Battery(Strict):
+    """What feeds the thrusters and electronics of a part and of the parts in it."""
+
+    capacity_wh: Positive = Field(description="[Wh]")
+    hotel_load: NonNegative = Field(0.0, description="of all but the thrusters: computers, camera, lights [W]")
     source: Source = None
 
 
@@ -185,6 +194,7 @@ class Body(Strict):
     thrusters: list[Thruster] = []
     cameras: list[Camera] = []
     sensors: list[Sensor] = []
+    battery: Battery | None = None
     parts: list["Part"] = []
     rigid_body: RigidBody | None = None
     restoring: Restoring | None = None

@@ -13,6 +13,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import files
 from rovtwin.vehicle.assembly import Assembly, Mounted, assemble
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.energy import PowerSource, power_sources, specific_power
 from rovtwin.vehicle.propulsion import thruster_arrays
 from rovtwin.vehicle.schema import VehicleFile
 from rovtwin.vehicle.soundness import require_distinct_in_logs, require_sound
@@ -65,6 +66,15 @@ class Vehicle:
     def sensors(self) -> list[Mounted]:
         """Sensors with their place in the body frame."""
         return list(self.assembly.sensors)
+
+    @property
+    def power_sources(self) -> list[PowerSource]:
+        """Batteries, and which thrusters hang on each."""
+        return power_sources(self.file, self.thruster_names)
+
+    def specific_power(self) -> np.ndarray:
+        """What each thruster draws, P = c |F|^1.5, ahead and astern, shape (n, 2) [W/N^1.5]."""
+        return specific_power(self.assembly.thrusters)
 
     def in_water(self, density: float) -> Vehicle:
         """The same vehicle in water of another density [kg/m3]: buoyancy, drag and added mass scale with it.

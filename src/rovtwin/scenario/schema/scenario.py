@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from rovtwin.core.config import Number, Strict
 from rovtwin.core.datum import Datum
 from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
+from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, StartSection
@@ -54,6 +55,7 @@ class Scenario(Strict):
     sensors: SensorsSection = SensorsSection()
     autopilot: AutopilotSection = AutopilotSection()
     mission: MissionSection
+    battery: BatterySection | None = None
     faults: list[FaultSection] = Field(default_factory=list, description="what breaks, and when")
     log: LogSection = LogSection()
 
@@ -70,6 +72,11 @@ class Scenario(Strict):
                 raise ValueError(f"no autopilot {value!r}; there are {', '.join(PRESETS)}")
             return PRESETS[value]
         return value
+
+    @field_validator("battery", mode="before")
+    @classmethod
+    def _battery_by_default(cls, value: Any) -> Any:
+        return {} if value is True else None if value is False else value
 
     @model_validator(mode="after")
     def _fits_together(self) -> "Scenario":

@@ -51,7 +51,7 @@ class AltimeterSection(ExtraSection):
     max_range: Positive | None = Field(default=None, description="no reading beyond it [m]; default 50")
 
 
-SENSOR_NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl", "altimeter", "leak")
+SENSOR_NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl", "altimeter", "battery", "leak")
 
 
 class SensorsSection(Strict):
@@ -65,9 +65,10 @@ class SensorsSection(Strict):
     attitude: SensorSection = SensorSection()
     dvl: DvlSection = DvlSection()
     altimeter: AltimeterSection = AltimeterSection()
+    battery: ExtraSection = ExtraSection()
     leak: ExtraSection = ExtraSection()
 
-    @field_validator("dvl", "altimeter", "leak", mode="before")
+    @field_validator("dvl", "altimeter", "battery", "leak", mode="before")
     @classmethod
     def _by_default(cls, value: Any) -> Any:
         return {"on_board": value} if isinstance(value, bool) else value

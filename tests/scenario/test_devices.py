@@ -1,4 +1,4 @@
-"""Faults in scenarios: from the file to the flight, its log and its report."""
+"""Faults, instruments and batteries in scenarios: from the file to the flight, its log and its report."""
 
 import json
 
@@ -126,3 +126,46 @@ def test_what_cannot_break_is_said(said):
 def test_instruments_that_cannot_be_are_refused(said, setting):
     with pytest.raises(ConfigError, match=said):
         compose(load_scenario("lawnmower_calm", [setting]))
+
+
+# -- batteries
+
+
+@pytest.fixture(scope="module")
+def drained(tmp_path_factory):
+    """Six seconds on batteries, of which port's has 60 J left: gone in three."""
+    settings = ["battery={charge: {port: 0.000223}}", "sensors.battery=true", "duration=6", "name=drained"]
+    return fly(load_scenario("lawnmower_calm", settings), tmp_path_factory.mktemp("runs") / "drained")
+
+
+def test_a_unit_whose_battery_is_empty_loses_its_thrusters(drained):
+    battery, thrust = drained.log["truth/battery"], drained.log["truth/thrust"]
+    assert battery.channel.fields == ("port_charge", "starboard_charge", "port_power", "starboard_power")
+    assert battery["port_charge"][-1] == 0.0 and battery["starboard_charge"][-1] > 0.99
+    gone = battery.t[np.argmax(battery["port_charge"] == 0.0)]
+    assert 2.0 < gone < 3.5
+    late = thrust.t > gone + 2.0
+    assert np.abs(thrust["port_heave"][late]).max() < 1e-3 < np.abs(thrust["starboard_heave"][late]).min()
+    gauge = drained.log["sensor/battery"]
+    assert gauge["charge"][-1] == 0.0 and gauge["power"][-1] == pytest.approx(battery["starboard_power"][-1], rel=0.05)
+
+
+def test_energy_is_in_summary_and_report(drained, tmp_path):
+    power = drained.log["truth/battery"].values[:, 2:].sum(axis=1)
+    assert drained.summary["energy_wh"] == pytest.approx(power.sum() * 0.1 / 3600, rel=0.05)
+    assert "taken from the batteries" in write_report(drained.log, tmp_path).read_text()
+
+
+@pytest.mark.parametrize(
+    "said, settings",
+    [
+        ("set battery to true", ["sensors.battery=true"]),
+        ("battery.charge: no battery 'left'; double_blueye has port, starboard", ["battery={charge: {left: 0.5}}"]),
+        ("battery: double_blueye_thesis has none", ["battery=true", "vehicle=double_blueye_thesis"]),
+        ("of at most 1", ["battery={charge: 2}"]),
+    ],
+)
+def test_batteries_that_are_not_there_are_refused(said, settings):
+    with pytest.raises(ConfigError) as error:
+        compose(load_scenario("lawnmower_calm", settings))
+    assert said in str(error.value)
