@@ -110,7 +110,8 @@ CATALOGUE = (
         "Disturbance and its estimate",
         "Force (world axes) and moment (body axes) that waves, drift and tether exert, with the mean over 20 s, and"
         " the slowly varying bias that the observer estimates. The bias also takes up what the observer's model "
-        "lacks: current, net buoyancy, wrong damping or thrust; a difference is therefore not an error by itself.",
+        "lacks: current, net buoyancy, wrong damping or thrust; a difference is therefore not an error by itself. A "
+        "current and a real sea act through the moving water and are not in the true wrench.",
         effort.disturbance,
         (("truth/external_wrench", "autopilot/bias"),),
         ("truth/external_wrench", "autopilot/bias", "truth/eta", "autopilot/mode"),

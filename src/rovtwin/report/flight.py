@@ -165,12 +165,15 @@ class Flight:
 
     @cached_property
     def current(self) -> np.ndarray | None:
-        """Mean horizontal water velocity, north and east [m/s], shape (2,); None when unknown or nearly still."""
+        """Mean horizontal water velocity, north and east [m/s], shape (2,).
+
+        None when unknown, nearly still, or lost in what goes to and fro with waves.
+        """
         water = self.get("truth/water_velocity")
         if water is None:
             return None
-        mean = np.nanmean(water.values[:, :2], axis=0)
-        return mean if np.hypot(*mean) > 5e-3 else None
+        mean, spread = np.nanmean(water.values[:, :2], axis=0), np.nanstd(water.values[:, :2], axis=0)
+        return mean if np.hypot(*mean) > max(5e-3, 0.15 * np.hypot(*spread)) else None
 
     @cached_property
     def wave_direction(self) -> float | None:
