@@ -20,12 +20,13 @@ def lap():
 from rovtwin.core.numerics import jax, jnp
 found = {"import_jax_s": lap()}
 from rovtwin.scenario import compose, load_scenario
-from rovtwin.scenario.loop import advance, start_loop
+from rovtwin.scenario.loop import HostLoop
+found["import_rovtwin_s"] = lap()
 run = compose(load_scenario("lawnmower_calm"))
 found["compose_s"] = lap()
-memory = jax.block_until_ready(start_loop(run.loop, run.key, run.start, run.scenario.control_dt))
+loop = HostLoop(run.loop, run.key, run.start, run.scenario.control_dt, 50)
 found["first_start_s"] = lap()
-jax.block_until_ready(advance(run.loop, memory, jnp.asarray(0), 50, run.scenario.control_dt))
+loop.advance()
 found["first_second_s"] = lap()
 found["whole_s"] = t[-1] - t[0]
 print(json.dumps(found))

@@ -7,6 +7,7 @@ from tests import oracle
 
 from benchmarks import reference
 from benchmarks.timing import in_turns, rates, ratio
+from rovtwin.core.batch import batched
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
@@ -15,7 +16,8 @@ from rovtwin.vehicle.dynamics import State, plant_step, rollout
 
 DT = 0.002
 CURRENT = np.array([0.1, -0.05, 0.0])
-SIZES = (1, 32, 256)
+SIZES = {1: 2_000, 32: 2_000, 1_000: 250, 10_000: 50}  # vehicles, and how many steps each
+LANES = 8
 GRADIENT_STEPS = 2000
 
 
@@ -91,24 +93,60 @@ def single(quick: bool) -> dict[str, Any]:
     }
 
 
-def batch(quick: bool) -> dict[str, Any]:
-    """Many vehicles under vmap, each with parameters, start and commands of its own: vehicle-steps per second."""
-    steps, rounds = (250, 3) if quick else (2_000, 7)
+def crowd(n: int, steps: int, dtype: Any = float) -> tuple[Model, State, Any]:
+    """n vehicles with parameters, starts and commands of their own."""
     model = vehicle()
-    actions, sizes = {}, SIZES[:2] if quick else SIZES
-    run = jax.jit(jax.vmap(fly, in_axes=(0, 0, 0, None)))
-    for n in sizes:
-        scale = jnp.linspace(0.9, 1.1, n)
-        models = jax.vmap(lambda s: model.replace(added_mass=s * model.added_mass))(scale)
-        starts = jax.vmap(lambda s: State.at(model, Start.at((s, 0.0, 1.0))))(scale)
-        u = jnp.asarray(np.stack([commands(model, steps, seed) for seed in range(n)]))
+    scale = jnp.linspace(0.9, 1.1, n)
+    models = jax.vmap(lambda s: model.replace(added_mass=s * model.added_mass))(scale)
+    starts = jax.vmap(lambda s: State.at(model, Start.at((s, 0.0, 1.0))))(scale)
+    different = np.stack([commands(model, steps, seed) for seed in range(min(n, 500))])
+    u = jnp.asarray(np.resize(different, (n, *different.shape[1:])))
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if leaf.dtype == float else leaf, (models, starts, u))
 
-        def action(models=models, starts=starts, u=u):
-            run(models, starts, u, water()).position.block_until_ready()
 
-        actions[str(n)] = action
+def batch(quick: bool) -> dict[str, Any]:
+    """Many vehicles: vehicle-steps per second, in chunks as `batched` does it, and of the largest crowd all at once."""
+    sizes, rounds = ({1: 100, 32: 50}, 3) if quick else (SIZES, 7)
+    environment, largest = water(), max(sizes)
+
+    def alone(model: Model, state: State, u: Any) -> State:
+        return fly(model, state, u, environment)
+
+    in_chunks, side_by_side = jax.jit(batched(alone)), jax.jit(jax.vmap(alone))
+    crowds = {n: crowd(n, steps) for n, steps in sizes.items()}
+
+    def action(run: Any, n: int) -> Any:
+        return lambda: run(*crowds[n]).position.block_until_ready()
+
+    actions = {f"vehicles_{n}": action(in_chunks, n) for n in sizes}
+    actions[f"vehicles_{largest}_unchunked"] = action(side_by_side, largest)
+    work = {f"vehicles_{n}": n * steps for n, steps in sizes.items()}
+    work[f"vehicles_{largest}_unchunked"] = work[f"vehicles_{largest}"]
     times = in_turns(actions, rounds)
-    return {f"vehicles_{n}": rates(times[str(n)], n * steps) for n in sizes}
+    return {name: rates(times[name], work[name]) for name in actions}
+
+
+def lanes(quick: bool) -> dict[str, Any]:
+    """An engine of another kind: the plant in C, eight vehicles in the lanes of its vectors, against ours."""
+    if not reference.compiler():
+        return {"c": reference.NO_COMPILER}
+    steps, rounds = (100, 3) if quick else (1_000, 11)
+    environment = water()
+    models, starts, u = crowd(LANES, steps)
+    run = jax.jit(batched(lambda *one: fly(*one, environment)))
+    pick = [jax.tree.map(lambda leaf, i=i: leaf[i], (models, starts)) for i in range(LANES)]
+    in_c = reference.Reference([m for m, _ in pick], [s for _, s in pick], CURRENT)
+    laid = in_c.commands(np.asarray(u))
+    np.testing.assert_allclose(in_c.fly(laid, DT), as_row(run(models, starts, u)), atol=1e-9)
+    many = 8 if quick else 1_000
+    few = steps // 10 or 1
+    ours = crowd(many, few)
+    times = in_turns({"c": lambda: in_c.fly(laid, DT), "ours": lambda: run(*ours).position.block_until_ready()}, rounds)
+    return {
+        "c": reference.description(),
+        "c_steps_per_s": rates(times["c"], LANES * steps),
+        "ratio": ratio(times["c"], times["ours"], LANES * steps, many * few),
+    }
 
 
 def gradient(quick: bool) -> dict[str, Any]:

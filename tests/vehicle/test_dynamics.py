@@ -21,6 +21,7 @@ from rovtwin.vehicle.dynamics import (
     rollout,
 )
 from rovtwin.vehicle.model import GRAVITY, Model, rigid_body_matrix
+from rovtwin.vehicle.vehicle import load_vehicle
 
 DT = 0.002
 
@@ -246,3 +247,17 @@ def test_rigid_body_matrix_is_the_textbooks(seed):
     M = rigid_body_matrix(m.sum(), inertia, cg)
     speed2 = np.sum((nu[:3] + np.cross(nu[3:], r)) ** 2, axis=1)
     assert nu @ np.asarray(M) @ nu == pytest.approx(m @ speed2)
+
+
+@pytest.mark.parametrize("around", [{}, {"surface": jnp.zeros(())}, {"gradient": jnp.eye(3) * 0.01}])
+def test_single_precision_stays_single_where_a_batch_asks_for_it(around):
+    """A graphics processor is many times as fast in float32: nothing on the way may fall back to float64."""
+    model = load_vehicle("double_blueye").model()
+    water = Environment.calm(velocity=jnp.array([0.2, 0.0, 0.0]), **around)
+    start = State.at(model, Start.at((0.0, 0.0, 1.0)))
+    double = (model, start, Command(jnp.full(model.thrusters.count, 0.3)), water)
+    single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32) if leaf.dtype == float else leaf, double)
+    after, wanted = plant_step(*single, 0.01), plant_step(*double, 0.01)
+    for one, other in zip(jax.tree.leaves(after), jax.tree.leaves(wanted), strict=True):
+        assert one.dtype == jnp.float32
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)

@@ -18,6 +18,7 @@ class Layout(Generic[Tree]):
     """Where each leaf of a pytree lies in one float64 vector.
 
     The way there and back is exact for floats (infinities and NaN too), bools, and integers up to 2**53 in size.
+    Layouts of alike trees are equal, so that one may be a static argument of `jax.jit`.
     """
 
     def __init__(self, like: Tree):
@@ -35,6 +36,15 @@ class Layout(Generic[Tree]):
                 raise TypeError(f"found a leaf of type {dtype.name}, expected one of {', '.join(EXACT)}")
             begin, self.size = self.size, self.size + math.prod(shape)
             self._leaves.append((slice(begin, self.size), shape, dtype))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Layout) and self._identity() == other._identity()
+
+    def __hash__(self) -> int:
+        return hash(self._identity())
+
+    def _identity(self) -> Any:
+        return self._structure, tuple((shape, dtype) for _, shape, dtype in self._leaves)
 
     def places(self) -> Any:
         """The slice of the vector that each leaf fills, as a tree like the one laid out."""

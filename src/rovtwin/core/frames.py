@@ -80,7 +80,7 @@ def quaternion_conjugate(q: Array) -> Array:
 
 def quaternion_rate(q: Array, omega: Array) -> Array:
     """q_dot, shape (4,), for body angular velocity omega, shape (3,) [rad/s]. Fossen (2021), eq. 2.78."""
-    return 0.5 * quaternion_multiply(q, jnp.concatenate([jnp.zeros(1), omega]))
+    return 0.5 * quaternion_multiply(q, jnp.concatenate([jnp.zeros_like(omega[:1]), omega]))
 
 
 def quaternion_normalise(q: Array) -> Array:

@@ -33,7 +33,8 @@ class HostAutopilot:
             control_dt: Control period [s].
         """
         inputs = AutopilotInput(slots, jnp.asarray(NO_REQUEST))
-        _, output = jax.eval_shape(lambda m, i: autopilot.step(m, i, control_dt), memory, inputs)
+        step = jax.jit(lambda autopilot, memory, inputs: autopilot.step(memory, inputs, control_dt))
+        _, output = jax.eval_shape(step, autopilot, memory, inputs)
         blocks, self._takes, self._gives = Layout(autopilot), Layout(inputs), Layout((output, memory))
         places = self._takes.places()
         output_places, _ = self._gives.places()
@@ -44,7 +45,7 @@ class HostAutopilot:
         def tick(parameters: Array, before: Array, taken: Array) -> Array:
             # Parameters come as a vector too: as constants they would make every vehicle a program of its own.
             _, memory = self._gives.unflatten(before)
-            memory, output = blocks.unflatten(parameters).step(memory, self._takes.unflatten(taken), control_dt)
+            memory, output = step(blocks.unflatten(parameters), memory, self._takes.unflatten(taken))
             return self._gives.flatten((output, memory))
 
         self._tick = in_one_piece(tick)

@@ -11,7 +11,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORTED, FINISHED, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
-from rovtwin.scenario.loop import Loop, Record, advance, start_loop
+from rovtwin.scenario.loop import HostLoop, Loop, Record, start_loop
 from rovtwin.scenario.realtime import HostAutopilot
 from rovtwin.simulation.twin import TwinInput
 
@@ -23,12 +23,11 @@ def chunks(loop: Loop, key: Array, start: Start, control_dt: float, duration: fl
 
     Ends with the tick at which the mission is finished or aborted, or with `duration`.
     """
-    memory = start_loop(loop, key, start, control_dt=control_dt)
     ticks = ticks_in(CHUNK, control_dt)
     total = ticks_in(duration, control_dt) + 1
+    host = HostLoop(loop, key, start, control_dt, ticks)
     for k in range(0, total, ticks):
-        memory, record = advance(loop, memory, jnp.asarray(k), ticks=ticks, control_dt=control_dt)
-        kept, over = until_the_end(jax.device_get(record), total - k)
+        kept, over = until_the_end(host.advance(), total - k)
         yield kept
         if over:
             return

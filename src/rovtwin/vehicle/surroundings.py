@@ -31,7 +31,8 @@ def surroundings_wrench(
         nu: Velocity over ground, b at CO, shape (6,).
         environment: Uses `surface` and `walls`.
     """
-    wrench, wet = jnp.zeros(6), 1.0
+    nothing = jnp.zeros_like(nu)
+    wrench, wet = nothing, 1.0
     hull, down_b = model.hull, R_nb[2]
     if environment.surface is not None:
         surface = environment.surface
@@ -41,13 +42,11 @@ def surroundings_wrench(
             return lost_buoyancy(model, dry, down_b), 1.0 - jnp.sum(dry * hull.shares)
 
         near = position[2] + jnp.sum(model.center_of_buoyancy * down_b) - surface < hull.radius
-        wrench, wet = jax.lax.cond(near, at_surface, lambda: (jnp.zeros(6), jnp.ones(())))
+        wrench, wet = jax.lax.cond(near, at_surface, lambda: (nothing, jnp.ones_like(surface)))
     if environment.walls is not None:
         walls = environment.walls
         near = jnp.max(_dot(walls.normals, position) - walls.offsets) > -hull.radius
-        wrench = wrench + jax.lax.cond(
-            near, lambda: contact_wrench(model, position, R_nb, nu, walls), lambda: jnp.zeros(6)
-        )
+        wrench = wrench + jax.lax.cond(near, lambda: contact_wrench(model, position, R_nb, nu, walls), lambda: nothing)
     return wrench, wet
 
 
