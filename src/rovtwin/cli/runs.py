@@ -221,14 +221,14 @@ scenario_app = typer.Typer(no_args_is_help=True, help="Look at scenarios: list, 
 
 @scenario_app.command("list")
 def list_all(as_json: AsJson = False) -> None:
-    """Shipped scenarios and missions; every scenario also comes with a Doppler log, as NAME_dvl."""
+    """Shipped scenarios and missions; each also comes with a Doppler log (NAME_dvl) and with tethers (NAME_tether)."""
     from rovtwin.scenario.files import list_missions, list_scenarios, load_scenario
 
     found = {name: load_scenario(name).description for name in list_scenarios()}
     if as_json:
         emit({"scenarios": found, "missions": list_missions()})
         return
-    rows = table("scenarios (NAME_dvl adds a Doppler log)", "name", "what it is")
+    rows = table("scenarios (NAME_dvl adds a Doppler log, NAME_tether tethers)", "name", "what it is")
     rows.columns[1].justify = "left"
     for name, what in found.items():
         rows.add_row(name, what)

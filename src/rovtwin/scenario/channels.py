@@ -1,6 +1,6 @@
 """The channels of a run's log, and how a chunk of records becomes their samples."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ def log_channels(
     with_sensors: bool,
     moving_surface: bool = False,
     batteries: Sequence[str] = (),
+    tethers: Mapping[str, int] | None = None,
 ) -> list[Channel]:
     """All channels of a run, in the order in which viewers list them.
 
@@ -46,6 +47,7 @@ def log_channels(
         with_sensors: Whether readings are logged.
         moving_surface: Whether the world's surface moves.
         batteries: Names of those that are simulated.
+        tethers: Number of nodes of each, by name.
     """
     thr = tuple(thrusters)
     table: list[tuple[str, tuple[str, ...], Any, str, str]] = [
@@ -53,9 +55,10 @@ def log_channels(
         ("truth/nu", NU, NU_UNITS, "b", "true velocity over ground"),
         ("truth/thrust", thr, "N", "b", "true force of each thruster"),
         ("truth/water_velocity", ("north", "east", "down"), "m/s", "n", "water velocity at CO"),
-        ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves and drift at CO"),
+        ("truth/external_wrench", TAU, TAU_UNITS, "b", "wrench of waves, drift and tethers at CO"),
         *([("truth/surface", ("depth",), "m", "n", "water surface above CO")] if moving_surface else []),
         *([("truth/battery", *_battery_fields(batteries), "", "what is left, and power drawn")] if batteries else []),
+        *(row for name, nodes in (tethers or {}).items() for row in _tether_rows(name, nodes)),
         ("autopilot/eta", ETA, ETA_UNITS, "n", "estimated pose of CO"),
         ("autopilot/nu", NU, NU_UNITS, "b", "estimated velocity over ground"),
         ("autopilot/bias", TAU, TAU_UNITS, "", "estimated disturbance: force in n, moment in b"),
@@ -92,6 +95,16 @@ def _battery_fields(batteries: Sequence[str]) -> tuple[tuple[str, ...], tuple[st
     return charge + power, ("1",) * len(charge) + ("W",) * len(power)
 
 
+def _tether_rows(name: str, nodes: int) -> list[tuple[str, tuple[str, ...], Any, str, str]]:
+    places = tuple(f"{axis}{i}" for i in range(nodes) for axis in "xyz")
+    pull = ("tension", "north", "east", "down", "paid_out")
+    units = ("N",) * 4 + ("m",)
+    return [
+        (f"truth/tether/{name}", pull, units, "n", "tension at the vehicle, force on it, length paid out"),
+        (f"truth/tether_shape/{name}", places, "m", "n", "places of the nodes, from the anchor to the vehicle"),
+    ]
+
+
 def euler(attitude: Any) -> np.ndarray:
     """zyx Euler angles (n, 3) of quaternions (n, 4)."""
     return np.asarray(_euler(attitude))
@@ -111,6 +124,11 @@ def truth_samples(record: Record, moving_surface: bool = False) -> dict[str, np.
         samples["truth/surface"] = np.asarray(record.surface)[:, None]
     if (battery := record.battery) is not None:
         samples["truth/battery"] = np.concatenate([battery.charge, battery.power], axis=1)
+    for name, line in record.tethers.items():
+        force, length = np.asarray(line.force), np.asarray(line.length)
+        columns = [np.linalg.norm(force, axis=1)[:, None], force, length[:, None]]
+        samples[f"truth/tether/{name}"] = np.concatenate(columns, axis=1)
+        samples[f"truth/tether_shape/{name}"] = np.asarray(line.nodes).reshape(len(length), -1)
     return samples
 
 

@@ -21,6 +21,7 @@ from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.scenario.compose_battery import battery_of
 from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
+from rovtwin.scenario.compose_tethers import tethers_of
 from rovtwin.scenario.compose_world import plant_of, world_of
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
@@ -104,6 +105,7 @@ def compose(scenario: Scenario) -> Composed:
     key_plant, key_run = _keys(scenario.seed)
     sensors = sensors_of(scenario)
     plant = plant_of(scenario.world, vehicle, model, key_plant)
+    start = Start.at(below_surface(scenario.start.position, scenario.world, plant), scenario.heading)
     loop = Loop(
         autopilot=autopilot_of(scenario, model, sensors),
         twin=Twin(
@@ -113,12 +115,13 @@ def compose(scenario: Scenario) -> Composed:
             scenario.substeps,
             faults_of(scenario, list(vehicle.thruster_names)),
             battery_of(scenario, vehicle),
+            tethers=tethers_of(scenario.world, vehicle, start),
         ),
     )
     return Composed(
         loop=loop,
         key=key_run,
-        start=Start.at(below_surface(scenario.start.position, scenario.world, plant), scenario.heading),
+        start=start,
         model=model,
         thruster_names=[_field_name(name) for name in vehicle.thruster_names],
         sensor_names=list(sensors),

@@ -13,9 +13,15 @@ from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario
 
 _ROOT = Path(str(files("rovtwin.scenario")))
 
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "dvl": ("sensors", {"dvl": {"on_board": True}}),
+    "tether": ("world", {"tethers": True}),
+}
+"""What NAME_dvl and NAME_tether add to a shipped scenario: the section, and the keys in it."""
+
 
 def list_scenarios() -> list[str]:
-    """Names of the shipped scenarios; each also comes with a DVL, as NAME_dvl."""
+    """Names of the shipped scenarios; each also comes with a DVL, with tethers or both: see `VARIANTS`."""
     return sorted(path.stem for path in (_ROOT / "library").glob("*.yaml"))
 
 
@@ -28,7 +34,7 @@ def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | N
     """A scenario by library name or from a file.
 
     Args:
-        name: One of `list_scenarios()`, the same with `_dvl` behind it, or a path to a YAML file.
+        name: One of `list_scenarios()`, the same with `_dvl`, `_tether` or both behind it, or a path to a YAML file.
         overrides: `key.path=value` texts; the value is read as YAML.
         seed: In place of the file's.
 
@@ -64,16 +70,28 @@ def load_mission(name: str, base: Path | None = None) -> MissionSection:
 
 def _find(name: str) -> tuple[dict[str, Any], Path]:
     known = list_scenarios()
-    dvl = name.endswith("_dvl") and name.removesuffix("_dvl") in known
-    stem = name.removesuffix("_dvl") if dvl else name
+    stem, added = _without_variants(name, known)
     path = _ROOT / "library" / f"{stem}.yaml" if stem in known else Path(name)
     if not path.is_file():
         raise ConfigError(_no_such("scenario", name, known))
     data = read_yaml(path)
-    if dvl:
+    if added:
         data["name"] = name
-        data["sensors"] = (data.get("sensors") or {}) | {"dvl": {"on_board": True}}
+    for variant in added:
+        section, more = VARIANTS[variant]
+        data[section] = (data.get(section) or {}) | more
     return data, path
+
+
+def _without_variants(name: str, known: list[str]) -> tuple[str, list[str]]:
+    """The shipped scenario that a name is a variant of, and what is added to it; the name itself where it is none."""
+    stem, added = name, []
+    while stem not in known:
+        variant = stem[stem.rfind("_") + 1 :]
+        if variant not in VARIANTS or variant in added:
+            return name, []
+        stem, added = stem.removesuffix(f"_{variant}"), [variant, *added]
+    return stem, added
 
 
 def _no_such(kind: str, name: str, known: list[str]) -> str:
@@ -101,6 +119,8 @@ def _opened(step: str, value: Any) -> dict[str, Any]:
         return load_mission(value).model_dump()
     if step == "sensors" and isinstance(value, str):
         return {"preset": value}
+    if step in ("tethers", "mismatch") and value is True:
+        return {}
     if step == "autopilot" and isinstance(value, str):
         return dict(PRESETS.get(value, {}))
     return {}

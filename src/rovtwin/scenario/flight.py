@@ -161,6 +161,7 @@ def fly(
         scenario.log.sensors,
         scenario.world.moving_surface,
         composed.battery_names,
+        {name: tether.segments + 1 for name, tether in composed.loop.twin.tethers.items()},
     )
     metadata = provenance(scenario, composed)
     pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}

@@ -12,6 +12,7 @@ from rovtwin.core.flat import Layout
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.battery import BatteryState
+from rovtwin.simulation.tether import Line
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.vehicle.dynamics import State
 
@@ -27,12 +28,17 @@ class LoopMemory(eqx.Module):
     external_wrench: Array
     surface: Array | None
 
+    @property
+    def tethers(self) -> dict[str, Line]:
+        """Each tether as it is."""
+        return {name: tether.line for name, tether in self.twin.tethers.items()}
+
 
 class Record(eqx.Module):
     """What one control tick leaves: truth at its instant, readings since the last tick, the autopilot's answer.
 
     `surface` is the depth of the water's surface above CO, None where the world has none; `battery` None where none is
-    simulated.
+    simulated; `tethers` by name.
     """
 
     state: State
@@ -42,6 +48,7 @@ class Record(eqx.Module):
     autopilot: AutopilotOutput
     surface: Array | None = None
     battery: BatteryState | None = None
+    tethers: dict[str, Line] = eqx.field(default_factory=dict)
 
 
 class Loop(eqx.Module):
@@ -79,6 +86,7 @@ class Loop(eqx.Module):
             decided,
             memory.surface,
             memory.twin.battery,
+            memory.tethers,
         )
         twin, moved = self.twin.step(memory.twin, TwinInput(decided.command, k), control_dt)
         after = LoopMemory(

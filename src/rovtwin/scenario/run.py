@@ -73,7 +73,14 @@ def realtime_chunks(
     off = jnp.zeros(loop.twin.model.thrusters.count)
     jax.block_until_ready(move(memory.twin, Command(off), 0))
 
-    truth = _Truth(memory.state, memory.water_velocity, memory.external_wrench, memory.surface, memory.twin.battery)
+    truth = _Truth(
+        memory.state,
+        memory.water_velocity,
+        memory.external_wrench,
+        memory.surface,
+        memory.twin.battery,
+        memory.tethers,
+    )
     began = time.monotonic()
     now = clock or (lambda: time.monotonic() - began)
     link = TwinLink(truth.following(move), memory.twin, off.shape[0], control_dt, now)
@@ -100,9 +107,9 @@ def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.nda
     """The record of several ticks, leading axis ticks, from truth before each and the autopilot's vectors."""
     truths, taken, given = zip(*rows, strict=True)
     truth = jax.tree.map(lambda *leaves: np.stack(leaves), *jax.device_get(truths))
-    state, water_velocity, external_wrench, surface, battery = truth
+    state, water_velocity, external_wrench, surface, battery, tethers = truth
     measurements, decided = autopilot.unpacked(taken, given)
-    return Record(state, water_velocity, external_wrench, measurements, decided, surface, battery)
+    return Record(state, water_velocity, external_wrench, measurements, decided, surface, battery, tethers)
 
 
 class _Truth:
@@ -115,7 +122,8 @@ class _Truth:
         def advance_twin(memory: Any, command: Command, k: int) -> tuple[Any, Measurements]:
             memory, moved = move(memory, command, k)
             water = moved.environment
-            self.now = (moved.state, water.velocity, water.wrench, water.surface, memory.battery)
+            tethers = {name: tether.line for name, tether in memory.tethers.items()}
+            self.now = (moved.state, water.velocity, water.wrench, water.surface, memory.battery, tethers)
             return memory, moved.measurements
 
         return advance_twin

@@ -23,13 +23,14 @@ from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 
 SLOWEST = 0.01  # below this speed drag is linear: a 5 mm cylinder at 1 cm/s has a Reynolds number of 50 [m/s]
+TOE = 1e-3  # strain up to which a cable is pulled straight rather than stretched: its tension grows with the square
 SLACK_SHARE = 1e-6  # stiffness of a slack segment, of that of a taut one: keeps the equations solvable
 FLOOR_STIFFNESS = 200.0  # of the floor, per metre of cable: 0.2 N/m lies 1 mm deep [N/m2]
 FRICTION, SLIDING_SPEED = 0.3, 0.02  # on the floor; it creeps below that speed [m/s]
 FADE = 0.05  # height over which a cable leaves the water [m]
 DRY_DRAG = 0.05  # share of the drag that is left in air, so that a slack loop there falls at a finite speed
 LARGEST_MOVE = 0.5  # of a node in one iteration, in segments
-ENOUGH = 0.02  # [N]
+ENOUGH = 0.05  # [N]
 TINY = 1e-12  # [m2]
 
 
@@ -41,7 +42,7 @@ class Cable(eqx.Module):
         wet_weight: Weight less buoyancy, negative floats [N/m].
         normal_drag: C_D across, on the diameter.
         tangential_drag: C_f along, on the circumference.
-        stiffness: EA [N].
+        stiffness: EA, once pulled straight (`TOE`) [N].
         density: Of the water [kg/m3].
         surface: Depth z in n of the surface [m], or None: water without end upwards.
         floor: Depth z in n of the floor [m], or None.
@@ -126,11 +127,18 @@ def _tension(cable: Cable, edges: Array, segment: Array) -> tuple[Array, Array]:
     """Pull of each segment on its end towards the anchor, shape (N, 3), and its stiffness, shape (N, 3, 3)."""
     long = jnp.sqrt(jnp.sum(edges * edges, axis=1) + TINY)
     along = edges / long[:, None]
-    tension = cable.stiffness * jnp.maximum(long / segment - 1.0, 0.0)
-    axial = cable.stiffness / segment * jnp.where(long > segment, 1.0, SLACK_SHARE)
+    tension, rate = _stretched(cable, long, segment)
+    axial = jnp.maximum(rate, SLACK_SHARE * cable.stiffness / segment)
     across = tension / long
     links = across[:, None, None] * np.eye(3) + (axial - across)[:, None, None] * _outer(along)
     return tension[:, None] * along, links
+
+
+def _stretched(cable: Cable, long: Array, segment: Array) -> tuple[Array, Array]:
+    """Tension of segments so long [N], and its rate with their length [N/m]; none where they are slack."""
+    strain = jnp.maximum(long / segment - 1.0, 0.0)
+    bent = jnp.minimum(strain, TOE)
+    return cable.stiffness * (strain - bent + 0.5 * bent * bent / TOE), cable.stiffness / segment * bent / TOE
 
 
 def _drag(cable: Cable, edges: Array, flow: Array, span: Array) -> tuple[Array, Array]:
@@ -237,7 +245,8 @@ def advance(
 ) -> tuple[Array, Array, Array]:
     """The shape dt after `before`.
 
-    Iterates until what a move leaves out, the square of a segment's turn, is worth less than `ENOUGH` of tension.
+    Iterates until no tension differs by more than `ENOUGH` from what the linear equations took it to be: while nothing
+    jerks, that is once.
 
     Args:
         cable: Its properties.
@@ -253,17 +262,27 @@ def advance(
         Nodes; force on what holds the last one [N]; its stiffness there [N/m], as of `solve`.
     """
     segment = length / (guess.shape[0] - 1)
-    near = segment * jnp.sqrt(2.0 * ENOUGH / cable.stiffness)
 
     def newton(state: tuple) -> tuple:
         nodes, *_ = state
         move, force, stiffness = solve(balance(cable, nodes, before, water, length, dt, pin))
         largest = jnp.sqrt(jnp.max(jnp.sum(move * move, axis=1)) + TINY)
-        return nodes + jnp.minimum(1.0, LARGEST_MOVE * segment / largest) * move, force, stiffness, largest
+        after = nodes + jnp.minimum(1.0, LARGEST_MOVE * segment / largest) * move
+        return after, force, stiffness, _misjudged(cable, nodes, move, segment)
 
     def again(state: tuple, _: None) -> tuple[tuple, None]:
-        return jax.lax.cond(state[3] > near, newton, lambda same: same, state), None
+        return jax.lax.cond(state[3] > ENOUGH, newton, lambda same: same, state), None
 
-    start = guess, jnp.zeros(3), jnp.zeros((3, 3)), 2.0 * near
+    start = guess, jnp.zeros(3), jnp.zeros((3, 3)), jnp.asarray(jnp.inf)
     (nodes, force, stiffness, _), _ = jax.lax.scan(again, start, None, length=iterations)
     return nodes, force, stiffness
+
+
+def _misjudged(cable: Cable, nodes: Array, move: Array, segment: Array) -> Array:
+    """Largest difference between a tension after a move and what the linear equations took it to be [N]."""
+    edges, moves = nodes[1:] - nodes[:-1], move[1:] - move[:-1]
+    long = jnp.sqrt(jnp.sum(edges * edges, axis=1) + TINY)
+    new = jnp.sqrt(jnp.sum((edges + moves) ** 2, axis=1) + TINY)
+    tension, rate = _stretched(cable, long, segment)
+    taken = jnp.maximum(tension + rate * jnp.sum(edges * moves, axis=1) / long, 0.0)
+    return jnp.max(jnp.abs(_stretched(cable, new, segment)[0] - taken))

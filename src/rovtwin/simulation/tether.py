@@ -45,20 +45,37 @@ class TetherInput(eqx.Module):
     snagged: Array
 
 
+class Line(eqx.Module):
+    """A tether at one instant: what a log shows of it.
+
+    Attributes:
+        nodes: From anchor to vehicle, n [m], shape (segments + 1, 3).
+        force: On the vehicle, n [N], shape (3,).
+        length: Paid out [m].
+    """
+
+    nodes: Array
+    force: Array
+    length: Array
+
+    @property
+    def tension(self) -> Array:
+        """At the vehicle [N]."""
+        return jnp.sqrt(jnp.sum(self.force * self.force, axis=-1))
+
+
 class TetherMemory(eqx.Module):
     """What a tether remembers.
 
     Attributes:
-        nodes: From anchor to vehicle, n [m], shape (segments + 1, 3).
+        line: As it is.
         moves: Of the nodes in the last tick [m], shape (segments + 1, 3): the next shape is sought further on.
-        length: Paid out [m].
         snagged: Whether it is caught, bool.
         caught_at: Where it was caught last, n [m], shape (3,).
     """
 
-    nodes: Array
+    line: Line
     moves: Array
-    length: Array
     snagged: Array
     caught_at: Array
 
@@ -67,25 +84,16 @@ class Pull(eqx.Module):
     """What a tether does to the vehicle over one tick.
 
     Attributes:
-        force: On the vehicle at its end, at the expected place, n [N], shape (3,).
+        line: At the end of the tick, the vehicle at the expected place.
         stiffness: K, minus the rate of the force with that place [N/m], shape (3, 3).
         place: Of the attachment at the start of the tick, n [m], shape (3,).
         velocity: Of the attachment there, n [m/s], shape (3,).
-        nodes: At the end of the tick, n [m], shape (segments + 1, 3).
-        length: Paid out [m].
     """
 
-    force: Array
+    line: Line
     stiffness: Array
     place: Array
     velocity: Array
-    nodes: Array
-    length: Array
-
-    @property
-    def tension(self) -> Array:
-        """At the vehicle [N]."""
-        return jnp.sqrt(jnp.sum(self.force * self.force, axis=-1))
 
 
 class Tether(Block):
@@ -144,25 +152,28 @@ class Tether(Block):
         middle = 0.5 * (self.anchor + place)
         nodes = self._tent(place, length, water_at(middle[None])[0])
 
-        def settle(nodes: Array, dt: Array) -> tuple[Array, None]:
-            return advance(self.cable, nodes, nodes, water_at(nodes), length, dt, 2)[0], None
+        def settle(line: Line, dt: Array) -> tuple[Line, None]:
+            water = water_at(line.nodes)
+            nodes, force, _ = advance(self.cable, line.nodes, line.nodes, water, length, dt, 2)
+            return Line(nodes, force, length), None
 
-        nodes, _ = jax.lax.scan(settle, nodes, as_array(SETTLING_STEPS))
-        return TetherMemory(nodes, jnp.zeros_like(nodes), length, jnp.asarray(False), nodes[self.snag])
+        line, _ = jax.lax.scan(settle, Line(nodes, jnp.zeros(3), length), as_array(SETTLING_STEPS))
+        return TetherMemory(line, jnp.zeros_like(nodes), jnp.asarray(False), line.nodes[self.snag])
 
     def step(self, memory: TetherMemory, input: TetherInput, dt: float) -> tuple[TetherMemory, Pull]:
         """Its shape and its pull over the next dt."""
         place, velocity = self._attachment(input.state)
-        length = jnp.where(memory.snagged, memory.length, self._paid_out(place))
-        before = jnp.concatenate([memory.nodes[:-1], place[None]])
+        last = memory.line.nodes
+        length = jnp.where(memory.snagged, memory.line.length, self._paid_out(place))
+        before = jnp.concatenate([last[:-1], place[None]])
         guess = jnp.concatenate([(before + memory.moves)[:-1], (place + dt * velocity)[None]])
         caught = np.eye(self.segments + 1)[self.snag]
         newly = input.snagged & ~memory.snagged
-        caught_at = jnp.where(newly, caught @ memory.nodes, memory.caught_at)
+        caught_at = jnp.where(newly, caught @ last, memory.caught_at)
         pin = Pin(jnp.where(input.snagged, SNAG_STIFFNESS, 0.0) * caught, caught_at)
         nodes, force, stiffness = advance(self.cable, guess, before, input.water, length, dt, self.iterations, pin)
-        after = TetherMemory(nodes, nodes - before, length, input.snagged, caught_at)
-        return after, Pull(force, stiffness, place, velocity, nodes, length)
+        line = Line(nodes, force, length)
+        return TetherMemory(line, nodes - before, input.snagged, caught_at), Pull(line, stiffness, place, velocity)
 
     def wrench(self, pull: Pull, state: State, elapsed: Array | float, h: float) -> Array:
         """Wrench of the tether on the vehicle over one physics step of h, b at CO [N, N m], shape (6,).
@@ -176,7 +187,7 @@ class Tether(Block):
         place, velocity = self._attachment(state)
         # At the middle of the step: held at its start, the force of a spring would feed energy in.
         off = place + 0.5 * h * velocity - pull.place - (elapsed + 0.5 * h) * pull.velocity
-        force = (pull.force - pull.stiffness @ off) @ rotation_from_quaternion(state.attitude)
+        force = (pull.line.force - pull.stiffness @ off) @ rotation_from_quaternion(state.attitude)
         return jnp.concatenate([force, cross(self.attachment, force)])
 
     def _attachment(self, state: State) -> tuple[Array, Array]:

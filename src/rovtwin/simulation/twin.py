@@ -12,6 +12,7 @@ from rovtwin.simulation.battery import Battery, BatteryInput, BatteryState, forc
 from rovtwin.simulation.faults import FaultInput, Faults, weakened
 from rovtwin.simulation.noise import key_for
 from rovtwin.simulation.sensors import Sensor, SensorInput, SensorMemory, put
+from rovtwin.simulation.tether import Pull, Tether, TetherInput, TetherMemory
 from rovtwin.simulation.world import World, WorldMemory
 from rovtwin.vehicle.dynamics import State, acceleration, plant_step
 from rovtwin.vehicle.model import Model
@@ -25,13 +26,14 @@ class TwinInput(eqx.Module):
 
 
 class TwinMemory(eqx.Module):
-    """State of the plant, and the memories of world, sensors, faults and batteries (None without)."""
+    """State of the plant, and the memories of world, sensors, faults and batteries (None without), and tethers."""
 
     state: State
     world: WorldMemory
     sensors: dict[str, SensorMemory]
     faults: Array | None = None
     battery: BatteryState | None = None
+    tethers: dict[str, TetherMemory] = eqx.field(default_factory=dict)
 
 
 class TwinOutput(eqx.Module):
@@ -67,6 +69,7 @@ class Twin(Block):
         substeps: Physics steps in a control tick, int.
         faults: Of thrusters, and leaks, or None; sensors have their own.
         battery: What feeds the thrusters, or None: they never stop.
+        tethers: By name.
     """
 
     model: Model
@@ -75,15 +78,21 @@ class Twin(Block):
     substeps: int = eqx.field(static=True, default=10)
     faults: Faults | None = None
     battery: Battery | None = None
+    tethers: dict[str, Tether] = eqx.field(default_factory=dict)
 
     def init(self, key: Array, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""
+        world = self.world.init(key_for(key, "world"), start)
         return TwinMemory(
             State.at(self.model, start),
-            self.world.init(key_for(key, "world"), start),
+            world,
             {name: sensor.init(key_for(key, f"sensor {name}"), start) for name, sensor in self.sensors.items()},
             None if self.faults is None else self.faults.init(key_for(key, "faults"), start),
             None if self.battery is None else self.battery.init(key_for(key, "battery"), start),
+            {
+                name: tether.settled(start, lambda places: self.world.velocities(world, places, 1.0))
+                for name, tether in self.tethers.items()
+            },
         )
 
     def empty(self) -> Measurements:
@@ -101,16 +110,20 @@ class Twin(Block):
         battery, energy = memory.battery, None
         if self.battery is not None and battery is not None:
             model, energy = weakened(model, self.battery.alive(battery)), battery.telemetry
+        tethers, pulls = self._pull(memory, dt)
 
         def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], Any]:
             memory, output = carry
             k = first + j
             world, environment = self.world.step(memory.world, memory.state, h)
+            for name, tether in self.tethers.items():
+                wrench = environment.wrench + tether.wrench(pulls[name], memory.state, j * h, h)
+                environment = replace(environment, wrench=wrench)
             state = plant_step(model, memory.state, command, environment, h)
             nu_dot = self._nu_dot(k, j, state, environment, output.nu_dot, h)
             seen = SensorInput(state, nu_dot, k, environment, energy, leak)
             sensors, measurements = self._sense(memory, output, seen, first, h)
-            after = TwinMemory(state, world, sensors, faults, battery)
+            after = replace(memory, state=state, world=world, sensors=sensors)
             thrust = None if battery is None else state.thrust
             return (after, TwinOutput(state, nu_dot, environment, measurements)), thrust
 
@@ -118,12 +131,22 @@ class Twin(Block):
         shape = jax.eval_shape(lambda m: self.world.step(m.world, m.state, h)[1], memory)
         environment = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
         nothing = TwinOutput(memory.state, jnp.zeros(6), environment, self.empty())
-        begin = replace(memory, faults=faults)
+        begin = replace(memory, faults=faults, tethers=tethers)
         (after, output), thrust = jax.lax.scan(jax.checkpoint(substep), (begin, nothing), jnp.arange(self.substeps))
         if self.battery is not None and battery is not None:
             forces = forces_within(model.thrusters, command, memory.state.thrust, thrust, h)
             after = replace(after, battery=self.battery.step(battery, BatteryInput(forces), dt)[0])
         return after, output
+
+    def _pull(self, memory: TwinMemory, dt: float) -> tuple[dict[str, TetherMemory], dict[str, Pull]]:
+        """All tethers over one control tick."""
+        memories, pulls = {}, {}
+        for name, tether in self.tethers.items():
+            before = memory.tethers[name]
+            water = self.world.velocities(memory.world, before.line.nodes, dt / self.substeps)
+            seen = TetherInput(memory.state, water, jnp.asarray(False))
+            memories[name], pulls[name] = tether.step(before, seen, dt)
+        return memories, pulls
 
     def _nu_dot(self, k: Array, j: Array, state: State, environment: Environment, last: Array, h: float) -> Array:
         """Acceleration at the end of physics step k; computed when an accelerometer reads it, or as output."""

@@ -74,6 +74,12 @@ class World(Block):
         )
         return WorldMemory(current, waves), environment
 
+    def velocities(self, memory: WorldMemory, positions: Array, dt: float) -> Array:
+        """Of the current at places in n, shapes (k, 3), at the start of the next step of dt; waves do not count."""
+        if self.current is None:
+            return jnp.zeros_like(positions)
+        return self.current.velocities(memory.current, positions, dt)
+
 
 Span = Sequence[float]
 

@@ -1,4 +1,4 @@
-"""From a tree of parts to totals at one origin: mass, buoyancy, added mass, damping, thrusters, cameras, sensors."""
+"""From a tree of parts to totals at one origin: mass, buoyancy, added mass, damping, and what is mounted where."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,17 +16,17 @@ from rovtwin.vehicle.rigid_body import HERE, Box, MassProperties, Placement, com
 
 @dataclass(frozen=True)
 class Mounted:
-    """A thruster, camera or sensor seen from the body frame.
+    """A thruster, camera, sensor or tether seen from the body frame.
 
     Attributes:
         name: With the names of the parts it sits in, `port.camera`.
         item: What the file says of it.
-        placement: Its frame in b; of a thruster, the frame of its part.
+        placement: Its frame in b; of a thruster and a tether, the frame of its part.
         supply_voltage: Of a thruster: that of the nearest part around it that gives one [V].
     """
 
     name: str
-    item: schema.Thruster | schema.Camera | schema.Sensor
+    item: schema.Thruster | schema.Camera | schema.Sensor | schema.Tether
     placement: Placement
     supply_voltage: float | None = None
 
@@ -61,6 +61,7 @@ class Assembly:
         thrusters: In order of the file.
         cameras: In order of the file.
         sensors: In order of the file.
+        tethers: In order of the file.
     """
 
     solid: MassProperties
@@ -74,6 +75,7 @@ class Assembly:
     thrusters: tuple[Mounted, ...] = ()
     cameras: tuple[Mounted, ...] = ()
     sensors: tuple[Mounted, ...] = ()
+    tethers: tuple[Mounted, ...] = ()
     as_given: bool = False
 
     def damping(self) -> Damping:
@@ -99,6 +101,7 @@ class Assembly:
             mounted(self.thrusters),
             mounted(self.cameras),
             mounted(self.sensors),
+            mounted(self.tethers),
         )
 
     def in_water(self, density: float) -> "Assembly":
@@ -153,6 +156,7 @@ def _own(body: schema.Body, density: float, supply_voltage: float | None) -> Ass
         tuple(Mounted(t.name, t, HERE, supply_voltage) for t in body.thrusters),
         tuple(Mounted(c.name, c, Placement.of(c.pose.position, c.pose.attitude_deg)) for c in body.cameras),
         tuple(Mounted(s.name, s, Placement.of(s.pose.position, s.pose.attitude_deg)) for s in body.sensors),
+        tuple(Mounted(t.name, t, HERE) for t in body.tethers),
     )
 
 
@@ -187,6 +191,7 @@ def _sum(pieces: list[Assembly], density: float) -> Assembly:
         tuple(t for p in pieces for t in p.thrusters),
         tuple(c for p in pieces for c in p.cameras),
         tuple(s for p in pieces for s in p.sensors),
+        tuple(t for p in pieces for t in p.tethers),
     )
 
 

@@ -135,6 +135,20 @@ class Battery(Strict):
     source: Source = None
 
 
+class Tether(Strict):
+    """The cable to the surface that a unit pulls behind it; a scenario says whether it is connected, and to what."""
+
+    name: LogName
+    position: Vector3 = Field([0.0, 0.0, 0.0], description="where it pulls, in the part's frame [m]")
+    length: Positive = Field(description="on the drum: the most that can be paid out [m]")
+    diameter: Annotated[Number, Field(gt=0, le=0.1)] = Field(description="outer [m]")
+    wet_weight: Number = Field(0.0, description="weight less buoyancy in fresh water, negative floats [N/m]")
+    normal_drag: NonNegative = Field(1.2, description="C_D across, on the diameter")
+    tangential_drag: NonNegative = Field(0.015, description="C_f along, on the circumference")
+    stiffness: Positive = Field(2e4, description="EA: tension over strain [N]")
+    source: Source = None
+
+
 class RigidBody(Strict):
     """Published or measured totals instead of the sum of the parts; what is left out comes from the parts."""
 
@@ -195,6 +209,7 @@ class Body(Strict):
     cameras: list[Camera] = []
     sensors: list[Sensor] = []
     battery: Battery | None = None
+    tethers: list[Tether] = []
     parts: list["Part"] = []
     rigid_body: RigidBody | None = None
     restoring: Restoring | None = None
@@ -208,7 +223,7 @@ class Body(Strict):
 
     @model_validator(mode="after")
     def _distinct_names(self) -> "Body":
-        for what in ("parts", "thrusters", "cameras", "sensors"):
+        for what in ("parts", "thrusters", "cameras", "sensors", "tethers"):
             names = [item.name for item in getattr(self, what)]
             twice = sorted({n for n in names if names.count(n) > 1})
             if twice:

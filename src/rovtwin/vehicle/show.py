@@ -85,6 +85,7 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
         },
         "cameras": [_mounted(c) for c in vehicle.cameras],
         "sensors": [_mounted(s) | {"kind": getattr(s.item, "kind", "")} for s in vehicle.sensors],
+        "tethers": [_tether(t) for t in vehicle.tethers],
         "sources": sources(vehicle),
         "findings": findings(vehicle, model),
     }
@@ -183,6 +184,20 @@ def _mounted(mounted: Any) -> dict[str, Any]:
     }
 
 
+def _tether(mounted: Any) -> dict[str, Any]:
+    item = mounted.item
+    return {
+        "name": mounted.name,
+        "position_m": _plain(mounted.placement.point(item.position)),
+        "length_m": item.length,
+        "diameter_m": item.diameter,
+        "wet_weight_Nm": item.wet_weight,
+        "normal_drag": item.normal_drag,
+        "tangential_drag": item.tangential_drag,
+        "stiffness_N": item.stiffness,
+    }
+
+
 def sources(vehicle: Vehicle) -> list[dict[str, str]]:
     """Where values come from, as the files say: place and text, each text once."""
     found: dict[str, str] = {}
@@ -191,6 +206,7 @@ def sources(vehicle: Vehicle) -> list[dict[str, str]]:
         blocks += [("hydrodynamics", body.hydrodynamics)]
         blocks += [(f"thrusters.{t.name}", t) for t in body.thrusters]
         blocks += [(f"cameras.{c.name}", c) for c in body.cameras] + [(f"sensors.{s.name}", s) for s in body.sensors]
+        blocks += [(f"tethers.{t.name}", t) for t in body.tethers]
         for block_name, block in blocks:
             where = ".".join(p for p in (place, block_name) if p)
             if block is not None and block.source:

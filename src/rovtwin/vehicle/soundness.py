@@ -8,14 +8,14 @@ from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.damping import Damping, coupling_load
 
 
-def require_distinct_in_logs(names: list[str], where: str) -> None:
-    """ConfigError when two thrusters have one name in logs, where dots between parts become _."""
+def require_distinct_in_logs(names: list[str], where: str, what: str = "thrusters") -> None:
+    """ConfigError when two things of a kind have one name in logs, where dots between parts become _."""
     seen: dict[str, str] = {}
     for name in names:
         other = seen.setdefault(name.replace(".", "_"), name)
         if other != name:
             raise ConfigError(
-                f"{where}: the thrusters '{other}' and '{name}' are both '{name.replace('.', '_')}' in logs; rename one"
+                f"{where}: the {what} '{other}' and '{name}' are both '{name.replace('.', '_')}' in logs; rename one"
             )
 
 

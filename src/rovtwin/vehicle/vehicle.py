@@ -50,6 +50,7 @@ class Vehicle:
         """Totals at CO."""
         total = assemble(self.file, self.where)
         require_distinct_in_logs([t.name for t in total.thrusters], self.where)
+        require_distinct_in_logs([t.name for t in total.tethers], self.where, "tethers")
         return total if self.water_density is None else total.in_water(self.water_density)
 
     @property
@@ -75,6 +76,11 @@ class Vehicle:
     def specific_power(self) -> np.ndarray:
         """What each thruster draws, P = c |F|^1.5, ahead and astern, shape (n, 2) [W/N^1.5]."""
         return specific_power(self.assembly.thrusters)
+
+    @property
+    def tethers(self) -> list[Mounted]:
+        """Tethers; each pulls at `placement.point(item.position)`."""
+        return list(self.assembly.tethers)
 
     def in_water(self, density: float) -> Vehicle:
         """The same vehicle in water of another density [kg/m3]: buoyancy, drag and added mass scale with it.

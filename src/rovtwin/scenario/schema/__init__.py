@@ -9,6 +9,7 @@ from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
+from rovtwin.scenario.schema.tether import TetherSection, TethersSection
 from rovtwin.scenario.schema.water import WaterSection
 from rovtwin.scenario.schema.world import (
     AirySection,
@@ -32,6 +33,8 @@ __all__ = [
     "Scenario",
     "SensorSection",
     "ShearedCurrentSection",
+    "TetherSection",
+    "TethersSection",
     "ThesisWavesSection",
     "WaterSection",
     "Waypoint",

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.scenario.schema.tether import TethersSection
 from rovtwin.scenario.schema.water import WaterSection
 
 
@@ -141,6 +142,9 @@ class WorldSection(Strict):
     surface: bool = Field(default=True, description="whether buoyancy ends at depth 0, as in nature")
     floor: Positive | None = Field(default=None, description="depth of the floor, which holds the hull [m]")
     tank: TankSection | None = None
+    tethers: TethersSection | None = Field(
+        default=None, description="true: all that the vehicle has, tended from above the start"
+    )
     mismatch: MismatchSection | None = None
     net_buoyancy: Number = Field(default=0.0, description="added to the plant, not to the autopilot's model [N]")
     thruster_health: dict[str, Share] = Field(
@@ -175,7 +179,7 @@ class WorldSection(Strict):
             )
         return self
 
-    @field_validator("mismatch", mode="before")
+    @field_validator("mismatch", "tethers", mode="before")
     @classmethod
-    def _mismatch_by_default(cls, value: Any) -> Any:
+    def _by_default(cls, value: Any) -> Any:
         return {} if value is True else None if value is False else value
