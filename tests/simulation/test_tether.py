@@ -5,13 +5,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
+from tests.simulation.helper import vehicle
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Command
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.simulation.cable import TOE, Cable
 from rovtwin.simulation.tether import Pull, Tether, TetherInput
+from rovtwin.simulation.twin import Twin, TwinInput
+from rovtwin.simulation.world import World
 from rovtwin.vehicle.dynamics import State
 
 DT = 0.02
@@ -268,6 +272,48 @@ def test_the_pull_follows_the_vehicle_within_a_tick():
     pull, moved = first_pull(jnp.zeros(3)), first_pull(aside / DT)
     wrench = taut.wrench(pull, state_at(place + aside), DT, 0.0)
     np.testing.assert_allclose(wrench[:3], moved.line.force, atol=0.02 * float(np.linalg.norm(pull.stiffness @ aside)))
+
+
+@pytest.fixture(scope="module")
+def at_its_limit():
+    """90 s at full thrust ahead on two tethers of 8 m, the port one 2 cm shorter: state and lines, a tick apart."""
+    lengths = {"port": (-0.28, 7.98), "starboard": (0.28, 8.0)}
+    pair = {name: tether(length, (0.0, y, 5.0), (-0.2, y, 0.0)) for name, (y, length) in lengths.items()}
+    twin = Twin(vehicle(), World(), {}, tethers=pair)
+    ahead = Command(jnp.eye(6)[0])
+
+    def tick(memory, k):
+        memory, output = twin.step(memory, TwinInput(ahead, k), DT)
+        return memory, (output.state, {name: held.line for name, held in memory.tethers.items()})
+
+    @jax.jit
+    def run():
+        return jax.lax.scan(tick, twin.init(jax.random.key(0), Start.at((3.0, 0.0, 5.0))), jnp.arange(4500))[1]
+
+    return run()
+
+
+def test_holds_the_vehicle_at_its_length(at_its_limit):
+    """It stops there, gives back no energy, and lies still: the sum of both tensions is the thrust."""
+    state, lines = at_its_limit
+    stern = np.linalg.norm(np.diff(np.asarray(lines["starboard"].nodes)[:, [0, -1]], axis=1), axis=-1)
+    assert stern.max() < 8.05
+    speed = np.linalg.norm(state.nu[:, :3], axis=1)
+    assert speed.max() > 0.2
+    assert speed[-1000:].max() < 2e-3
+    total = sum(line.force[-1] for line in lines.values())
+    np.testing.assert_allclose(total, -10.0 * rotation_from_quaternion(state.attitude[-1])[:, 0], atol=0.1)
+
+
+def test_two_tethers_yaw_the_vehicle_in_the_twin(at_its_limit):
+    """The shorter one pulls its side back, until both levers balance: 10 N ahead, no moment about CO."""
+    state, lines = at_its_limit
+    R = np.asarray(rotation_from_quaternion(state.attitude[-1]))
+    levers = {"port": (-0.2, -0.28, 0.0), "starboard": (-0.2, 0.28, 0.0)}
+    moments = {name: np.cross(levers[name], R.T @ np.asarray(lines[name].force[-1]))[2] for name in levers}
+    assert R[1, 0] < -0.01  # heads to port
+    assert sum(moments.values()) == pytest.approx(0.0, abs=0.02)
+    assert abs(moments["port"]) > 0.5
 
 
 @pytest.mark.parametrize(
