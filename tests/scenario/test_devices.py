@@ -86,6 +86,11 @@ def test_log_and_report_name_the_faults(flight, tmp_path):
         assert text in page
 
 
+def test_the_written_scenario_has_the_same_faults(flight):
+    written = load_scenario(flight.folder / "scenario.yaml")
+    assert written.faults == flight.scenario.faults and written.battery == flight.scenario.battery
+
+
 def test_without_faults_there_is_nothing(short):
     composed = compose(short)
     assert composed.loop.twin.faults is None and composed.faults == []
@@ -126,6 +131,35 @@ def test_what_cannot_break_is_said(said):
 def test_instruments_that_cannot_be_are_refused(said, setting):
     with pytest.raises(ConfigError, match=said):
         compose(load_scenario("lawnmower_calm", [setting]))
+
+
+# -- tethers
+
+
+def test_a_snagged_tether_holds_the_vehicle_back():
+    """Going north with the tether of one unit caught behind it at 10 s, it gets less far than without."""
+    common = ["world.tethers={}", "start.position=[0, 0, 3]", "duration=40", "name=caught", "log.sensors=false"]
+    fault = "faults=[{at: 10, tether: port, fault: snagged}]"
+    free, caught = (fly(load_scenario("lawnmower_calm", [*common, *more])) for more in ([], [fault]))
+    a, b = free.log["truth/eta"], caught.log["truth/eta"]
+    before = a.t < 10.0
+    np.testing.assert_allclose(b.values[before], a.values[before], atol=1e-9)
+    assert a["x"][-1] - b["x"][-1] > 0.3
+
+
+@pytest.mark.parametrize(
+    "said, settings",
+    [
+        ("no tether 'port' is connected; none is; set world.tethers", []),
+        ("no tether 'left' is connected; there are port_tether, starboard_tether", ["world.tethers={}"]),
+    ],
+)
+def test_a_tether_that_is_not_there_cannot_snag(said, settings):
+    name = said.split("'")[1]
+    fault = f"faults=[{{tether: {name}, fault: snagged}}]"
+    with pytest.raises(ConfigError) as error:
+        compose(load_scenario("lawnmower_calm", [*settings, fault]))
+    assert said in str(error.value)
 
 
 # -- batteries

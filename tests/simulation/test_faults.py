@@ -115,6 +115,15 @@ def test_leaks_come_and_go():
     assert leak == [False, False, True, True, False, True]
 
 
+def test_tethers_are_caught_by_name():
+    faults = Faults(6, snags={"port_tether": [(0.1, 0.2)], "starboard_tether": [(0.0, np.inf)]})
+    said = [faults.step(jnp.zeros(6), FaultInput(Command(u_of(0)), k), DT)[1].snagged for k in (4, 5, 10)]
+    assert [bool(s["port_tether"]) for s in said] == [False, True, False]
+    assert all(bool(s["starboard_tether"]) for s in said)
+    with pytest.raises(ConfigError, match="port_tether"):
+        Faults(6, snags={"port_tether": [(2.0, 1.0)]})
+
+
 def test_a_crowd_of_vehicles_each_with_its_own_faults(sound, faulty):
     """Times and sizes are data: under vmap every vehicle has its own, and is as it is alone."""
     none = Faults(6, [ThrusterFault(f.kind, f.thrusters, 1e6, share=f.share, command=f.command) for f in ALL])

@@ -11,27 +11,42 @@ from rovtwin.simulation.faults import Faults, ThrusterFault
 Fixed = dict[str, dict[str, Any]]
 
 
-def faults_of(scenario: Scenario, thrusters: list[str]) -> Faults | None:
-    """Faults of thrusters, and leaks; None where there are none.
+def faults_of(scenario: Scenario, thrusters: list[str], tethers: list[str]) -> Faults | None:
+    """Faults of thrusters, leaks and snags; None where there are none.
 
     Args:
         scenario: What to fly.
         thrusters: Names, in the order of the commands.
+        tethers: Names of those that are connected, in logs' spelling.
 
     Raises:
-        ConfigError: A thruster or unit that the vehicle has not.
+        ConfigError: A thruster, unit or tether that the vehicle has not.
     """
     found, leaks = [], []
+    snags: dict[str, list[tuple[float, float]]] = {}
     for i, fault in enumerate(scenario.faults):
         end = np.inf if fault.until is None else fault.until
         if fault.fault == "leak":
             leaks.append((fault.at, end))
+        elif fault.tether is not None:
+            for name in _tethers_of(fault.tether, i, tethers):
+                snags.setdefault(name, []).append((fault.at, end))
         elif fault.sensor is None:
             numbers = [thrusters.index(name) for name in _thrusters_of(fault, i, thrusters)]
             share = 1.0 if fault.share is None else fault.share
             kind: Any = "dead" if fault.fault == "lost" else fault.fault
             found.append(ThrusterFault(kind, numbers, fault.at, end, share, fault.command))
-    return Faults(len(thrusters), found, leaks) if found or leaks else None
+    return Faults(len(thrusters), found, leaks, snags) if found or leaks or snags else None
+
+
+def _tethers_of(name: str, i: int, tethers: list[str]) -> list[str]:
+    """Tethers of a name, or of a part."""
+    spelt = name.replace(".", "_")
+    found = [tether for tether in tethers if tether == spelt or tether.startswith(f"{spelt}_")]
+    if not found:
+        there = f"there are {', '.join(tethers)}" if tethers else "none is; set world.tethers"
+        raise ConfigError(f"faults[{i}].tether: no tether {name!r} is connected; {there}")
+    return found
 
 
 def _thrusters_of(fault: FaultSection, i: int, thrusters: list[str]) -> list[str]:
@@ -101,7 +116,8 @@ def listed(scenario: Scenario, thrusters: list[str]) -> list[dict[str, Any]]:
 
 def described(fault: FaultSection) -> str:
     """A fault in words: `port.heave weak (30 % of its force)`."""
-    of = fault.thruster or fault.sensor or (f"unit {fault.unit}" if fault.unit else "")
+    of = fault.thruster or fault.sensor or ""
+    of = f"unit {fault.unit}" if fault.unit else f"tether {fault.tether}" if fault.tether else of
     text = f"{of} {fault.fault}".strip()
     match fault.fault:
         case "weak":

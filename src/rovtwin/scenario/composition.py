@@ -106,6 +106,7 @@ def compose(scenario: Scenario) -> Composed:
     sensors = sensors_of(scenario)
     plant = plant_of(scenario.world, vehicle, model, key_plant)
     start = Start.at(below_surface(scenario.start.position, scenario.world, plant), scenario.heading)
+    tethers = tethers_of(scenario.world, vehicle, start)
     loop = Loop(
         autopilot=autopilot_of(scenario, model, sensors),
         twin=Twin(
@@ -113,9 +114,9 @@ def compose(scenario: Scenario) -> Composed:
             world_of(scenario.world),
             sensors,
             scenario.substeps,
-            faults_of(scenario, list(vehicle.thruster_names)),
+            faults_of(scenario, list(vehicle.thruster_names), list(tethers)),
             battery_of(scenario, vehicle),
-            tethers=tethers_of(scenario.world, vehicle, start),
+            tethers=tethers,
         ),
     )
     return Composed(

@@ -1,10 +1,10 @@
-"""What breaks in flight: faults of thrusters and a leak on a time-line, applied once a control tick.
+"""What breaks in flight: faults of thrusters, a leak, snagged tethers on a time-line, applied once a control tick.
 
 The faults of sensors are the sensors' own (`Sensor.blackouts`, `offsets`, `frozen`), since a reading has a time of its
 own. Everything here is an array: other times and sizes of as many faults compile to the same program.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -57,15 +57,17 @@ class FaultOutput(eqx.Module):
         command: What they obey.
         share: Of their force that is left, shape (n,).
         leak: Whether water comes in, bool.
+        snagged: Whether each tether that will ever be caught is so now, bool, by name.
     """
 
     command: Command
     share: Array
     leak: Array
+    snagged: dict[str, Array]
 
 
 class Faults(Block):
-    """A time-line of m faults of n thrusters, and of leaks.
+    """A time-line of m faults of n thrusters, of leaks and of snagged tethers.
 
     Faults of one thruster at the same time add up: shares multiply, two reversals cancel, and of several "stuck" the
     last one in the list counts. Its memory is the command that each thruster obeyed last, shape (n,).
@@ -79,6 +81,7 @@ class Faults(Block):
         given: Whether it is `command` then, rather than the last one, shape (m,), bool.
         command: Shape (m,).
         leaks: Spans with a leak, shape (l, 2) [s].
+        snags: By the name of a tether, spans in which it is caught, shape (k, 2) [s].
     """
 
     spans: Array
@@ -89,9 +92,14 @@ class Faults(Block):
     given: Array
     command: Array
     leaks: Array
+    snags: dict[str, Array]
 
     def __init__(
-        self, thruster_count: int, faults: Sequence[ThrusterFault] = (), leaks: Sequence[tuple[float, float]] = ()
+        self,
+        thruster_count: int,
+        faults: Sequence[ThrusterFault] = (),
+        leaks: Sequence[tuple[float, float]] = (),
+        snags: Mapping[str, Sequence[tuple[float, float]]] | None = None,
     ):
         """Of a vehicle with so many thrusters.
 
@@ -112,7 +120,9 @@ class Faults(Block):
         self.given = as_array([f.command is not None for f in faults], bool)
         self.command = as_array([0.0 if f.command is None else f.command for f in faults])
         self.leaks = as_array(np.reshape(leaks, (-1, 2)))
-        require_spans("leaks", self.leaks)
+        self.snags = {name: as_array(np.reshape(spans, (-1, 2))) for name, spans in (snags or {}).items()}
+        for name, spans in {"leaks": self.leaks, **self.snags}.items():
+            require_spans(name, spans)
 
     def init(self, key: Array, start: Start) -> Array:
         """Thrusters at rest; `key` and `start` are not used."""
@@ -128,7 +138,8 @@ class Faults(Block):
         share = jnp.where(active, self.share[:, None], 1.0).prod(0)
         sign = jnp.where(active, self.sign[:, None], 1.0).prod(0)
         leak = _within(self.leaks, t, dt).any()
-        return u, FaultOutput(Command(sign * u), share, leak)
+        snagged = {name: _within(spans, t, dt).any() for name, spans in self.snags.items()}
+        return u, FaultOutput(Command(sign * u), share, leak, snagged)
 
 
 def weakened(model: Model, share: Array) -> Model:

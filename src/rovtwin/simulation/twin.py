@@ -67,7 +67,7 @@ class Twin(Block):
         world: Current and waves.
         sensors: By name; each draws random numbers of its own, whatever others there are.
         substeps: Physics steps in a control tick, int.
-        faults: Of thrusters, and leaks, or None; sensors have their own.
+        faults: Of thrusters and tethers, and leaks, or None; sensors have their own.
         battery: What feeds the thrusters, or None: they never stop.
         tethers: By name.
     """
@@ -103,14 +103,14 @@ class Twin(Block):
         """One control tick of `dt` seconds."""
         h = dt / self.substeps
         first = jnp.asarray(input.k, dtype=jnp.int64) * self.substeps
-        faults, leak, command, model = None, None, input.command, self.model
+        faults, leak, snagged, command, model = None, None, {}, input.command, self.model
         if self.faults is not None and memory.faults is not None:
             faults, fault = self.faults.step(memory.faults, FaultInput(command, input.k), dt)
-            leak, command, model = fault.leak, fault.command, weakened(model, fault.share)
+            leak, snagged, command, model = fault.leak, fault.snagged, fault.command, weakened(model, fault.share)
         battery, energy = memory.battery, None
         if self.battery is not None and battery is not None:
             model, energy = weakened(model, self.battery.alive(battery)), battery.telemetry
-        tethers, pulls = self._pull(memory, dt)
+        tethers, pulls = self._pull(memory, snagged, dt)
 
         def substep(carry: tuple[TwinMemory, TwinOutput], j: Array) -> tuple[tuple[TwinMemory, TwinOutput], Any]:
             memory, output = carry
@@ -138,13 +138,15 @@ class Twin(Block):
             after = replace(after, battery=self.battery.step(battery, BatteryInput(forces), dt)[0])
         return after, output
 
-    def _pull(self, memory: TwinMemory, dt: float) -> tuple[dict[str, TetherMemory], dict[str, Pull]]:
+    def _pull(
+        self, memory: TwinMemory, snagged: dict[str, Array], dt: float
+    ) -> tuple[dict[str, TetherMemory], dict[str, Pull]]:
         """All tethers over one control tick."""
         memories, pulls = {}, {}
         for name, tether in self.tethers.items():
             before = memory.tethers[name]
             water = self.world.velocities(memory.world, before.line.nodes, dt / self.substeps)
-            seen = TetherInput(memory.state, water, jnp.asarray(False))
+            seen = TetherInput(memory.state, water, snagged.get(name, jnp.asarray(False)))
             memories[name], pulls[name] = tether.step(before, seen, dt)
         return memories, pulls
 

@@ -11,21 +11,23 @@ _OF = {
     "thruster": ("dead", "weak", "reversed", "stuck"),
     "unit": ("lost",),
     "sensor": ("silent", "biased", "frozen"),
+    "tether": ("snagged",),
     "": ("leak",),
 }
 _KEYS = {"share": "weak", "command": "stuck", "value": "biased", "sensors": "lost"}
 
 
 class FaultSection(Strict):
-    """One fault: of a thruster, a sensor, a whole unit, or a leak."""
+    """One fault: of a thruster, a sensor, a tether, a whole unit, or a leak."""
 
     at: NonNegative = Field(default=0.0, description="from when on [s]")
     until: Positive | None = Field(default=None, description="until when [s]; default for good")
     thruster: str | None = Field(default=None, description="dead, weak, reversed or stuck: its name")
     unit: str | None = Field(default=None, description="lost: name of a part with thrusters; all of them are dead")
     sensor: str | None = Field(default=None, description="silent, biased or frozen: its name")
-    fault: Literal["dead", "weak", "reversed", "stuck", "lost", "silent", "biased", "frozen", "leak"] = Field(
-        description="what is wrong"
+    tether: str | None = Field(default=None, description="snagged: its name, or that of the part that it is on")
+    fault: Literal["dead", "weak", "reversed", "stuck", "lost", "silent", "biased", "frozen", "snagged", "leak"] = (
+        Field(description="what is wrong")
     )
     share: Share | None = Field(default=None, description="weak: share of the force that is left")
     command: Annotated[Number, Field(ge=-1, le=1)] | None = Field(
