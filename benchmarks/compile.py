@@ -29,6 +29,7 @@ found["first_start_s"] = lap()
 loop.advance()
 found["first_second_s"] = lap()
 found["whole_s"] = t[-1] - t[0]
+found["processor_s"] = time.process_time()
 print(json.dumps(found))
 """
 

@@ -10,19 +10,20 @@ from pathlib import Path
 from typing import Any
 
 
-def _add_flag(name: str, value: str) -> None:
+def _add_flag(prefix: str, option: str, value: str) -> None:
+    """Unless the user has set the option."""
     flags = os.environ.get("XLA_FLAGS", "")
-    if f"{name}={value}" not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} {name}={value}".strip()
+    if option not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} {prefix}{option}={value}".strip()
 
 
 def _xla_flags() -> None:
     # jax 0.10 is the newest for Python 3.11. Its CPU thunk runtime dispatches every operation of a scan's body
     # one by one unless small loops are compiled as one function; 0.12 does that by itself.
     if sys.version_info < (3, 12):
-        _add_flag("--xla_backend_extra_options", "xla_cpu_small_while_loop_byte_threshold=10000000000")
+        _add_flag("--xla_backend_extra_options=", "xla_cpu_small_while_loop_byte_threshold", "10000000000")
         # Vectors as wide as the processor has them; left alone, XLA stops at 256 bits.
-        _add_flag("--xla_cpu_prefer_vector_width", "512")
+        _add_flag("--", "xla_cpu_prefer_vector_width", "512")
     # One roll-out is sequential: a second thread only adds hand-overs.
     os.environ.setdefault("PJRT_NPROC", "1")
 
