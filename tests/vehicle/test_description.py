@@ -536,3 +536,28 @@ def test_the_example_of_the_docs_loads(tmp_path):
     assert found.assembly.solid.mass == pytest.approx(30.17)
     assert float(found.model().buoyancy - found.model().weight) == pytest.approx(2.0)
     np.testing.assert_allclose(found.sensors[-1].position, [-0.2, 0, 0.16])
+
+
+def test_tethers_sit_in_their_parts_and_are_shown():
+    vehicle = load_vehicle("double_blueye")
+    assert [t.name for t in vehicle.tethers] == ["port.tether", "starboard.tether"]
+    found = summary(vehicle)["tethers"]
+    assert [t["position_m"] for t in found] == [[-0.22, -0.28, 0.0], [-0.22, 0.28, 0.0]]
+    assert found[0]["diameter_m"] == 0.005 and found[0]["length_m"] == 150.0
+
+
+@pytest.mark.parametrize(
+    ("tether", "expected"),
+    [
+        ({"name": "tether", "diameter": 0.005}, "tethers[0].length: missing (on the drum"),
+        (
+            {"name": "tether", "diameter": 5.0, "length": 50.0},
+            "tethers[0].diameter: found 5.0, expected a number",
+        ),
+        ({"name": "the tether", "diameter": 0.005, "length": 50.0}, "tethers[0].name: found 'the tether'"),
+    ],
+)
+def test_no_tether_like_that(tether, expected):
+    with pytest.raises(ConfigError) as error:
+        vehicle_from_dict({"name": "x", "mass": 1.0, "shape": {"sphere": 0.1}, "tethers": [tether]})
+    assert expected in str(error.value)

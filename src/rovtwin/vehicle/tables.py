@@ -20,6 +20,8 @@ def tables(found: dict[str, Any]) -> list[Any]:
     shown += [*_thrusters(found), _allocation(found), _reach(found), _performance(found), _floating(found)]
     if found["cameras"] or found["sensors"]:
         shown.append(_mounted(found))
+    if found["tethers"]:
+        shown.append(_tethers(found))
     if found["sources"]:
         inside = f"{found['name']}."  # what all places have in common takes width and says nothing
         rows = [(s["where"].removeprefix(inside), s["source"]) for s in found["sources"]]
@@ -251,3 +253,12 @@ def _mounted(found: dict[str, Any]) -> Group:
     rows = [(i["name"], i["kind"], _vector(i["position_m"]), _vector(i["attitude_deg"])) for i in items]
     table = _table(("name", "kind", "position [m]", "roll, pitch, yaw [deg]"), rows, text=(2, 3))
     return _titled("cameras and sensors", table)
+
+
+def _tethers(found: dict[str, Any]) -> Group:
+    rows = [
+        (t["name"], _vector(t["position_m"]), _g(t["length_m"]), _g(1e3 * t["diameter_m"]), _g(t["wet_weight_Nm"]))
+        for t in found["tethers"]
+    ]
+    columns = ("name", "position [m]", "drum [m]", "diameter [mm]", "wet [N/m]")
+    return _titled("tethers", _table(columns, rows, text=(1,)))
