@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from rovtwin.core.flow import FINISHED
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import FINISHED, Command, Environment
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.scenario import compose, fly, load_scenario
+from rovtwin.vehicle.dynamics import State, rollout
 from rovtwin.vehicle.trim import afloat
 
 SET = (
@@ -29,17 +32,27 @@ def test_from_the_surface_and_back():
     assert np.all(depth > afloat(model) - 0.1)
 
 
-def test_afloat_is_where_it_comes_to_rest():
+def test_a_start_at_the_surface_is_at_rest_there():
+    """Afloat from the beginning: left to itself with thrusters off it neither bobs nor sinks."""
     run = compose(load_scenario("square", ("start.position=[0, 0, 0]", "world.net_buoyancy=20")))
     plant = run.loop.twin.model
-    draught = 0.1595 - afloat(plant)  # how much of the Pioneers' hull, 0.319 m high, is dry
-    assert float(run.start.position[2]) == afloat(plant)
-    assert 0.005 < draught < 0.05
+    start = State.at(plant, run.start)
+    idle = Command(jnp.zeros((5000, plant.thrusters.count)))
+    end = jax.jit(rollout, static_argnums=4)(plant, start, idle, Environment.calm(surface=jnp.zeros(())), 0.002)
+    np.testing.assert_allclose(end.position, np.broadcast_to(start.position, (5000, 3)), atol=1e-6)
+    assert 0.005 < 0.1595 - float(start.position[2]) < 0.05  # so much of the hull, 0.319 m high, is dry
 
 
-def test_a_floor_above_the_vehicle_s_own_way_point_is_found_by_the_vehicle():
-    """The tank holds it: a way-point below the floor is never reached, and nothing breaks."""
-    changes = ("mission={waypoints: [{position: [0, 0, 3]}]}", "duration=40")
-    flight = fly(load_scenario("square", (*SET[:-2], *changes)))
-    assert not flight.completed
-    assert flight.log["truth/eta"].values[:, 2].max() < 2.0 - 0.1595 + 0.01
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("start.position=[-1.9, 0, 1]", "start.position: .* beyond the southern wall at -2 m"),
+        ("start.position=[0, 0, 1.9]", "start.position: .* beyond the floor at 2 m"),
+        ("world.tank={north: [-0.1, 0.1], east: [-3, 3]}", "a larger tank"),
+        ("mission={waypoints: [{position: [0, 0, 3]}]}", "waypoints\\[0\\].*floor at 2 m.*never be reached"),
+        ("mission={waypoints: [{position: [0, 0, 1]}, {position: [0, 9, 1]}]}", "waypoints\\[1\\].*eastern wall"),
+    ],
+)
+def test_no_room_in_the_tank_is_said_before_the_flight(change, said):
+    with pytest.raises(ConfigError, match=said):
+        compose(load_scenario("square", (*SET, change)))

@@ -23,6 +23,7 @@ from rovtwin.scenario.compose_battery import battery_of
 from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
 from rovtwin.scenario.compose_tethers import tethers_of
 from rovtwin.scenario.compose_world import plant_of, world_of
+from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
     SENSOR_NAMES,
@@ -105,6 +106,7 @@ def compose(scenario: Scenario) -> Composed:
     key_plant, key_run = _keys(scenario.seed)
     sensors = sensors_of(scenario)
     plant = plant_of(scenario.world, vehicle, model, key_plant)
+    require_inside(scenario, model)
     start = Start.at(below_surface(scenario.start.position, scenario.world, plant), scenario.heading)
     tethers = tethers_of(scenario.world, vehicle, start)
     loop = Loop(

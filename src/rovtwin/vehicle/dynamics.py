@@ -10,8 +10,8 @@ rigid body, a_f of the water particles as the pressure gradient on the displaced
 both vanish and what is left is Fossen's form with d(nu_c)/dt = -S(omega) nu_c. For a small body held in waves what is
 left is Morison's inertia force, Froude-Krylov m_f a_f and added mass M_A a_f, and the drag of the orbital velocity.
 
-At the surface the buoyancy of what is dry is taken off, and the hull feels the moving water, and drag, in proportion to
-what is wet; the added mass stays, which is too much for a vehicle afloat.
+At the surface the buoyancy of what is dry is taken off, and drag and the forces of accelerating water act in proportion
+to what is wet. The inertia of the added mass stays, which is too much for a vehicle afloat.
 
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6 and 8; the pressure-gradient
 term Maxey and Riley (1983), eq. 46 (first term).
@@ -106,16 +106,13 @@ def acceleration(
     R_bn, down_b, omega = R_nb.T, R_nb[2], nu[3:]
     edges, wet = surroundings_wrench(model, position, R_nb, nu, environment)
     force = tau + environment.wrench + edges - restoring_wrench(model, down_b)
-    v_c, a_fluid, a_path = (wet * (R_bn @ x) for x in _water_at(environment, position, R_nb @ nu[:3], elapsed))
+    v_c, a_fluid, a_path = (R_bn @ x for x in _water_at(environment, position, R_nb @ nu[:3], elapsed))
     nu_r = jnp.concatenate([nu[:3] - v_c, omega])
     pressure = model.displaced_mass * jnp.concatenate([a_fluid, cross(model.center_of_buoyancy, a_fluid)])
-    force = (
-        force
-        + pressure
-        - model.rigid_body_mass[:, :3] @ a_path
-        - coriolis_wrench(model.mass, nu_r)
-        - wet * damping_wrench(model, nu_r)
-    )
+    carried = model.rigid_body_mass[:, :3] @ a_path
+    if environment.surface is not None:
+        carried = carried + (1.0 - wet) * (model.added_mass[:, :3] @ a_path)  # the dry part carries no water along
+    force = force + wet * pressure - carried - coriolis_wrench(model.mass, nu_r) - wet * damping_wrench(model, nu_r)
     nu_r_dot = model.mass_inverse @ force
     return nu_r_dot.at[:3].add(a_path - cross(omega, v_c))
 
