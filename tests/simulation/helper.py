@@ -1,14 +1,25 @@
-"""A small vehicle and the statistics that the tests of the world share."""
+"""A small vehicle, seas and the statistics that the tests of the world share."""
 
 import numpy as np
 from scipy import stats
 
 from rovtwin.core.numerics import jnp
+from rovtwin.simulation.airy import AirySea
+from rovtwin.simulation.sea import SeaState
 from rovtwin.vehicle.dynamics import State
 from rovtwin.vehicle.model import GRAVITY, Model, rigid_body_matrix
 from rovtwin.vehicle.thrusters import thrusters_from
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
+SMALL_SEA = AirySea.of(SeaState.of(0.27, zero_crossing_period=3.0, gamma=3.3), direction=np.pi, depth=20.0)
+SHORT_CRESTED = AirySea.of(
+    SeaState.of(1.5, zero_crossing_period=5.7), direction=0.4, depth=12.0, spreading=2.0, count=24
+)
+
+
+def one_wave(amplitude=1.0, omega=1.0, direction=0.0) -> AirySea:
+    """A regular wave in deep water."""
+    return AirySea([amplitude], [omega], [omega**2 / GRAVITY], [direction])
 
 
 def vehicle(**changes) -> Model:

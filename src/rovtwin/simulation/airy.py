@@ -13,7 +13,13 @@ orbital velocity, Froude-Krylov and added-mass force of the acceleration.
 
 What it is not: a second-order sea. There is no set-down, no return flow under the Stokes drift, no mean drift force of
 waves that a body scatters (small for a body that is small against the wave length). Above the mean surface the water
-moves as at z = 0. Waves shorter than the vehicle, which reach no deeper than decimetres, push it too much.
+moves as at z = 0, the same at all heights: there it turns, and is not free of divergence. Waves shorter than the
+vehicle, which reach no deeper than decimetres, push it too much.
+
+Nor do the waves ride on a current. They keep their frequency at a fixed place (no Doppler shift, no change of height),
+while the water that carries them runs at U: its particles gain U . grad(u) of acceleration that the pressure of the
+waves does not account for, so that the Froude-Krylov force and `head` disagree by k U / omega, which is 10 % for
+0.3 m/s along waves of 2 s.
 
 Reference: Fossen (2021), sec. 10.2; Newman (1977), Marine Hydrodynamics, secs. 6.2-6.4.
 """
@@ -168,10 +174,12 @@ class AirySea(Block):
         u_dot, v_dot, xx, xy, yy = (rates * acceleration) @ (C * sine)
         w_dot, xz, yz = jnp.stack([acceleration, -north * slope, -east * slope]) @ (S * cosine)
         w = -speed @ (S * sine)
+        under = place[2] > 0.0  # above, nothing changes with height
+        x_z, y_z, z_z = xz * under, yz * under, -(xx + yy) * under
         return Water(
             jnp.stack([u, v, w]),
             jnp.stack([u_dot, v_dot, w_dot]),
-            jnp.stack([xx, xy, xz, xy, yy, yz, xz, yz, -(xx + yy)]).reshape(3, 3),
+            jnp.stack([xx, xy, x_z, xy, yy, y_z, xz, yz, z_z]).reshape(3, 3),
             a @ cosine,
             head,
         )

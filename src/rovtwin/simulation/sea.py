@@ -51,9 +51,19 @@ class SeaState:
             raise ConfigError(f"{where}: expected either a zero-crossing period or a peak period, and not both")
         if not 1.0 <= gamma <= 10.0:
             raise ConfigError(f"{where}: found gamma {gamma:g}, expected 1 (Pierson-Moskowitz) to 10")
-        if not (np.isfinite(height) and height >= 0 and np.isfinite(period) and period > 0):
-            raise ConfigError(f"{where}: found Hs {height} m and period {period} s, expected numbers above 0")
+        if not LOWEST_HEIGHT <= height <= HIGHEST_HEIGHT:
+            raise ConfigError(
+                f"{where}: found Hs {height:g} m, expected {LOWEST_HEIGHT:g} to {HIGHEST_HEIGHT:g} m; for a calm leave "
+                "the waves out"
+            )
+        if not (np.isfinite(period) and period > 0):
+            raise ConfigError(f"{where}: found a period of {period} s, expected a number above 0")
         sea = cls(height, period / (1.0 if peak_period is not None else period_ratio(gamma)), gamma)
+        if not SHORTEST_PERIOD <= sea.zero_crossing_period <= LONGEST_PERIOD:
+            raise ConfigError(
+                f"{where}: found Tz {sea.zero_crossing_period:.3g} s, expected {SHORTEST_PERIOD:g} to "
+                f"{LONGEST_PERIOD:g} s"
+            )
         if sea.steepness > STEEPEST:
             raise ConfigError(
                 f"{where}: Hs {height:g} m at Tz {sea.zero_crossing_period:.3g} s is {sea.steepness:.2g} steep; no sea "
@@ -78,6 +88,8 @@ class SeaState:
         return self.height**2 / 16.0 / modal * _shape(x, self.gamma) / _moments(self.gamma)[0]
 
 
+LOWEST_HEIGHT, HIGHEST_HEIGHT = 0.001, 30.0  # Hs [m]; some 20 m are the most that was ever measured
+SHORTEST_PERIOD, LONGEST_PERIOD = 0.5, 30.0  # Tz [s]; below are ripples that capillarity shapes
 STEEPEST = 1.0 / 8.0  # of any sea, by Tz; DNV-RP-C205 sec. 3.5.4 has 1/10 as what is met
 
 
