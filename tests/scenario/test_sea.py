@@ -60,6 +60,9 @@ def test_lines():
     assert "cannot hold" in verdict(compose(in_a_sea(current=0.5)))[1]
     assert "tips it over" in verdict(compose(in_a_sea(current=0.3, vehicle="double_blueye_thesis")))[1]
     assert "holds: to keep still takes" in verdict(compose(in_a_sea(0.27, 3.0)))[1]
+    buoyant = verdict(compose(load_scenario("square", ["world.water=sea"])))[1]
+    assert "takes 0 N rms, 0 N at times, of 20 N; heave 7.36 N rms of" in buoyant
+    assert "heave" not in verdict(compose(load_scenario("lawnmower_calm")))[1]
     assert "cannot hold: takes" in verdict(compose(load_scenario("lawnmower_calm", ["world.net_buoyancy=80"])))[1]
 
 

@@ -81,8 +81,36 @@ def test_a_flow_that_tips_it_over_is_none_it_can_hold():
     )
     found = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0)
     assert found.verdict == "capsizes" and found.upright < 0.5
+    assert found.upright == holding(strong, World(), KEY, PLACE, 0.0, 1.0).upright, "the hull is alike both ways"
     across = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.5 * np.pi, 10.0)
     assert across.verdict != "capsizes"
+
+
+@pytest.mark.parametrize("from_astern", [False, True])
+def test_what_it_stands_up_to_from_ahead_and_from_astern_is_not_the_same(from_astern):
+    """A hull whose heave drag acts behind CO, like a tail's: 391 kg u^2 = 5.89 N m + c u ahead, - c u backwards."""
+    c = 4.0
+    damping = np.diag([6.5, 9.0, 20.0, 3.0, 1.3, 0.5])
+    damping[2, 4] = damping[4, 2] = c
+    lopsided = vehicle(added_mass=np.diag([9.0, 13.0, 400.0, 2.0, 0.7, 0.9]), linear_damping_ahead=damping)
+    current = World(ConstantCurrent([0.1 if from_astern else -0.1, 0.0, 0.0]))
+    found = holding(lopsided, current, KEY, PLACE, 0.0, 1.0)
+    munk, righting, linear = 391.0, 30 * GRAVITY * 0.02, -c if from_astern else c
+    expected = (linear + np.sqrt(linear**2 + 4 * munk * righting)) / (2 * munk)
+    assert found.upright == pytest.approx(expected, rel=1e-3)
+
+
+def test_where_nothing_is_required_the_force_there_is_counts_in_surge():
+    strong_ahead = vehicle(thrusters=thrusters_from(jnp.eye(6), jnp.array([20.0, 10, 15, 10, 10, 10])))
+    found = holding(strong_ahead, World(), KEY, PLACE, 0.0, 1.0)
+    assert (found.available, found.available_heave) == pytest.approx((20.0, 15.0))
+
+
+def test_forces_do_not_hide_a_moment_that_is_missing_nor_a_moment_a_force():
+    tau = np.array([[5.0, 0, 0, 0, 0, 0.04], [0.05, 0, 0, 0, 0, 8.0]])
+    no_yaw, no_surge = (thrusters_from(jnp.delete(jnp.eye(6), axis, 1), jnp.full(5, 10.0)) for axis in (5, 0))
+    assert np.isinf(thrust_share(no_yaw, tau)).all() and np.isinf(thrust_share(no_surge, tau)).all()
+    assert thrust_share(no_yaw, tau * [1, 0, 0, 0, 0, 0.01])[0] == pytest.approx(0.5)
 
 
 def test_share_of_the_thrusters():

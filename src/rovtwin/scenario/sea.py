@@ -17,6 +17,7 @@ from rovtwin.simulation.world import World
 
 WORST_FIRST = ("capsizes", "drifts", "swept", "holds")
 FORCES = slice(0, 3)
+HEAVE_SAID = 0.05  # rms of heave from which the line names it [N]
 
 
 def moves(scenario: Scenario) -> bool:
@@ -64,7 +65,7 @@ def verdict_line(found: list[Holding]) -> str:
     h = worst(found)
     flow = float(np.linalg.norm(h.mean_flow))
     where = f"at {h.place[2]:.3g} m, heading {math.degrees(h.heading) % 360:.0f} deg"
-    still = f"to keep still takes {rms(h.horizontal):.3g} N rms, {np.percentile(h.horizontal, 99.9):.3g} N at times, of"
+    still = _still(h)
     if h.verdict == "capsizes":
         said = f"cannot hold: a flow of {flow:.2g} m/s tips it over; it stays level up to {h.upright:.2g} m/s"
     elif h.verdict == "drifts":
@@ -75,11 +76,19 @@ def verdict_line(found: list[Holding]) -> str:
     elif h.verdict == "swept":
         said = (
             f"holds on average, swept by the waves +-{h.sweep[0]:.2g} m to the sides and +-{h.sweep[1]:.2g} m up and "
-            f"down (rms); {still} {h.available:.3g} N; heave {rms(h.required[:, 2]):.3g} N rms"
+            f"down (rms); {still}"
         )
     else:
-        said = f"holds: {still} {h.available:.3g} N"
+        said = f"holds: {still}"
     return f"{where}: {said}"
+
+
+def _still(h: Holding) -> str:
+    """Required and available force, heave too where it counts."""
+    horizontal, heave = rms(h.horizontal), rms(h.required[:, 2])
+    said = f"to keep still takes {horizontal:.3g} N rms, {np.percentile(h.horizontal, 99.9):.3g} N at times, of "
+    said += f"{h.available:.3g} N"
+    return said + (f"; heave {heave:.3g} N rms of {h.available_heave:.3g} N" if heave >= HEAVE_SAID else "")
 
 
 def verdict(composed: Composed) -> tuple[str, str]:
@@ -159,6 +168,7 @@ def as_data(h: Holding) -> dict[str, Any]:
         "horizontal_p95_n": float(np.percentile(h.horizontal, 95.0)),
         "horizontal_p999_n": float(np.percentile(h.horizontal, 99.9)),
         "available_n": h.available,
+        "available_heave_n": h.available_heave,
         "time_within_reach": share,
         "mean_required": h.mean_required.tolist(),
         "mean_share": h.mean_share if math.isfinite(h.mean_share) else None,

@@ -35,6 +35,8 @@ from rovtwin.vehicle.trim import stability
 
 Verdict = Literal["holds", "swept", "drifts", "capsizes"]
 HELD = np.array([0, 1, 2, 5])  # X, Y, Z, N: roll and pitch are left to the righting moment
+SURGE, HEAVE = np.eye(6)[0], np.eye(6)[2]
+NOTHING = 1e-3  # force or moment that need not be met [N, N m]
 STILL = 99.0  # share of the time in which the thrusters must meet the waves for the vehicle to hold still [%]
 
 
@@ -53,8 +55,10 @@ class Holding:
         mean_flow: Current and Stokes drift, n [m/s], shape (3,).
         sweep: Rms of the water's way to and fro, horizontal and vertical [m], shape (2,).
         drift: Speed at which the vehicle is carried off in spite of full thrust [m/s]; 0 where it is not.
-        available: Largest force along the horizontal force required, both ways [N].
-        upright: Flow along the nose up to which the righting moment keeps it level [m/s].
+        available: Largest force along the horizontal force required, both ways [N]; in surge where none is.
+        available_heave: Largest force in heave, both ways [N].
+        upright: Flow along the nose up to which the righting moment keeps it level, from the side from which the mean
+            flow comes, ahead or astern [m/s].
     """
 
     place: np.ndarray
@@ -68,12 +72,13 @@ class Holding:
     sweep: np.ndarray
     drift: float
     available: float
+    available_heave: float
     upright: float
 
     @property
     def verdict(self) -> Verdict:
         """`holds`, `swept` (holds on average), `drifts` or `capsizes` (cannot hold)."""
-        along = self.mean_flow[0] * np.cos(self.heading) + self.mean_flow[1] * np.sin(self.heading)
+        along = _along(self.mean_flow, self.heading)
         stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
         if abs(along) * stood_up_to > self.upright:  # what carries it off it does not feel
             return "capsizes"
@@ -106,6 +111,7 @@ def holding(
     state = State.at(model, start)
     required, current, wrench = (np.asarray(x) for x in _held(model, replace(world, walls=None), key, state, steps, dt))
     flow = current + _stokes_drift(world, float(start.position[2]))
+    mean = flow.mean(axis=0)
     means = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.asarray(wrench.mean(axis=0))))
     shares = thrust_share(model.thrusters, means)
     return Holding(
@@ -116,11 +122,13 @@ def holding(
         share=thrust_share(model.thrusters, required),
         mean_required=means.mean(axis=0),
         mean_share=float(np.percentile(shares, 95.0)),
-        mean_flow=flow.mean(axis=0),
+        mean_flow=mean,
         sweep=_sweep(world, float(start.position[2])),
-        drift=_drift(model, state, flow.mean(axis=0), wrench.mean(axis=0)),
-        available=_available(model.thrusters, required),
-        upright=stability(model).pitch_depth_held,
+        drift=_drift(model, state, mean, wrench.mean(axis=0)),
+        available=_force_along(model.thrusters, _mostly(required)),
+        available_heave=_force_along(model.thrusters, HEAVE),
+        # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
+        upright=stability(model, astern=_along(mean, heading) > 0).pitch_depth_held,
     )
 
 
@@ -168,21 +176,36 @@ def thrust_share(thrusters: Thrusters, tau: np.ndarray) -> np.ndarray:
     limit = np.where(force >= 0, high, -low)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(np.abs(force) > 1e-9, np.abs(force) / limit, 0.0).max(axis=1, initial=0.0)
-    missing = np.abs(wanted - force @ T.T).max(axis=1)
-    return np.where(missing > 0.01 * np.abs(wanted).max(axis=1) + 1e-6, np.inf, share)
+    unmet = _beyond(wanted, force @ T.T, slice(0, 3)) | _beyond(wanted, force @ T.T, slice(3, 4))
+    return np.where(unmet, np.inf, share)
+
+
+def _beyond(wanted: np.ndarray, met: np.ndarray, part: slice) -> np.ndarray:
+    """Whether more than 1 % of the forces, or of the moment, is missing, shape (n,)."""
+    missing, whole = (np.abs(x[:, part]).max(axis=1) for x in (wanted - met, wanted))
+    return missing > 0.01 * whole + NOTHING
 
 
 def _sound(thrusters: Thrusters) -> Thrusters:
     return eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(thrusters.health))
 
 
-def _available(thrusters: Thrusters, required: np.ndarray) -> float:
-    """Largest force, the lesser of both ways, along the direction in which the horizontal force mostly points [N]."""
+def _along(flow: np.ndarray, heading: float) -> float:
+    """The part of a flow in n that runs towards the nose [m/s]."""
+    return float(flow[0] * np.cos(heading) + flow[1] * np.sin(heading))
+
+
+def _mostly(required: np.ndarray) -> np.ndarray:
+    """Unit wrench in which the horizontal force mostly points, shape (6,); surge where there is none."""
     push = required[:, :2]
-    direction = np.linalg.eigh(push.T @ push)[1][:, -1]
-    unit = np.zeros((2, 6))
-    unit[0, :2], unit[1, :2] = direction, -direction
-    return float((1.0 / thrust_share(thrusters, unit)).min())
+    if np.abs(push).max() < NOTHING:
+        return SURGE
+    return np.concatenate([np.linalg.eigh(push.T @ push)[1][:, -1], np.zeros(4)])
+
+
+def _force_along(thrusters: Thrusters, unit: np.ndarray) -> float:
+    """Largest force along a unit wrench, the lesser of both ways [N]."""
+    return float((1.0 / thrust_share(thrusters, np.stack([unit, -unit]))).min())
 
 
 def _drift(model: Model, state: State, flow: np.ndarray, wrench: np.ndarray) -> float:

@@ -130,8 +130,9 @@ class Stability:
     yaw_free: float
 
 
-def stability(model: Model) -> Stability:
-    """Stability of straight level flight, thrust held."""
+def stability(model: Model, astern: bool = False) -> Stability:
+    """Stability of straight level flight, thrust held; `astern`: of flight backwards."""
+    sense = -1.0 if astern else 1.0
     M = np.asarray(model.added_mass)
     munk = M.diagonal()[1:3] - M[0, 0]
     stiffness = float(hang(model).stiffness[1])
@@ -139,14 +140,14 @@ def stability(model: Model) -> Stability:
     speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
     # Thrust is held, so thrusters play no part: without them one compiled function serves all vehicles.
     bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(as_array(np.zeros((6, 0))), as_array(np.zeros(0))))
-    slow, fast = np.asarray(_linearised_at(bare, as_array([0.5, 1.5])))
+    slow, fast = np.asarray(_linearised_at(bare, sense * as_array([0.5, 1.5])))
 
     def free(u: np.ndarray) -> np.ndarray:
-        # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed.
+        # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed, each way.
         return slow + (u[:, None, None] - 0.5) * (fast - slow)
 
     def held(u: np.ndarray) -> np.ndarray:
-        return np.stack([depth_held(model, A, speed) for A, speed in zip(free(u), u, strict=True)])
+        return np.stack([depth_held(model, A, sense * speed) for A, speed in zip(free(u), u, strict=True)])
 
     return Stability(
         float(munk[1]),
