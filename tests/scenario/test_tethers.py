@@ -54,8 +54,9 @@ def test_one_tether_may_be_different():
 
 def test_in_the_sea_a_tether_is_lighter():
     """By the weight of the water it displaces more: 25 kg/m3 on 20 mm2."""
-    fresh, sea = (tethers(f"world.water={density}")["port_tether"].cable.wet_weight for density in (1000, 1025))
-    assert float(sea - fresh) == pytest.approx(-25 * 9.81 * np.pi / 4 * 0.005**2)
+    fresh, sea = (tethers(f"world.water={density}")["port_tether"].cable for density in (1000, 1025))
+    assert (float(fresh.density), float(sea.density)) == (1000.0, 1025.0)  # its drag is that of the same water
+    assert float(sea.wet_weight - fresh.wet_weight) == pytest.approx(-25 * 9.81 * np.pi / 4 * 0.005**2)
 
 
 BARE = "{name: bare, mass: 1, shape: {sphere: 0.1}, thrusters: [{name: t, direction: [1, 0, 0], force: 1}]}"
@@ -91,6 +92,7 @@ def test_the_log_says_how_it_pulls_and_where_it_lies():
     pull, shape = log["truth/tether/port_tether"], log["truth/tether_shape/port_tether"]
     values, places = np.asarray(pull.values), np.asarray(shape.values).reshape(len(shape.values), -1, 3)
     np.testing.assert_allclose(values[:, 0], np.linalg.norm(values[:, 1:4], axis=1))
+    assert pull.channel.fields[-1] == "misjudged" and (values[:, 5] < 0.05).all()  # no jerk in it
     assert (values[:, 4] == 20.0).all() and 0.5 < values[0, 0] < 20.0
     assert np.array_equal(places[:, 0], np.tile([-10.0, 0.0, 0.0], (len(places), 1)))
     eta = np.asarray(log["truth/eta"].values)

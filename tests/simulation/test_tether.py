@@ -12,11 +12,11 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.simulation.cable import TOE, Cable
+from rovtwin.simulation.cable import ENOUGH, TOE, Cable, balance, solve
 from rovtwin.simulation.tether import Pull, Tether, TetherInput
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.simulation.world import World
-from rovtwin.vehicle.dynamics import State
+from rovtwin.vehicle.dynamics import State, kinetic_energy
 
 DT = 0.02
 DIAMETER, C_D, C_F, EA, RHO = 0.005, 1.2, 0.015, 2e4, 1000.0
@@ -231,6 +231,111 @@ def test_gives_no_energy(weight):
     power = jnp.sum(middle * steps, axis=1)[len(t) // 2 :]
     assert float(jnp.max(pull.line.tension)) > 1.0
     assert float(jnp.sum(power)) < 0.0
+
+
+LIMP = {"normal_drag": 0.0, "tangential_drag": 0.0}
+
+
+def test_a_straight_slack_cable_without_drag_stays_where_it_is():
+    """Nothing holds it aside: without the least resistance its equations would have no solution, and give NaN."""
+    nodes = jnp.linspace(0.0, 20.0, 11)[:, None] * jnp.eye(3)[0]
+    limp = tether(30.0, **LIMP).cable
+    move, force, stiffness = solve(balance(limp, nodes, nodes, jnp.zeros_like(nodes), as_array(30.0), DT))
+    assert not move.any() and not force.any()
+    assert np.linalg.eigvalsh(stiffness).min() > 1e-3
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.05])
+def test_a_slack_cable_without_drag_resists_its_end_all_the_same(weight):
+    """Led about, it never pushes its end on: K stays positive definite."""
+    t = jnp.arange(0.0, 60.0, DT)
+    places = jnp.stack([2.0 + 0.3 * t, 2.0 * jnp.sin(t), 5.0 + 0.0 * t], axis=1)
+    pull = dragged(tether(30.0, weight=weight, **LIMP), places, jnp.zeros(len(t), dtype=bool))
+    assert np.isfinite(pull.line.nodes).all()
+    assert np.linalg.eigvalsh(pull.stiffness).min() > 1e-3
+    assert pull.line.tension.max() < 5.0
+
+
+def test_a_vehicle_flies_freely_on_a_slack_cable_without_drag():
+    """This way and that for half a minute: as on a cable with little drag."""
+    rates = jnp.array([1.0, 2.0, 3.0, 0.0, 0.0, 1.5])
+
+    @eqx.filter_jit
+    def flown(cable):
+        twin = Twin(vehicle(), World(), {}, tethers={"limp": cable})
+
+        def tick(memory, k):
+            command = Command(0.5 * jnp.sin(0.01 * k * rates))
+            memory, output = twin.step(memory, TwinInput(command, k), DT)
+            return memory, output.state.position
+
+        return jax.lax.scan(tick, twin.init(jax.random.key(0), Start.at((3.0, 0.0, 5.0))), jnp.arange(1500))[1]
+
+    free, dragging = flown(tether(30.0, **LIMP)), flown(tether(30.0, normal_drag=0.1, tangential_drag=1e-3))
+    assert np.ptp(free, axis=0).max() > 0.5
+    np.testing.assert_allclose(free, dragging, atol=0.02)
+
+
+def elastic_energy(held, line, end):
+    """Of a cable whose last node is at `end`: EA times the integral of its law over the strain [J]."""
+    segment = line.length / held.segments
+    edges = jnp.diff(line.nodes.at[-1].set(end), axis=0)
+    e = jnp.maximum(jnp.sqrt(jnp.sum(edges * edges, axis=1)) / segment - 1.0, 0.0)
+    each = jnp.where(e < TOE, e**3 / (6 * TOE), 0.5 * e * (e - TOE) + TOE**2 / 6)
+    return held.cable.stiffness * segment * jnp.sum(each)
+
+
+@eqx.filter_jit
+def energy_of_a_body_between(tethers, mass, velocity):
+    """Kinetic energy and that of its cables, at first and after each tick [J]; nothing but them brakes it."""
+    none, unit = jnp.zeros((6, 6)), jnp.diag(jnp.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1]))
+    body = vehicle(
+        rigid_body_mass=mass * unit, added_mass=none, linear_damping_ahead=none, quadratic_damping_ahead=none,
+        weight=0.0, buoyancy=0.0, displaced_mass=0.0,
+    )  # fmt: skip
+    twin = Twin(body, World(), {}, tethers=tethers)
+
+    def energy(memory):
+        state, lines = memory.state, {name: held.line for name, held in memory.tethers.items()}
+        elastic = [elastic_energy(held, lines[name], state.position) for name, held in tethers.items()]
+        return kinetic_energy(body, state.nu) + sum(elastic)
+
+    def tick(memory, k):
+        memory, _ = twin.step(memory, TwinInput(Command(jnp.zeros(6)), k), DT)
+        return memory, energy(memory)
+
+    start = Start(jnp.array([0.0, 0.0, 10.0]), jnp.array([1.0, 0.0, 0.0, 0.0]), velocity)
+    memory = twin.init(jax.random.key(0), start)
+    return energy(memory), jax.lax.scan(tick, memory, jnp.arange(1500))[1]
+
+
+@pytest.mark.parametrize("sides", [(1.0,), (1.0, -1.0)])
+@pytest.mark.parametrize("stretch", [0.0, 1.5e-3])
+def test_a_body_on_taut_cables_gains_no_energy(sides, stretch):
+    """At K = 0.1 m / dt^2 not 1 %; at ten times that it swings wider at first, and comes to rest all the same."""
+    velocity = jnp.array([-0.3, 0.1, 0.0, 0.0, 0.0, 0.0])
+    for length, stiffness in ((2.0, 2e4), (2.0, 1e6), (20.0, 2e4), (20.0, 1e6)):
+        taut = {
+            f"t{i}": tether(
+                length / (1.0 + stretch), (side * length, 0.0, 10.0), NONE, stiffness=stiffness, segments=10, snag=5
+            )
+            for i, side in enumerate(sides)
+        }
+        for share, most in ((0.1, 1.01), (1.0, 2.0)):
+            mass = len(sides) * stiffness / length * DT**2 / share
+            begin, after = energy_of_a_body_between(taut, as_array(mass), velocity)
+            assert float(after.max()) < most * float(begin), (length, stiffness, share)
+            assert float(after[-1]) < float(begin), (length, stiffness, share)
+
+
+def test_a_jerk_that_the_iterations_do_not_see_to_its_end_is_told():
+    """Jerked at 3 m/s, by how much a tension is off: mostly with one iteration a tick, hardly ever with all six."""
+    t = jnp.arange(0.0, 10.0, DT)
+    places = jnp.stack([5.0 + 3.0 * t, 0.0 * t, 5.0 + 0.0 * t], axis=1)
+    free = jnp.zeros(len(t), dtype=bool)
+    hasty, patient = (dragged(tether(19.0, iterations=n), places, free).line.misjudged for n in (1, 6))
+    assert np.mean(hasty > ENOUGH) > 0.5
+    assert np.mean(patient > ENOUGH) < 0.02 and patient.max() < 1.0
 
 
 def test_snagged_holds_where_it_was_caught():

@@ -97,10 +97,16 @@ def _battery_fields(batteries: Sequence[str]) -> tuple[tuple[str, ...], tuple[st
 
 def _tether_rows(name: str, nodes: int) -> list[tuple[str, tuple[str, ...], Any, str, str]]:
     places = tuple(f"{axis}{i}" for i in range(nodes) for axis in "xyz")
-    pull = ("tension", "north", "east", "down", "paid_out")
-    units = ("N",) * 4 + ("m",)
+    pull = ("tension", "north", "east", "down", "paid_out", "misjudged")
+    units = ("N",) * 4 + ("m", "N")
     return [
-        (f"truth/tether/{name}", pull, units, "n", "tension at the vehicle, force on it, length paid out"),
+        (
+            f"truth/tether/{name}",
+            pull,
+            units,
+            "n",
+            "tension at the vehicle, force on it, length paid out, error",
+        ),
         (f"truth/tether_shape/{name}", places, "m", "n", "places of the nodes, from the anchor to the vehicle"),
     ]
 
@@ -125,8 +131,8 @@ def truth_samples(record: Record, moving_surface: bool = False) -> dict[str, np.
     if (battery := record.battery) is not None:
         samples["truth/battery"] = np.concatenate([battery.charge, battery.power], axis=1)
     for name, line in record.tethers.items():
-        force, length = np.asarray(line.force), np.asarray(line.length)
-        columns = [np.linalg.norm(force, axis=1)[:, None], force, length[:, None]]
+        force, length, misjudged = (np.asarray(x) for x in (line.force, line.length, line.misjudged))
+        columns = [np.linalg.norm(force, axis=1)[:, None], force, length[:, None], misjudged[:, None]]
         samples[f"truth/tether/{name}"] = np.concatenate(columns, axis=1)
         samples[f"truth/tether_shape/{name}"] = np.asarray(line.nodes).reshape(len(length), -1)
     return samples

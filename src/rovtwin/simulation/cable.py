@@ -20,13 +20,13 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
+from rovtwin.vehicle.constants import FRESH_WATER, FRICTION, GRAVITY, SLIDING_SPEED
 
 SLOWEST = 0.01  # below this speed drag is linear: a 5 mm cylinder at 1 cm/s has a Reynolds number of 50 [m/s]
 TOE = 1e-3  # strain up to which a cable is pulled straight rather than stretched: its tension grows with the square
 SLACK_SHARE = 1e-6  # stiffness of a slack segment, of that of a taut one: keeps the equations solvable
 FLOOR_STIFFNESS = 200.0  # of the floor, per metre of cable: 0.2 N/m lies 1 mm deep [N/m2]
-FRICTION, SLIDING_SPEED = 0.3, 0.02  # on the floor; it creeps below that speed [m/s]
+LEAST_NORMAL, LEAST_TANGENTIAL = 1e-2, 1e-4  # drag coefficients that a cable never falls below
 FADE = 0.05  # height over which a cable leaves the water [m]
 DRY_DRAG = 0.05  # share of the drag that is left in air, so that a slack loop there falls at a finite speed
 LARGEST_MOVE = 0.5  # of a node in one iteration, in segments
@@ -40,8 +40,8 @@ class Cable(eqx.Module):
     Attributes:
         diameter: [m].
         wet_weight: Weight less buoyancy, negative floats [N/m].
-        normal_drag: C_D across, on the diameter.
-        tangential_drag: C_f along, on the circumference.
+        normal_drag: C_D across, on the diameter; 0.01 at least: a slack cable without any would be anywhere.
+        tangential_drag: C_f along, on the circumference; 1e-4 at least.
         stiffness: EA, once pulled straight (`TOE`) [N].
         density: Of the water [kg/m3].
         surface: Depth z in n of the surface [m], or None: water without end upwards.
@@ -156,8 +156,11 @@ def _drag(cable: Cable, edges: Array, flow: Array, span: Array) -> tuple[Array, 
     across = flow - along[:, None] * tangent
     fast = jnp.sqrt(jnp.sum(across * across, axis=1) + SLOWEST**2)
     fast_along = jnp.sqrt(along * along + SLOWEST**2)
-    normal = 0.5 * cable.density * cable.diameter * cable.normal_drag * span
-    tangential = 0.5 * cable.density * jnp.pi * cable.diameter * cable.tangential_drag * span
+    # Nothing else holds a slack cable: without drag the equations would have no solution.
+    C_D = jnp.maximum(cable.normal_drag, LEAST_NORMAL)
+    C_f = jnp.maximum(cable.tangential_drag, LEAST_TANGENTIAL)
+    normal = 0.5 * cable.density * cable.diameter * C_D * span
+    tangential = 0.5 * cable.density * jnp.pi * cable.diameter * C_f * span
     force = (normal * fast)[:, None] * across + (tangential * fast_along * along)[:, None] * tangent
     slope_along = tangential * (fast_along + along * along / fast_along) - normal * fast
     rate = (
@@ -242,7 +245,7 @@ def advance(
     dt: Array | float,
     iterations: int,
     pin: Pin | None = None,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """The shape dt after `before`.
 
     Iterates until no tension differs by more than `ENOUGH` from what the linear equations took it to be: while nothing
@@ -259,7 +262,8 @@ def advance(
         pin: What else holds it.
 
     Returns:
-        Nodes; force on what holds the last one [N]; its stiffness there [N/m], as of `solve`.
+        Nodes; force on what holds the last one [N]; its stiffness there [N/m], as of `solve`; by how much a tension was
+        misjudged in the last iteration [N], more than `ENOUGH` where there were too few of them.
     """
     segment = length / (guess.shape[0] - 1)
 
@@ -274,8 +278,7 @@ def advance(
         return jax.lax.cond(state[3] > ENOUGH, newton, lambda same: same, state), None
 
     start = guess, jnp.zeros(3), jnp.zeros((3, 3)), jnp.asarray(jnp.inf)
-    (nodes, force, stiffness, _), _ = jax.lax.scan(again, start, None, length=iterations)
-    return nodes, force, stiffness
+    return jax.lax.scan(again, start, None, length=iterations)[0]
 
 
 def _misjudged(cable: Cable, nodes: Array, move: Array, segment: Array) -> Array:

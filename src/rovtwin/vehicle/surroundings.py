@@ -10,13 +10,12 @@ References: Fossen (2021), sec. 4.2 (surface vessels); Hunt and Crossley (1975),
 from rovtwin.core.flow import Environment, Walls
 from rovtwin.core.frames import cross
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.constants import FRICTION, GRAVITY, SLIDING_SPEED
 from rovtwin.vehicle.model import Model
 
 # A corner in contact swings against the vehicle's mass at this rate: 2 cm deep at 0.5 m/s, 13 steps of 2 ms a radian.
 CONTACT_RATE = 25.0  # [rad/s]
 CONTACT_SPEED = 0.1  # closing speed that doubles the force; leaving faster than that, nothing is given back [m/s]
-FRICTION, SLIDING_SPEED = 0.3, 0.02  # wet plastic on concrete; speed above which it slides rather than creeps [m/s]
 
 
 def surroundings_wrench(
