@@ -63,6 +63,18 @@ def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
     assert run(capsys, "sea", "lawnmower_see")[0] == 2
 
 
+def test_an_empty_battery_is_said_before_the_flight(capsys, tmp_path):
+    flat = ("--set", "battery={charge: 0}")
+    code, out, _ = run(capsys, "scenario", "check", "lawnmower_calm", *flat)
+    assert code == 0 and "battery empty from the start (all): its thrusters do nothing" in out
+    half = ("--set", "battery={charge: {port: 0, starboard: 0.5}}")
+    code, out, _ = run(capsys, "scenario", "check", "lawnmower_calm", *half, "--json")
+    assert code == 0 and "(port)" in json.loads(out)["battery_line"]
+    assert "battery" not in run(capsys, "scenario", "check", "lawnmower_calm", "--set", "battery=true")[1]
+    short = ("--set", "duration=1", "--out", str(tmp_path / "flat"), "--no-report")
+    assert "battery empty from the start (all)" in run(capsys, "fly", "lawnmower_calm", *flat, *short)[1]
+
+
 def test_log_commands(short_run, tmp_path, capsys):
     folder, _ = short_run
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap", "--json")

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from rovtwin.core.numerics import as_array, cache_folder, in_one_piece, jax, jnp, module_for
+from rovtwin.core.numerics import _add_flag, as_array, cache_folder, in_one_piece, jax, jnp, module_for
 
 
 def test_double_precision():
@@ -47,6 +47,15 @@ print(jax.config.jax_compilation_cache_dir)
     assert settings == "True False 1"
     assert ("xla_cpu_small_while_loop_byte_threshold" in flags) == (sys.version_info < (3, 12))
     assert folder.startswith(str(tmp_path))
+
+
+def test_what_a_user_sets_in_xla_flags_stands(monkeypatch):
+    for own, added in (("", True), ("--xla_cpu_prefer_vector_width=256", False), ("--xla_dump_to=x", True)):
+        monkeypatch.setenv("XLA_FLAGS", own)
+        _add_flag("--", "xla_cpu_prefer_vector_width", "512")
+        flags = os.environ["XLA_FLAGS"].split()
+        assert [f for f in flags if f != "--xla_cpu_prefer_vector_width=512"] == own.split()
+        assert ("--xla_cpu_prefer_vector_width=512" in flags) == added
 
 
 def test_parameters_are_computed_by_numpy_unless_they_are_under_a_trace():

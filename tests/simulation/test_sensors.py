@@ -325,6 +325,18 @@ def test_an_altimeter_has_no_reading_where_there_is_no_echo():
     assert record(Sensor("altimeter", 10.0, max_range=17.1), 100, seen=down)[1].any()
 
 
+def test_a_frozen_altimeter_reads_on_where_there_is_no_echo():
+    """It repeats its last reading out of reach too, but not while it is silent; without one there is none to repeat."""
+    sensor = Sensor("altimeter", 10.0, max_range=18.0, frozen=[(0.15, 1.0)], blackouts=[(0.35, 0.45)])
+    for first, expected in ((3.0, [True, True, True, False, True]), (1.0, [False] * 5)):
+        memory = sensor.init(jax.random.key(0), START)
+        for i, depth in enumerate([first, 1.0, 1.0, 1.0, 1.0]):
+            seen = SensorInput(state((0.0, 0.0, depth)), NU_DOT, jnp.asarray(50 * i + 49), SEA)
+            memory, slot = sensor.step(memory, seen, DT)
+            assert bool(slot.valid[0]) == expected[i]
+            assert float(slot.value[0, 0]) == pytest.approx(17.0 if expected[i] else 0.0)
+
+
 def test_a_leak_sensor_says_so():
     sensor = Sensor("leak", 1.0)
     for leak, reads in ((jnp.asarray(True), 1.0), (jnp.asarray(False), 0.0), (None, 0.0)):

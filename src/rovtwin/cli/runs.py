@@ -51,20 +51,23 @@ def fly(
     from rovtwin.scenario.files import load_scenario
 
     wanted = load_scenario(scenario, overrides or (), seed)
-    _say_whether_it_holds(wanted, console(as_json))
+    _say_beforehand(wanted, console(as_json))
     flight = _fly(wanted, out, realtime, report, console(as_json))
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)
 
 
-def _say_whether_it_holds(scenario: "Scenario", screen: Console) -> None:
-    """One line before a flight in moving water."""
+def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
+    """One line before a flight in moving water, and one before one on empty batteries."""
+    from rovtwin.scenario.compose_battery import empty_at_start
     from rovtwin.scenario.composition import compose
     from rovtwin.scenario.sea import moves, verdict
 
     if moves(scenario):
         screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
+    if said := empty_at_start(scenario):
+        screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
 
 
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console) -> Any:
@@ -253,8 +256,10 @@ def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None,
 def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
     """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying.
 
-    In waves or current also whether the vehicle can hold its place; `rovtwin sea` says more.
+    In waves or current also whether the vehicle can hold its place (`rovtwin sea` says more), and whether a battery is
+    empty from the start.
     """
+    from rovtwin.scenario.compose_battery import empty_at_start
     from rovtwin.scenario.composition import compose
     from rovtwin.scenario.files import load_scenario
     from rovtwin.scenario.sea import moves, verdict
@@ -262,13 +267,23 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
     found = load_scenario(scenario, overrides or ())
     composed = compose(found)
     holds, line = verdict(composed) if moves(found) else (None, None)
+    empty = empty_at_start(found)
     if as_json:
-        emit({"scenario": found.name, "valid": True, "holds_place": holds, "holds_place_line": line})
+        emit(
+            {
+                "scenario": found.name,
+                "valid": True,
+                "holds_place": holds,
+                "holds_place_line": line,
+                "battery_line": empty,
+            }
+        )
         return
     screen = console(False)
     screen.print(f"{scenario}: usable", markup=False)
-    if line:
-        screen.print(f"- {line}", markup=False, soft_wrap=True)
+    for said in (line, empty):
+        if said:
+            screen.print(f"- {said}", markup=False, soft_wrap=True)
 
 
 @scenario_app.command("schema")

@@ -8,6 +8,16 @@ from rovtwin.simulation.battery import Battery
 from rovtwin.vehicle import Vehicle
 
 
+def empty_at_start(scenario: Scenario) -> str | None:
+    """A line about batteries that a scenario starts without any charge; None where there are none."""
+    charge = 1.0 if scenario.battery is None else scenario.battery.charge
+    if isinstance(charge, dict):
+        names = ", ".join(name for name, share in charge.items() if share == 0.0)
+    else:
+        names = "all" if charge == 0.0 else ""
+    return f"battery empty from the start ({names}): its thrusters do nothing" if names else None
+
+
 def battery_of(scenario: Scenario, vehicle: Vehicle) -> Battery | None:
     """What feeds the thrusters; None where the scenario has no section `battery`.
 

@@ -57,6 +57,18 @@ def require_spans(where: str, spans: Array) -> None:
         raise ConfigError(f"{where}: found {found.tolist()}, expected pairs (from, to)")
 
 
+def within(spans: Array, t: Array, dt: float) -> Array:
+    """Whether t lies in each span, from (included) to (excluded), shape (m,).
+
+    Args:
+        spans: Shape (m, 2) [s].
+        t: [s].
+        dt: Step in which t advances [s]; a thousandth of it keeps rounding from deciding on which side of an edge t is.
+    """
+    begin, end = spans[:, 0] - 1e-3 * dt, spans[:, 1] - 1e-3 * dt
+    return (begin <= t) & (t < end)
+
+
 def require_direction(where: str, value: Array) -> None:
     """An angle in radians, within a turn either way."""
     expected = "an angle from -2 pi to 2 pi in radians (this looks like degrees)"
@@ -67,3 +79,12 @@ def require_shape(where: str, value: Array, shape: tuple[int, ...]) -> None:
     """The given shape."""
     if value.shape != shape:
         raise ConfigError(f"{where}: found shape {value.shape}, expected {shape}")
+
+
+def require_rotation(where: str, value: Array) -> None:
+    """A matrix that turns and does not stretch, shape (3, 3)."""
+    require(where, value, _is_rotation, "a rotation matrix (R R' = I, det R = 1)")
+
+
+def _is_rotation(R: np.ndarray) -> bool:
+    return bool(np.all(np.abs(R @ R.T - np.eye(3)) < 1e-6) and np.linalg.det(R) > 0)

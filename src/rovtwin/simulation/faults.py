@@ -15,7 +15,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.simulation.checks import require, require_probability, require_spans
+from rovtwin.simulation.checks import require, require_probability, require_spans, within
 from rovtwin.vehicle.model import Model
 
 ThrusterFaultKind = Literal["dead", "weak", "reversed", "stuck"]
@@ -131,25 +131,20 @@ class Faults(Block):
     def step(self, memory: Array, input: FaultInput, dt: float) -> tuple[Array, FaultOutput]:
         """Control tick k, from k dt on."""
         t = jnp.asarray(input.k) * dt
-        active = _within(self.spans, t, dt)[:, None] & self.thrusters
+        active = within(self.spans, t, dt)[:, None] & self.thrusters
         u = input.command.u
         for i in range(self.stuck.shape[0]):
             u = jnp.where(active[i] & self.stuck[i], jnp.where(self.given[i], self.command[i], memory), u)
         share = jnp.where(active, self.share[:, None], 1.0).prod(0)
         sign = jnp.where(active, self.sign[:, None], 1.0).prod(0)
-        leak = _within(self.leaks, t, dt).any()
-        snagged = {name: _within(spans, t, dt).any() for name, spans in self.snags.items()}
+        leak = within(self.leaks, t, dt).any()
+        snagged = {name: within(spans, t, dt).any() for name, spans in self.snags.items()}
         return u, FaultOutput(Command(sign * u), share, leak, snagged)
 
 
 def weakened(model: Model, share: Array) -> Model:
     """A model whose thrusters give a share of their force, shape (n,)."""
     return eqx.tree_at(lambda m: m.thrusters.health, model, model.thrusters.health * share)
-
-
-def _within(spans: Array, t: Array, dt: float) -> Array:
-    """Whether t lies in each span, shape (m,); a thousandth of a tick keeps rounding from deciding at the edges."""
-    return (spans[:, 0] - 1e-3 * dt <= t) & (t < spans[:, 1] - 1e-3 * dt)
 
 
 def _check(fault: ThrusterFault, count: int) -> None:

@@ -15,18 +15,21 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import wrap
-from rovtwin.core.numerics import Array, as_array, jax, jnp, module_for
+from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.simulation.checks import (
     require,
     require_finite,
     require_not_negative,
     require_positive,
     require_probability,
+    require_rotation,
     require_shape,
     require_spans,
+    within,
 )
 from rovtwin.simulation.noise import raw_key
 from rovtwin.simulation.sensor_kinds import KINDS, SensorInput
+from rovtwin.simulation.sensor_values import Offsets, offsets_of, per_axis, spans_of
 
 __all__ = ["KINDS", "PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7"]
 
@@ -55,13 +58,6 @@ class SensorMemory(eqx.Module):
     key: Array
     wear: Wear
     under_way: Slot | None
-
-
-class Offsets(eqx.Module):
-    """A bias that comes and goes: `value`, shape (m, n), within each of `spans`, shape (m, 2) [s]."""
-
-    spans: Array
-    value: Array
 
 
 class Sensor(Block):
@@ -152,14 +148,14 @@ class Sensor(Block):
             raise ConfigError(f"{kind}.rate: found {rate_hz} Hz, expected above 0 and at most {physics_rate_hz} Hz")
         self.latency_steps = round(latency * physics_rate_hz)
         self.noise, self.bias, self.bias_walk = (
-            _per_axis(f"{kind}.{name}", value, self.size)
+            per_axis(f"{kind}.{name}", value, self.size)
             for name, value in (("noise", noise), ("bias", bias), ("bias_walk", bias_walk))
         )
         self.clock_drift, self.clock_offset = as_array(clock_drift), as_array(clock_offset)
         self.dropout, self.outlier, self.outlier_size = as_array(dropout), as_array(outlier), as_array(outlier_size)
-        self.blackouts = _spans(blackouts)
-        self.offsets = _offsets(f"{kind}.offsets", offsets, self.size) if len(offsets) else None
-        self.frozen = _spans(frozen) if len(frozen) else None
+        self.blackouts = spans_of(blackouts)
+        self.offsets = offsets_of(f"{kind}.offsets", offsets, self.size) if len(offsets) else None
+        self.frozen = spans_of(frozen) if len(frozen) else None
         self.max_range = as_array(max_range)
         self.lever = as_array(lever)
         straight = DOWN if kind == "altimeter" else np.eye(3)
@@ -188,7 +184,7 @@ class Sensor(Block):
         require_shape(f"{kind}.lever", self.lever, (3,))
         require_finite(f"{kind}.lever", self.lever)
         require_shape(f"{kind}.rotation", R, (3, 3))
-        require(f"{kind}.rotation", R, _is_rotation, "a rotation matrix (R R' = I, det R = 1)")
+        require_rotation(f"{kind}.rotation", R)
 
     @property
     def size(self) -> int:
@@ -267,53 +263,23 @@ class Sensor(Block):
         outlier = self.outlier_size * direction / jnp.sqrt((direction**2).sum())
         value = value + jnp.where(odd < self.outlier, outlier, 0.0)
         if self.offsets is not None:
-            value = value + jnp.where(_within(self.offsets.spans, t, dt)[:, None], self.offsets.value, 0.0).sum(0)
+            value = value + jnp.where(within(self.offsets.spans, t, dt)[:, None], self.offsets.value, 0.0).sum(0)
         if self.kind == "attitude":
             value = wrap(value)
-        valid = (lost >= self.dropout) & ~_within(self.blackouts, t, dt).any()
+        comes = (lost >= self.dropout) & ~within(self.blackouts, t, dt).any()
+        valid = comes
         if self.kind == "altimeter":
             valid = valid & (ideal[0] > 0.0) & (ideal[0] <= self.max_range)
             value = jnp.where(valid, value, 0.0)  # no echo, no number: what is not finite must not reach a memory
         last, known = memory.wear.last, memory.wear.known
         if self.frozen is not None and last is not None and known is not None:
-            stuck = known & _within(self.frozen, t, dt).any()
-            value = jnp.where(stuck, last, value)
+            stuck = known & within(self.frozen, t, dt).any()
+            value, valid = jnp.where(stuck, last, value), valid | (stuck & comes)  # it needs no echo
             last, known = jnp.where(valid, value, last), known | valid
         # A reading that never was must not leak out through its filler.
         value = jnp.where(valid, value, 0.0)
         t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
         return Wear(wander, last, known), Slot(value[None], valid[None], t_valid[None])
-
-
-def _within(spans: Array, t: Array, dt: float) -> Array:
-    """Whether t lies in each span, from (included) to (excluded), shape (m,)."""
-    # A thousandth of a step keeps rounding from deciding which side of an edge a reading is on.
-    begin, end = spans[:, 0] - 1e-3 * dt, spans[:, 1] - 1e-3 * dt
-    return (begin <= t) & (t < end)
-
-
-def _spans(given: Any) -> Array:
-    """Spans of time as an array, shape (m, 2), of any number of them."""
-    return as_array(module_for(given).reshape(given, (-1, 2)))
-
-
-def _offsets(where: str, given: Sequence[tuple[float, float, Any]], size: int) -> Offsets:
-    value = as_array([np.asarray(_per_axis(where, bias, size)) for _, _, bias in given])
-    require_finite(where, value)
-    return Offsets(_spans([(begin, end) for begin, end, _ in given]), value)
-
-
-def _per_axis(where: str, value: Any, size: int) -> Array:
-    """A number for all axes, or one for each, as shape (size,)."""
-    xp = module_for(value)
-    value = xp.asarray(value, dtype=float)
-    if value.shape not in ((), (size,)):
-        raise ConfigError(f"{where}: found {value.size} numbers, expected 1 or {size}")
-    return as_array(xp.broadcast_to(value, (size,)))
-
-
-def _is_rotation(R: np.ndarray) -> bool:
-    return bool(np.all(np.abs(R @ R.T - np.eye(3)) < 1e-6) and np.linalg.det(R) > 0)
 
 
 def _draw(key: Array, n: int) -> tuple[Array, Array]:

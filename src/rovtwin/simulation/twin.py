@@ -11,7 +11,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.battery import Battery, BatteryInput, BatteryState, forces_within
 from rovtwin.simulation.faults import FaultInput, Faults, weakened
 from rovtwin.simulation.noise import key_for
-from rovtwin.simulation.sensors import Sensor, SensorInput, SensorMemory, put
+from rovtwin.simulation.sensors import PHYSICS_RATE, Sensor, SensorInput, SensorMemory, put
 from rovtwin.simulation.tether import Pull, Tether, TetherInput, TetherMemory
 from rovtwin.simulation.world import World, WorldMemory
 from rovtwin.vehicle.dynamics import State, acceleration, plant_step
@@ -83,6 +83,7 @@ class Twin(Block):
     def init(self, key: Array, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""
         world = self.world.init(key_for(key, "world"), start)
+        h = 1.0 / PHYSICS_RATE  # before the first step no current depends on how long it will be
         return TwinMemory(
             State.at(self.model, start),
             world,
@@ -90,7 +91,7 @@ class Twin(Block):
             None if self.faults is None else self.faults.init(key_for(key, "faults"), start),
             None if self.battery is None else self.battery.init(key_for(key, "battery"), start),
             {
-                name: tether.settled(start, lambda places: self.world.velocities(world, places, 1.0))
+                name: tether.settled(start, lambda places: self.world.velocities(world, places, h))
                 for name, tether in self.tethers.items()
             },
         )
