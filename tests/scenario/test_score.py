@@ -50,13 +50,20 @@ def test_scores_of_a_known_run():
     assert result["station_rms_m"] is None
 
 
-def test_the_first_dive_does_not_count_and_later_dives_do():
+def test_the_first_dive_does_not_count():
     mode = np.zeros((6, 4))
     mode[:, 0] = [DIVE, DIVE, GO, DIVE, GO, HOLD]
     assert after_first_dive(mode).tolist() == [False, False, True, True, True, True]
     run = flown()
     run.eta[:100, 1:3] = 50.0
     assert score(run)["cross_track_max_m"] == pytest.approx(0.3)
+    assert score(run)["depth_rms_m"] == pytest.approx(0.1)
+
+
+def test_the_way_to_another_depth_is_no_error_of_depth():
+    run = flown()
+    run.mode[500:600, 0], run.mode[500:600, 3] = DIVE, 0
+    run.eta[500:600, 2] = 0.5
     assert score(run)["depth_rms_m"] == pytest.approx(0.1)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
-from rovtwin.core.flow import ABORTED, FINISHED, GO, HOLD, PHASES, REASONS, TURN
+from rovtwin.core.flow import ABORTED, DIVE, FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
 STATION = 10.0  # holding counts as keeping a station from this long on [s]
@@ -105,7 +105,8 @@ def effective_samples(series: np.ndarray) -> float:
 
 def score(flown: Flown) -> dict[str, Any]:
     """Figures of one run; those of a phase that never came are None."""
-    phase = int(flown.mode[-1, 0])
+    phase_of = flown.mode[:, 0].astype(int)
+    phase = int(phase_of[-1])
     settled = after_first_dive(flown.mode)
     legs = settled & (flown.mode[:, 3] > 0.5)
     station = settled & (flown.mode[:, 0] == HOLD)
@@ -122,7 +123,8 @@ def score(flown: Flown) -> dict[str, Any]:
         "duration_s": flown.duration,
         **_pair("cross_track", distance_to_leg(flown.eta[legs], flown.leg[legs])),
         **_pair("station", np.hypot(*(flown.eta[station, :2] - flown.leg[station, 3:5]).T)),
-        "depth_rms_m": _rms((flown.eta[:, DEPTH] - flown.leg[:, 5])[settled]),
+        # On its way to another depth a vehicle is not at the depth it goes to: that is no error.
+        "depth_rms_m": _rms((flown.eta[:, DEPTH] - flown.leg[:, 5])[settled & (phase_of != DIVE)]),
         "position_error_rms_m": [_rms(error[:, 0]), _rms(error[:, 1])],
         "nees_position_mean": _mean(position_nees[late]),
         "nees_effective_samples": effective_samples(position_nees[late]) if late.any() else None,
