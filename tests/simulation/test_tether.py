@@ -13,7 +13,7 @@ from rovtwin.core.flow import Command
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.simulation.cable import ENOUGH, TOE, Cable, balance, solve
-from rovtwin.simulation.tether import Pull, Tether, TetherInput
+from rovtwin.simulation.tether import HAULING_SPEED, Pull, Tether, TetherInput
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.simulation.world import World
 from rovtwin.vehicle.dynamics import State, kinetic_energy
@@ -355,11 +355,23 @@ def test_snagged_holds_where_it_was_caught():
 
 
 def test_tended_follows_the_distance_up_to_what_is_on_the_drum():
-    places = jnp.stack([jnp.linspace(0.2, 30.0, 500), jnp.zeros(500), jnp.full(500, 1.0)], axis=1)
+    places = jnp.stack([jnp.linspace(0.2, 30.0, 1000), jnp.zeros(1000), jnp.full(1000, 1.0)], axis=1)
     tended = tether(25.0, slack=as_array(1.1))
-    length = np.asarray(dragged(tended, places, jnp.zeros(500, dtype=bool)).line.length)
+    length = np.asarray(dragged(tended, places, jnp.zeros(1000, dtype=bool)).line.length)
     distance = np.linalg.norm(places, axis=1)
     np.testing.assert_allclose(length, np.clip(1.1 * distance, 2.0, 25.0), atol=1e-5)
+
+
+def test_a_tended_tether_that_comes_free_is_hauled_in_gently():
+    """Caught while the vehicle comes back, metres are slack when it is let go: hauled in at once, it would yank."""
+    t = jnp.arange(0.0, 40.0, DT)
+    places = jnp.stack([12.0 - 0.3 * jnp.clip(t - 5.0, 0.0, 20.0), 0.0 * t, 3.0 + 0.0 * t], axis=1)
+    pull = dragged(tether(25.0, slack=as_array(1.1)), places, (t > 5.0) & (t < 25.0))
+    length, after = np.asarray(pull.line.length), np.asarray(t) > 25.0
+    assert length[after][0] > 1.4 * np.linalg.norm(places[-1])
+    assert np.diff(length).min() >= -HAULING_SPEED * DT - 1e-9
+    np.testing.assert_allclose(length[-1], 1.1 * np.linalg.norm(places[-1]), rtol=1e-6)
+    assert pull.line.tension[after].max() < 1.0
 
 
 def test_the_pull_follows_the_vehicle_within_a_tick():

@@ -28,6 +28,8 @@ from rovtwin.simulation.cable import Cable, Pin, advance
 from rovtwin.simulation.checks import require, require_finite, require_not_negative, require_positive, require_shape
 from rovtwin.vehicle.dynamics import State
 
+# Of whoever tends it: 2 m/s off a free drum lets any small vehicle go; hauled in faster than it falls, it would pull.
+PAYING_OUT_SPEED, HAULING_SPEED = 2.0, 0.5  # [m/s]
 SHORTEST = 2.0  # a tended tether is never shorter than this [m]
 # Before a run the shape settles in implicit steps that grow and shrink: 10 minutes in all, 60 m of drift at 0.1 m/s.
 SETTLING_STEPS = np.concatenate([np.geomspace(0.05, 20.0, 120), np.geomspace(20.0, 0.05, 40)])  # [s]
@@ -171,7 +173,7 @@ class Tether(Block):
         """Its shape and its pull over the next dt."""
         place, velocity = self._attachment(input.state)
         last = memory.line.nodes
-        length = jnp.where(memory.snagged, memory.line.length, self._paid_out(place))
+        length = jnp.where(memory.snagged, memory.line.length, self._tended(memory.line.length, place, dt))
         before = jnp.concatenate([last[:-1], place[None]])
         guess = jnp.concatenate([(before + memory.moves)[:-1], (place + dt * velocity)[None]])
         caught = np.eye(self.segments + 1)[self.snag]
@@ -204,6 +206,13 @@ class Tether(Block):
         R_nb = rotation_from_quaternion(state.attitude)
         velocity = state.nu[:3] + cross(state.nu[3:], self.attachment)
         return state.position + R_nb @ self.attachment, R_nb @ velocity
+
+    def _tended(self, length: Array, place: Array, dt: float) -> Array:
+        """What is paid out a tick later: whoever tends it follows the vehicle no faster than a hand or a drum can."""
+        if self.slack is None:
+            return length
+        change = self._paid_out(place) - length
+        return length + jnp.clip(change, -HAULING_SPEED * dt, PAYING_OUT_SPEED * dt)
 
     def _paid_out(self, place: Array) -> Array:
         if self.slack is None:
