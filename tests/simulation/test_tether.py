@@ -371,7 +371,7 @@ def test_a_tended_tether_that_comes_free_is_hauled_in_gently():
     assert length[after][0] > 1.4 * np.linalg.norm(places[-1])
     assert np.diff(length).min() >= -HAULING_SPEED * DT - 1e-9
     np.testing.assert_allclose(length[-1], 1.1 * np.linalg.norm(places[-1]), rtol=1e-6)
-    assert pull.line.tension[after].max() < 1.0
+    assert pull.line.tension[after].max() < 2.0  # drag of the line that comes in
 
 
 def test_the_pull_follows_the_vehicle_within_a_tick():
