@@ -64,6 +64,7 @@ def test_a_preset_can_be_named_and_then_changed():
         ("world.waves.drift=-1", "world.waves.drift: found -1, expected a number of at least 0"),
         ("world.waves.drift=.nan", "world.waves.drift: found nan, expected a finite number"),
         ("world.current=[1,2]", "world.current: found 2 values, expected 3"),
+        ("world.current=0.2", "world.current: found 0.2, expected three numbers [north, east, down]"),
         ("world.current={type: sheared, depths: [5, 0], velocities: [[0,0,0],[0,0,0]]}", "do not increase"),
         ("world.current={type: sheared, depths: [0, 5], velocities: [[0,0,0]]}", "expected 2"),
         ("world.current={type: gauss_markov, sigma: [-1,0,0], time_constant: 10}", "cannot be negative"),
@@ -106,6 +107,18 @@ def test_missions_and_vehicles_are_found_beside_the_scenario_file(tmp_path, monk
     scenario = load_scenario(tmp_path / "my.yaml")
     assert scenario.mission.waypoints[0].position == [1, 2, 3]
     assert scenario.vehicle == str(tmp_path / "my_vehicle.yaml")
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [("pool.yaml", "pool"), ("my dive 2.yaml", "my_dive_2"), (".hidden.yaml", "hidden"), ("__.yaml", "scenario")],
+)
+def test_a_scenario_without_a_name_is_called_like_its_file(file, name, tmp_path):
+    (tmp_path / file).write_text("mission: square")
+    assert load_scenario(tmp_path / file).name == name
+    assert load_scenario(tmp_path / file, ["name=other"]).name == "other"
+    (tmp_path / file).write_text("name: mine\nmission: square")
+    assert load_scenario(tmp_path / file).name == "mine"
 
 
 def test_seeds():

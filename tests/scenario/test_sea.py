@@ -66,6 +66,13 @@ def test_lines():
     assert "cannot hold: takes" in verdict(compose(load_scenario("lawnmower_calm", ["world.net_buoyancy=80"])))[1]
 
 
+def test_the_line_says_that_tethers_are_not_in_it():
+    tethered = compose(load_scenario("square_tether", ["world.current=[0,0.1,0]"]))
+    assert verdict(tethered)[1].endswith(" (without the tethers' pull)")
+    assert sea_report(tethered)["line"] == verdict(tethered)[1]
+    assert "tether" not in verdict(compose(load_scenario("square", ["world.current=[0,0.1,0]"])))[1]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "sea", [{"height": 0.27, "period": 3.0}, {"height": 1.5}, {"height": 4.1, "period": 8.7}, {"current": 0.3}]

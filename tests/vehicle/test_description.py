@@ -468,7 +468,22 @@ def test_uncontrollable_directions_that_are_no_axis():
         ({"center_of_gravity": [0, 0, -0.02]}, "roll has no righting moment"),
         ({"center_of_gravity": [0.01, 0, 0.02]}, "pitch trim"),
         ({"parts": [{"name": "lead", "mass": 1.0}]}, "v.lead: 1 kg counted as a point"),
-        ({"mass": 9.0}, "is a volume missing?"),
+        (
+            {"restoring": {"net_buoyancy": 30.0}, "thrusters": [thruster(direction=[0, 0, 1])]},
+            "floats with 30 N, more than the thrusters have;",
+        ),
+        ({"mass": 9.0}, "weigh 9 kg: is a volume missing?"),
+        ({"mass": 1.0}, "weigh 1 kg: is a mass missing, or a volume in litres?"),
+        (
+            {"shape": {"box": [400, 300, 220]}, "volume": 0.0095, "mass": 9.6},
+            "v: its shape holds 2.64e+07 m3 and its volume is 0.0095: is the shape in millimetres?",
+        ),
+        (
+            {"parts": [{"name": "a", "shape": {"sphere": 100}, "mass": 4.0}]},
+            "v.a: its shape holds 4.19e+09 kg of water and its mass is 4: is the shape in millimetres?",
+        ),
+        ({"volume": 4.19}, "its volume is 4.19: is the volume in litres?"),
+        ({"mass": 4190.0}, "its mass is 4.19e+03: is the mass in grams?"),
         ({}, "their interaction is not in it"),
         ({"hydrodynamics": {"linear_damping": [0] * 6, "quadratic_damping": [0] * 6}}, "sway has no damping at all"),
     ],

@@ -1,5 +1,6 @@
 """Scenario and mission files: find, read, override, write."""
 
+import re
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
@@ -75,12 +76,20 @@ def _find(name: str) -> tuple[dict[str, Any], Path]:
     if not path.is_file():
         raise ConfigError(_no_such("scenario", name, known))
     data = read_yaml(path)
+    called = _name_from(path)
+    if called:
+        data.setdefault("name", called)
     if added:
         data["name"] = name
     for variant in added:
         section, more = VARIANTS[variant]
         data[section] = (data.get(section) or {}) | more
     return data, path
+
+
+def _name_from(path: Path) -> str:
+    """The file's name as a scenario may be called, for one that says no name; empty where nothing is left of it."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", path.stem).lstrip("_.-")
 
 
 def _without_variants(name: str, known: list[str]) -> tuple[str, list[str]]:

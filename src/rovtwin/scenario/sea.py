@@ -91,10 +91,15 @@ def _still(h: Holding) -> str:
     return said + (f"; heave {heave:.3g} N rms of {h.available_heave:.3g} N" if heave >= HEAVE_SAID else "")
 
 
+def _said(composed: Composed, found: list[Holding]) -> str:
+    """The verdict as a sentence, with what it leaves out of this scenario."""
+    return verdict_line(found) + (" (without the tethers' pull)" if composed.loop.twin.tethers else "")
+
+
 def verdict(composed: Composed) -> tuple[str, str]:
     """The worst verdict, and the line about it."""
     found = holdings(composed)
-    return worst(found).verdict, verdict_line(found)
+    return worst(found).verdict, _said(composed, found)
 
 
 def sea_report(composed: Composed) -> dict[str, Any]:
@@ -106,7 +111,7 @@ def sea_report(composed: Composed) -> dict[str, Any]:
         "vehicle": composed.vehicle.name,
         "waves": section.model_dump(exclude_none=True) if section else None,
         "verdict": worst(found).verdict,
-        "line": verdict_line(found),
+        "line": _said(composed, found),
         "places": [as_data(h) for h in found],
         "thesis_force_rms_n": None,
         "real_sea": None,
@@ -129,7 +134,7 @@ def _in_real_sea(composed: Composed, section: ThesisWavesSection) -> dict[str, A
     except ConfigError as error:
         return {"verdict": None, "line": f"no such sea: {error}", "places": []}
     found = holdings(composed, replace(composed.loop.twin.world, waves=sea))
-    return {"verdict": worst(found).verdict, "line": verdict_line(found), "places": [as_data(h) for h in found]}
+    return {"verdict": worst(found).verdict, "line": _said(composed, found), "places": [as_data(h) for h in found]}
 
 
 def real_sea(section: ThesisWavesSection) -> AirySection:

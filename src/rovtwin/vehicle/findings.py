@@ -8,14 +8,18 @@ import numpy as np
 
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import rank, uncontrollable_directions
-from rovtwin.vehicle.schema import Thruster
+from rovtwin.vehicle.schema import Body, Thruster
 from rovtwin.vehicle.trim import SPEED_LIMIT, hang, reach, stability, steady_speed
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 _UNNOTICED = 1e-6  # net buoyancy as a share of the weight
 _UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
+# Between a shape and what its part displaces or weighs: lead is 11 times water, the box around an open frame some 50
+# times its tubes; a slip of units is 1000 (litres, grams) or more.
+_SLIP = 100.0
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
 
 
@@ -93,14 +97,31 @@ def _about_parts(vehicle: Vehicle) -> Iterator[str]:
     for name, body in bodies(vehicle.file, vehicle.name):
         if body.mass and body.inertia is None and body.shape is None and body.rigid_body is None:
             yield f"{name}: {body.mass:g} kg counted as a point: neither 'inertia' nor 'shape' is given"
+        yield from _about_units(name, body, vehicle.assembly.density)
     if vehicle.file.hydrodynamics is None or vehicle.file.hydrodynamics.added_mass is None:
         yield "added mass is the sum over the parts' shapes, each alone in the water: their interaction is not in it"
     mass, displaced = vehicle.assembly.solid.mass, vehicle.assembly.density * vehicle.assembly.volume
     if not vehicle.file.restoring and abs(displaced - mass) > 0.2 * mass:
+        missing = "is a mass missing, or a volume in litres?" if displaced > mass else "is a volume missing?"
         yield (
-            f"the parts displace {displaced:.3g} kg of water and weigh {mass:.3g} kg: is a volume missing? "
+            f"the parts displace {displaced:.4g} kg of water and weigh {mass:.4g} kg: {missing} "
             "A vehicle trimmed to float says 'restoring: {buoyancy: neutral}'"
         )
+
+
+def _about_units(name: str, body: Body, density: float) -> Iterator[str]:
+    """Whether a part's shape fits what it displaces and weighs, in water of a density [kg/m3]."""
+    if body.shape is None:
+        return
+    solid = Solid.of(body.shape).volume()
+    for key, given, held, unit, slip in (
+        ("volume", body.volume, solid, "m3", "litres"),
+        ("mass", body.mass, density * solid, "kg of water", "grams"),
+    ):
+        if given and not 1.0 / _SLIP < held / given < _SLIP:
+            why = "is the shape in millimetres?" if held > given else f"is the {key} in {slip}?"
+            yield f"{name}: its shape holds {held:.3g} {unit} and its {key} is {given:.3g}: {why}"
+            return
 
 
 def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
@@ -127,7 +148,9 @@ def _about_floating(model: Model) -> Iterator[str]:
     net = floating.net_buoyancy
     if abs(net) > _UNNOTICED * float(model.weight):
         way, limit = ("floats", limits[1]) if net > 0 else ("sinks", -limits[0])
-        share = f", {100 * abs(net) / limit:.0f} % of the heave thrust" if limit > 0 else ""
+        share = "" if limit <= 0 else f", {100 * abs(net) / limit:.0f} % of the heave thrust"
+        if 0 < limit < abs(net):
+            share = ", more than the thrusters have"
         yield f"{way} with {abs(net):.3g} N{share}; without thrust it drifts {steady_speed(model, 2, -net):.2f} m/s"
     for i, axis in enumerate(("roll", "pitch")):
         if floating.stiffness[i] <= 0:

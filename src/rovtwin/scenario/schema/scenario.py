@@ -41,7 +41,9 @@ class LogSection(Strict):
 class Scenario(Strict):
     """A run, complete: the same scenario and seed give the same data, bit for bit on the same machine."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")] = "scenario"
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="default that of the file")] = (
+        "scenario"
+    )
     description: str = ""
     vehicle: str | dict[str, Any] = Field(
         default="double_blueye", description="library name, file, or the description itself"

@@ -163,6 +163,10 @@ class WorldSection(Strict):
             return {"type": "constant", "velocity": value}
         if isinstance(value, dict) and "type" not in value:
             return {"type": "constant"} | value
+        if not isinstance(value, Strict | dict):
+            raise ValueError(
+                f"found {value!r}, expected three numbers [north, east, down] in m/s, such as [0.2, 0, 0], or a mapping"
+            )
         return value
 
     @field_validator("waves", mode="before")
