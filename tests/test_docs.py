@@ -10,7 +10,10 @@ import pytest
 import yaml
 
 import rovtwin.cli
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.findings import check
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -71,7 +74,8 @@ def test_the_ballast_of_the_docs_is_what_is_printed(tmp_path, monkeypatch, capsy
     text = (ROOT / "docs" / "vehicles.md").read_text()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    Path("my.yaml").write_text(text.split("```yaml\n")[1].split("restoring:")[0])
+    mine = text.split("```yaml\n")[1].split("```")[0].splitlines()
+    Path("untrimmed.yaml").write_text("\n".join(line for line in mine if not line.startswith("restoring")))
     (line,) = [line for line in commands(ROOT / "docs" / "vehicles.md") if "-o ballasted.yaml" in line]
     monkeypatch.setattr(sys, "argv", shlex.split(line))
     with pytest.raises(SystemExit):
@@ -79,6 +83,20 @@ def test_the_ballast_of_the_docs_is_what_is_printed(tmp_path, monkeypatch, capsy
     printed = [row.rstrip() for row in capsys.readouterr().out.strip().splitlines()]
     shown = text.split("```\npieces for my")[1].split("```")[0]
     assert printed == ("pieces for my" + shown).strip().splitlines()
+
+
+def test_the_vehicles_and_the_scenario_of_the_docs_are_usable(tmp_path):
+    found = []
+    for page in ("vehicles.md", "scenarios.md"):
+        blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / page).read_text(), re.S)
+        for i, block in enumerate(blocks):
+            path = tmp_path / f"{page}_{i}.yaml"
+            path.write_text(block)
+            if block.startswith("name:"):
+                found.append(check(path).verdict)
+            elif block.startswith("description:"):
+                found.append(compose(load_scenario(path)).scenario.name)
+    assert found == ["usable", "usable", "scenarios.md_2"]
 
 
 def test_the_performance_of_the_docs_is_what_is_printed(monkeypatch, capsys):
