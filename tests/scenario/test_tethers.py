@@ -39,7 +39,7 @@ def test_one_for_each_unit_from_above_the_start():
 
 
 def test_from_the_nearest_wall_of_a_tank():
-    found = tethers("world.tank={north: [-1, 9], east: [-2, 4]}", "world.floor=5")
+    found = tethers("world.tank={north: [-1, 9], east: [-3, 12]}", "world.floor=5")
     assert all(np.array_equal(t.anchor, [-1, 0, 0]) and float(t.cable.floor) == 5.0 for t in found.values())
 
 
