@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import rovtwin.cli
+from rovtwin.cli.logs import in_short
 from rovtwin.core.log import Log
 
 
@@ -82,6 +83,7 @@ def test_log_commands(short_run, tmp_path, capsys):
     assert code == 0 and rows["sensor/gyro"]["messages"] == 1200 and rows["truth/eta"]["frame"] == "n"
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap")
     assert code == 0 and "datum: 63.450000° N, 10.360000° E, water level 0 m, start 2021-06-01T10:00:00Z" in out
+    assert in_short(["x", "y"]) == "x y" and in_short([f"x{i}" for i in range(60)]) == "x0 … x59 (60)"
     assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "run.nc")[0] == 0
     assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "csv")[0] == 0
     for ending in ("geojson", "gpx", "kml"):

@@ -823,6 +823,7 @@ def test_a_track_over_the_date_line_does_not_jump(tmp_path: Path) -> None:
     gpx = ElementTree.parse(export_map(log, tmp_path / "t.gpx")).getroot()
     longitudes = [float(p.attrib["lon"]) for p in gpx.iter("{http://www.topografix.com/GPX/1/1}trkpt")]
     assert longitudes[0] > 179.9 and longitudes[2] < -179.9
+    assert {p.text for p in gpx.iter("{http://www.topografix.com/GPX/1/1}ele")} == {"0.000"}
 
 
 def test_what_cannot_be_drawn_on_a_map(log: Log, flown: Log, tmp_path: Path) -> None:

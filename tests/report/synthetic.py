@@ -173,6 +173,17 @@ def synthetic(dt=0.1, speed=0.25, seed=1, waves=True, optimism=1.0, metadata=Tru
     deep_t = np.arange(1 / 42, t[-1], 1 / 42)
     depth = np.interp(deep_t, t, truth[:, 2]) + 1e-3 * rng.standard_normal(len(deep_t))
     add("sensor/pressure", ("depth", "t_valid"), ("m", "s"), "n", deep_t, np.column_stack([depth, deep_t]), 42.0)
+    for side, place in (("port", -0.28), ("starboard", 0.28)):
+        nodes = np.linspace([-1.0, place, 0.0], truth[:, :3], 4).transpose(1, 0, 2)
+        length = 1.1 * np.linalg.norm(nodes[:, -1] - nodes[:, 0], axis=1)
+        pull = 0.05 * length + 0.02 * np.sin(t)
+        fields, units = ("tension", "north", "east", "down", "paid_out"), ("N",) * 4 + ("m",)
+        add(f"truth/tether/{side}_tether", fields, units, "n", t, np.column_stack([pull, -pull, 0 * t, 0 * t, length]))
+        fields = tuple(f"{axis}{i}" for i in range(4) for axis in "xyz")
+        add(f"truth/tether_shape/{side}_tether", fields, "m", "n", t, nodes)
+    left, power = [1 - 0.4 * t / t[-1], 1 - 0.3 * t / t[-1]], [20 + np.sin(t), 15 + np.cos(t)]
+    fields = ("port_charge", "starboard_charge", "port_power", "starboard_power")
+    add("truth/battery", fields, ("1", "1", "W", "W"), "", t, np.column_stack([*left, *power]))
     return Log.from_arrays(
         channels, data, _metadata(t, truth, error, nees, across[on_leg], waves) if metadata else {"version": "0.1.0"}
     )

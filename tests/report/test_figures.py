@@ -3,7 +3,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Rectangle
 from scipy.stats import chi2
 from tests.report.synthetic import WAYPOINTS, synthetic
 
@@ -11,10 +11,10 @@ from rovtwin.core.log import Log
 from rovtwin.report import figures
 from rovtwin.report.catalogue import CATALOGUE, left_out
 from rovtwin.report.consistency import chi_square_range, consistency
-from rovtwin.report.effort import _slow, _true_wrench
-from rovtwin.report.flight import Flight, beside, unwrapped
+from rovtwin.report.effort import _true_wrench
+from rovtwin.report.flight import FaultSpan, Flight, beside, slow_mean, unwrapped
 from rovtwin.report.motion import tracking
-from rovtwin.report.style import thin
+from rovtwin.report.style import _fault_labels, thin
 
 NAMES = [entry.name for entry in CATALOGUE]
 
@@ -145,7 +145,7 @@ def test_true_force_is_turned_into_the_world(log):
 
 def test_slow_mean_takes_a_wave_away_and_keeps_a_ramp():
     t = np.arange(0, 200, 0.1)
-    slow = _slow(t, (0.01 * t + np.sin(2 * np.pi * t / 5))[:, None])[:, 0]
+    slow = slow_mean(t, (0.01 * t + np.sin(2 * np.pi * t / 5))[:, None])[:, 0]
     middle = (t > 20) & (t < 180)
     np.testing.assert_allclose(slow[middle], 0.01 * t[middle], atol=0.02)
 
@@ -159,6 +159,82 @@ def test_a_run_that_only_keeps_station_shows_its_distance(coarse):
     (line,) = (one for one in axes_of(figure, "Distance to way-point [m]").lines if len(one.get_ydata()) > 2)
     leg, eta = coarse["autopilot/leg"].values[-1], coarse["truth/eta"].values[-1]
     assert line.get_ydata()[-1] == pytest.approx(np.hypot(eta[0] - leg[3], eta[1] - leg[4]))
+
+
+# Tethers, batteries, tank
+
+
+def with_empty_port_battery(log):
+    """The log with nothing left in battery port after half of the time."""
+    data = {name: (log[name].t, np.array(log[name].values)) for name in log.channels}
+    t, values = data["truth/battery"]
+    values[t >= t[-1] / 2, 0] = 0.0
+    table = {"batteries": [{"name": "port", "thrusters": ["port_surge"]}]}
+    return Log.from_arrays(log.channels.values(), data, log.metadata | {"vehicle_table": json.dumps(table)})
+
+
+def with_tank(log, north, east):
+    return without(log, metadata=log.metadata | {"scenario": f"world:\n  tank: {{north: {north}, east: {east}}}\n"})
+
+
+def test_tension_and_charge_are_drawn_as_logged(drawn, log):
+    pull = log["truth/tether/port_tether"]["tension"]
+    tensions, charges = (
+        [np.asarray(line.get_ydata()) for line in axes_of(drawn[name], label).lines]
+        for name, label in (("tethers", "Tension [N]"), ("batteries", "Charge [%]"))
+    )
+    assert len(tensions) == 2 and tensions[0].max() == pytest.approx(pull.max())
+    assert [charge[-1] for charge in charges] == pytest.approx([60.0, 70.0])
+
+
+def test_captions_say_the_largest_tension_and_what_is_left(log):
+    said = {entry.name: entry.said(Flight(log)) for entry in CATALOGUE}
+    pull = max(log[f"truth/tether/{side}_tether"]["tension"].max() for side in ("port", "starboard"))
+    assert f"Largest tether tension: {pull:.3g} N, " in said["tethers"]
+    assert said["batteries"].endswith("Left at the end: port 60 %, starboard 70 %.")
+
+
+def test_nobody_misses_tethers_that_a_run_did_not_have(log):
+    assert left_out(without(log, "truth/tether/", "truth/tether_shape/", "truth/battery")) == []
+
+
+def test_an_empty_battery_is_a_fault_of_its_thrusters(coarse):
+    flight = Flight(with_empty_port_battery(coarse))
+    (fault,) = flight.faults
+    assert fault.what == "battery port empty" and fault.thrusters == ("port_surge",)
+    assert fault.start == flight.emptied["port"] == pytest.approx(coarse.end / 2, abs=2.0)
+    assert Flight(coarse).faults == []
+
+
+def test_path_shows_the_tank_and_the_anchors(coarse):
+    axes = axes_of(figures(with_tank(coarse, [-2.0, 9.0], [-3.0, 11.0]))["path"], "North [m]")
+    (wall,) = (patch for patch in axes.patches if isinstance(patch, Rectangle))
+    assert (wall.get_x(), wall.get_y(), wall.get_width(), wall.get_height()) == (-3.0, -2.0, 14.0, 11.0)
+    assert axes.get_xlim()[0] < -3.0 and axes.get_ylim()[1] > 9.0
+    points = {tuple(np.asarray(line.get_xydata())[0].tolist()) for line in axes.lines if line.get_marker() == "^"}
+    assert points == {(-0.28, -1.0), (0.28, -1.0)}
+
+
+def test_a_tank_much_larger_than_the_path_does_not_shrink_it(coarse):
+    axes = axes_of(figures(with_tank(coarse, [-200.0, 900.0], [-300.0, 500.0]))["path"], "North [m]")
+    assert axes.get_xlim()[0] > -10
+
+
+def test_no_line_of_the_path_goes_on_after_its_end(coarse):
+    data = {name: (coarse[name].t, coarse[name].values) for name in coarse.channels}
+    eta = coarse["truth/eta"]
+    half = len(eta) // 2
+    data["truth/eta"] = (eta.t[:half], eta.values[:half])
+    axes = axes_of(figures(Log.from_arrays(coarse.channels.values(), data, coarse.metadata))["path"], "North [m]")
+    last = coarse["autopilot/eta"].values[half - 1, :2]
+    drawn = [np.asarray(line.get_xydata()) for line in axes.lines]
+    assert any(np.allclose(line[-1], last[::-1]) for line in drawn if len(line) > 20)
+
+
+def test_fault_numbers_that_would_overlap_are_written_together():
+    faults = [FaultSpan(k, "", start, 1500.0, ()) for k, start in enumerate((15, 60, 90, 120, 900, 930, 1400), start=1)]
+    assert _fault_labels(faults, 1500.0) == [(120, "1–4"), (930, "5,6"), (1400, "7")]
+    assert [label for _, label in _fault_labels(faults[:4], 200.0)] == ["1", "2", "3", "4"]
 
 
 # Thinning and angles

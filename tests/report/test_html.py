@@ -11,6 +11,8 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.log import Channel, Log
 from rovtwin.report import write_comparison, write_report
 from rovtwin.report.flight import Flight
+from rovtwin.report.tables import mission_table
+from rovtwin.report.vehicle import vehicle_tables
 from rovtwin.report.verdict import scores, verdict
 
 
@@ -72,7 +74,7 @@ def test_links_lead_somewhere(page, folder):
 
 def test_figures_as_png_and_svg_of_moderate_size(folder, page):
     png, svg = sorted((folder / "figures").glob("*.png")), sorted((folder / "figures").glob("*.svg"))
-    assert [p.stem for p in png] == [p.stem for p in svg] and len(png) == 8
+    assert [p.stem for p in png] == [p.stem for p in svg] and len(png) == 10
     assert all(p.stat().st_size < 1e6 for p in (*png, *svg))
     assert (folder / "report.html").stat().st_size < 5e6
     assert all(p.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" for p in png)
@@ -97,6 +99,38 @@ def test_vehicle_has_symbols_and_units(page):
     assert "top speed [m/s] coasting time [s] surge ahead 20 0.36 -" in page.text
     assert "moment [N m] top speed [deg/s] coasting time [s] yaw port 5.6 47.4 6.1" in page.text
     assert "X_udot = -20.95 kg X_u = -4.4 N s/m" in page.text and "position [m]" in page.text
+
+
+def parameters(**found):
+    """Words of the vehicle's tables in other water, by what the log says of both."""
+    log = synthetic(dt=2.0)
+    log.metadata["vehicle_table"] = json.dumps(found)
+    log.metadata["scenario"] = "world:\n  water: {density: 1025.0, temperature: null, salinity: null}\n"
+    return [
+        " ".join(cell for row in [table.head, *table.rows] for cell in row) for table in vehicle_tables(Flight(log))
+    ]
+
+
+def test_vehicle_says_which_water():
+    (text,) = parameters(water_density_kgm3=1000.0, weight_N=300.0, buoyancy_N=294.0, net_buoyancy_N=-6.0)
+    assert "water density, as the file describes it ρ 1000 kg/m³ water density, in the water flown ρ 1025 kg/m³" in text
+    assert "net buoyancy, as the file describes it  -6 N net buoyancy, in the water flown  1.35 N" in text
+
+
+def test_units_of_tethers_and_batteries():
+    tethers, batteries = parameters(
+        mass_kg=30.0,
+        tethers=[{"name": "one", "wet_weight_N_per_m": 0.1}],
+        batteries=[{"name": "port", "capacity_Wh": 75.0, "hotel_load_W": 20.0}],
+    )[1:]
+    assert "wet weight [N/m]" in tethers and "capacity [Wh] hotel load [W]" in batteries
+
+
+def test_way_points_to_the_millimetre():
+    log = synthetic(dt=2.0)
+    log.metadata["mission"] = json.dumps([{"position": [6.01934033, 1.645e-12, 2.5]}])
+    table = mission_table(Flight(log))
+    assert table is not None and table.rows == [["1", "6.019", "0", "2.5"]]
 
 
 def test_rates_are_counted(page):
@@ -202,6 +236,15 @@ def test_scores_pass_over_what_is_no_number():
         "Depth error, rms": "not a number",
         "Share of time saturated": "25.0",
     }
+
+
+def test_verdict_names_the_empty_battery_and_the_largest_pull():
+    log = synthetic(dt=1.0)
+    data = {name: (log[name].t, np.array(log[name].values)) for name in log.channels}
+    data["truth/battery"][1][80:, 1] = 0.0
+    sentences = verdict(Flight(Log.from_arrays(log.channels.values(), data, log.metadata))).sentences
+    assert "Battery starboard empty at 80 s." in sentences
+    assert any(s.startswith("Largest tether tension: ") for s in sentences)
 
 
 # Comparison

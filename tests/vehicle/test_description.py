@@ -11,7 +11,7 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax
-from rovtwin.vehicle import check, list_library, load_vehicle, summary, vehicle_from_dict, vehicle_schema
+from rovtwin.vehicle import check, list_library, load_vehicle, render, summary, vehicle_from_dict, vehicle_schema
 from rovtwin.vehicle.thrusters import command_for_force, static_force
 
 GRAVITY = 9.81
@@ -559,6 +559,22 @@ def test_tethers_sit_in_their_parts_and_are_shown():
     found = summary(vehicle)["tethers"]
     assert [t["position_m"] for t in found] == [[-0.22, -0.28, 0.0], [-0.22, 0.28, 0.0]]
     assert found[0]["diameter_m"] == 0.005 and found[0]["length_m"] == 150.0
+    assert found[0]["wet_weight_N_per_m"] == 0.0
+
+
+def test_batteries_are_shown_with_what_they_feed():
+    from rich.console import Console
+
+    found = summary(load_vehicle("double_blueye"))
+    assert found["batteries"][0] == {
+        "name": "port",
+        "capacity_Wh": 75.0,
+        "hotel_load_W": 20.0,
+        "thrusters": ["port.surge", "port.sway", "port.heave"],
+    }
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(*render(found))
+    assert "starboard.heave" in console.export_text().split("batteries", 1)[1].split("where the values", 1)[0]
 
 
 @pytest.mark.parametrize(

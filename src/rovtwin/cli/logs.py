@@ -30,7 +30,7 @@ def info(path: LogFile, as_json: AsJson = False) -> None:
     for row in found["rows"]:
         unit = row["unit"] if isinstance(row["unit"], str) else ", ".join(dict.fromkeys(row["unit"]))
         numbers = [f"{row[key]:.4g}" if row[key] is not None else "–" for key in ("rate", "first", "last")]
-        rows.add_row(row["name"], str(row["messages"]), *numbers, unit, row["frame"] or "–", " ".join(row["fields"]))
+        rows.add_row(row["name"], str(row["messages"]), *numbers, unit, row["frame"] or "–", in_short(row["fields"]))
     out = console(False)
     out.print(rows)
     for key in ("name", "seed", "version", "created", "command"):
@@ -38,6 +38,11 @@ def info(path: LogFile, as_json: AsJson = False) -> None:
             out.print(f"{key}: {found['metadata'][key]}", markup=False)
     if found["datum"]:
         out.print(f"datum: {Datum(**found['datum'])}", markup=False)
+
+
+def in_short(fields: list[str]) -> str:
+    """Names of the fields; of very many, as the places along a tether are, the first and the last."""
+    return " ".join(fields) if len(fields) <= 20 else f"{fields[0]} … {fields[-1]} ({len(fields)})"
 
 
 @log_app.command("export")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from rovtwin.core.log import Log
-from rovtwin.report import consistency, effort, motion, path
+from rovtwin.report import consistency, effort, motion, path, supply
 from rovtwin.report.flight import Flight
 
 
@@ -19,8 +19,11 @@ class Entry:
         title: For people.
         caption: What it shows and what to look at.
         draw: Makes it.
-        needs: Groups of channels; of each group at least one must be there, or the figure is left out.
+        needs: Groups of channels; of each group at least one must be there, or the figure is left out. A name that ends
+            in / stands for any channel below it.
         wants: Channels it shows when they are there.
+        remark: What the caption adds about this flight.
+        of_everyone: Whether every vehicle has it, so that a report without it says so.
     """
 
     name: str
@@ -29,6 +32,12 @@ class Entry:
     draw: Callable[[Flight], Figure]
     needs: tuple[tuple[str, ...], ...]
     wants: tuple[str, ...] = ()
+    remark: Callable[[Flight], str] | None = None
+    of_everyone: bool = True
+
+    def said(self, flight: Flight) -> str:
+        """The caption of this flight's figure."""
+        return self.caption if self.remark is None else f"{self.caption} {self.remark(flight)}"
 
 
 _POSES = ("truth/eta", "autopilot/eta")
@@ -116,6 +125,26 @@ CATALOGUE = (
         (("truth/external_wrench", "autopilot/bias"),),
         ("truth/external_wrench", "autopilot/bias", "truth/eta", "autopilot/mode"),
     ),
+    Entry(
+        "tethers",
+        "Tethers",
+        "Pull of each tether on the vehicle and length that is paid out, with the distance from its anchor, dashed, "
+        "where the log has its shape: a tether whose length comes near the distance is taut.",
+        supply.tethers,
+        (("truth/tether/",),),
+        remark=supply.about_tethers,
+        of_everyone=False,
+    ),
+    Entry(
+        "batteries",
+        "Batteries",
+        "Charge that is left in each battery, and the power drawn from it as mean over 10 s. At zero its thrusters "
+        "stop.",
+        supply.batteries,
+        (("truth/battery",),),
+        remark=supply.about_batteries,
+        of_everyone=False,
+    ),
 )
 
 
@@ -145,6 +174,8 @@ def left_out(log: Log) -> list[str]:
     flight, lines = Flight(log), []
     for entry in CATALOGUE:
         needed, wanted = missing(entry, flight)
+        if needed and not entry.of_everyone:
+            continue
         if needed:
             lines.append(f"Figure “{entry.title}”: left out, the log has no {', no '.join(needed)}.")
         elif wanted:

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.log import Series
 from rovtwin.core.numerics import jax
-from rovtwin.report.flight import Flight, at
+from rovtwin.report.flight import Flight, at, slow_mean
 from rovtwin.report.panels import TIME, panels
 from rovtwin.report.style import (
     BLACK,
@@ -143,7 +143,7 @@ def disturbance(flight: Flight) -> Figure:
     true, bias = _true_wrench(flight), flight.get("autopilot/bias")
     if true is not None:
         t, wrench = true
-        slow = _slow(t, wrench)
+        slow = slow_mean(t, wrench)
         sheet.entry("True external wrench", color=GREY, linewidth=0.8)
         sheet.entry("its mean over 20 s", color=BLACK, linewidth=1.2)
     if bias is not None:
@@ -172,10 +172,3 @@ def _true_wrench(flight: Flight) -> tuple[np.ndarray, np.ndarray] | None:
     euler = at(pose, t, angles=slice(3, 6))[:, 3:]
     R_nb = np.asarray(jax.jit(jax.vmap(rotation_from_euler))(euler))
     return t, np.hstack([np.einsum("kij,kj->ki", R_nb, values[:, :3]), values[:, 3:]])
-
-
-def _slow(t: np.ndarray, values: np.ndarray, window: float = 20.0) -> np.ndarray:
-    """Mean over a window [s] around each time, shorter at the ends."""
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.nan_to_num(values), axis=0)])
-    low, high = np.searchsorted(t, t - window / 2), np.searchsorted(t, t + window / 2, side="right")
-    return (total[high] - total[low]) / (high - low)[:, None]

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.datum import Datum, datum_of, said
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
+from rovtwin.core.yamlfile import parse_yaml
 
 POSES = ("x", "y", "z", "phi", "theta", "psi")
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
@@ -56,8 +58,13 @@ class Flight:
         return series if len(series) and np.isfinite(series.values).any() else None
 
     def has(self, *names: str) -> bool:
-        """Whether none of the channels is missing."""
-        return all(self.get(name) is not None for name in names)
+        """Whether none of the channels is missing; a name that ends in / stands for any below it."""
+        return all(self.below(name) if name.endswith("/") else self.get(name) is not None for name in names)
+
+    def below(self, prefix: str) -> dict[str, Series]:
+        """Series of the channels `prefix...` that are not missing, by the rest of their names, in order."""
+        names = sorted(name for name in self.log.channels if name.startswith(prefix) and self.has(name))
+        return {name.removeprefix(prefix): self[name] for name in names}
 
     def __getitem__(self, name: str) -> Series:
         series = self.get(name)
@@ -68,8 +75,36 @@ class Flight:
     @cached_property
     def sensors(self) -> dict[str, Series]:
         """Series of `sensor/...` that have samples, by the name of the sensor."""
-        names = [name for name in self.log.channels if name.startswith("sensor/") and self.has(name)]
-        return {name.removeprefix("sensor/"): self[name] for name in sorted(names)}
+        return self.below("sensor/")
+
+    @cached_property
+    def tethers(self) -> dict[str, Series]:
+        """Series of `truth/tether/...` that have a tension, by the name of the tether."""
+        return {
+            name: series for name, series in self.below("truth/tether/").items() if "tension" in series.channel.fields
+        }
+
+    @cached_property
+    def anchors(self) -> dict[str, np.ndarray]:
+        """Upper ends of the tethers, north, east, down [m], shape (3,), by name: their first node."""
+        places = {name: series.values[:, :3] for name, series in self.below("truth/tether_shape/").items()}
+        known = {name: place[np.isfinite(place).all(axis=1)] for name, place in places.items()}
+        return {name: place[0] for name, place in known.items() if len(place)}
+
+    @cached_property
+    def charges(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Time [s] and share of the charge that is left, shapes (N,), by the name of the battery."""
+        series = self.get("truth/battery")
+        if series is None:
+            return {}
+        fields = [field for field in series.channel.fields if field.endswith("_charge")]
+        return {field.removesuffix("_charge"): (series.t, series[field]) for field in fields}
+
+    @cached_property
+    def emptied(self) -> dict[str, float]:
+        """When a battery had nothing left [s], by its name, in order of time; those that last are not in it."""
+        found = {name: t[charge <= 0] for name, (t, charge) in self.charges.items()}
+        return dict(sorted(((name, float(t[0])) for name, t in found.items() if len(t)), key=lambda one: one[1]))
 
     @cached_property
     def fixes(self) -> np.ndarray | None:
@@ -118,6 +153,25 @@ class Flight:
             return None
 
     @cached_property
+    def world(self) -> Mapping[str, Any]:
+        """Section `world` of the scenario that was flown; empty when unknown."""
+        try:
+            found = parse_yaml(self.log.metadata.get("scenario", ""), "scenario").get("world")
+        except ConfigError:
+            return {}
+        return found if isinstance(found, Mapping) else {}
+
+    @cached_property
+    def tank(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """South-western and north-eastern corner of the tank: north, east [m]; None without one."""
+        tank = self.world.get("tank")
+        spans: list[Any] = [tank.get(axis) for axis in ("north", "east")] if isinstance(tank, Mapping) else []
+        if not spans or not all(isinstance(s, list) and len(s) == 2 and all(map(_number, s)) for s in spans):
+            return None
+        (south, north), (west, east) = spans
+        return (float(south), float(west)), (float(north), float(east))
+
+    @cached_property
     def summary(self) -> dict[str, Any]:
         """Figures of the run, as whoever flew it computed them; empty when there are none."""
         found = self.json("summary")
@@ -125,10 +179,14 @@ class Flight:
 
     @cached_property
     def faults(self) -> list[FaultSpan]:
-        """Faults that came during the run, in order of time; those for good end with it."""
+        """Faults that came during the run, in order of time, empty batteries too; those for good end with it."""
         start, end = self.span
         given = self.json("faults")
         listed = [one for one in given if isinstance(one, Mapping)] if isinstance(given, list) else []
+        listed += [
+            {"what": f"battery {name} empty", "start": t, "thrusters": self._fed_by(name)}
+            for name, t in self.emptied.items()
+        ]
         came = [one for one in listed if _number(one.get("start")) and one["start"] <= end]
         return [
             FaultSpan(
@@ -140,6 +198,16 @@ class Flight:
             )
             for k, one in enumerate(sorted(came, key=lambda one: one["start"]), start=1)
         ]
+
+    def _fed_by(self, battery: str) -> list[str]:
+        """Thrusters that hang on a battery, as the vehicle's table names them."""
+        table = self.json("vehicle_table")
+        listed = table.get("batteries") if isinstance(table, Mapping) else None
+        for one in listed if isinstance(listed, list) else []:
+            # The log's fields have no dots: port of rov is rov_port there.
+            if isinstance(one, Mapping) and str(one.get("name")).replace(".", "_") == battery:
+                return list(one.get("thrusters") or [])
+        return []
 
     @cached_property
     def waypoints(self) -> list[dict[str, Any]]:
@@ -252,6 +320,13 @@ def at(series: Series, t: np.ndarray, angles: slice = slice(0, 0)) -> np.ndarray
     values = np.array(series.values)
     values[:, angles] = unwrapped(values[:, angles])
     return np.column_stack([np.interp(t, series.t, column, left=np.nan, right=np.nan) for column in values.T])
+
+
+def slow_mean(t: np.ndarray, values: np.ndarray, window: float = 20.0) -> np.ndarray:
+    """Mean over a window [s] around each time, shorter at the ends; shapes (N,) and (N, n)."""
+    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.nan_to_num(values), axis=0)])
+    low, high = np.searchsorted(t, t - window / 2), np.searchsorted(t, t + window / 2, side="right")
+    return (total[high] - total[low]) / (high - low)[:, None]
 
 
 def unwrapped(angle: np.ndarray) -> np.ndarray:

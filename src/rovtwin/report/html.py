@@ -45,7 +45,9 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
     """
     folder, flight = Path(folder), Flight(log)
     kept = folder / "scenario.yaml"
-    pictures = [save(entry.draw(flight), folder, entry.name, entry.title, entry.caption) for entry in drawable(flight)]
+    pictures = [
+        save(entry.draw(flight), folder, entry.name, entry.title, entry.said(flight)) for entry in drawable(flight)
+    ]
     return write_page(
         folder / "report.html",
         "report.html.j2",

@@ -69,6 +69,7 @@ def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25
     figure = new_figure(height=height * rows + 0.75)
     grid = figure.subplots(len(strip) + rows, columns, sharex=True, squeeze=False, height_ratios=strip + [1.0] * rows)
     body = grid[len(strip) :]
+    body[0, 0].set_xlim(*flight.span)
     for i, (row, names) in enumerate(zip(body, labels, strict=True)):
         for axes, label in zip(row, names, strict=True):
             dress(axes, label)
@@ -78,6 +79,5 @@ def panels(flight: Flight, labels: Sequence[Sequence[str]], height: float = 1.25
     unnamed = [ribbon(axes, flight.phases, width) for axes in (grid[0] if strip else [])]
     for axes in body[-1]:
         axes.set_xlabel(TIME, fontsize=9)
-    body[0, 0].set_xlim(*flight.span)
     body[0, 0].xaxis.set_major_locator(MaxNLocator({1: 9, 2: 6}.get(columns, 4), steps=[1, 2, 2.5, 5, 10]))
     return Panels(figure, body, phases=sorted(unnamed[0]) if unnamed else [], faults=bool(flight.faults))

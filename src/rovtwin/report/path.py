@@ -6,13 +6,30 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Rectangle
 
 from rovtwin.core.log import Series
 from rovtwin.report.flight import Flight
-from rovtwin.report.style import BLACK, ESTIMATE, GREEN, GREY, REFERENCE, SKY, SMALL, TINY, TRUTH, dress, new_figure
+from rovtwin.report.style import (
+    BLACK,
+    ESTIMATE,
+    GREEN,
+    GREY,
+    REFERENCE,
+    SKY,
+    SMALL,
+    TINY,
+    TRUTH,
+    YELLOW,
+    dress,
+    new_figure,
+)
 
 MISSION: dict[str, Any] = {"color": GREEN, "linewidth": 4.0, "alpha": 0.28, "solid_capstyle": "round", "zorder": 1}
+WALL: dict[str, Any] = {"edgecolor": "#7a5c3e", "linewidth": 1.6, "zorder": 1.2}
+ANCHOR: dict[str, Any] = {
+    "marker": "^", "markersize": 11, "color": YELLOW, "markeredgecolor": BLACK, "linestyle": "none", "zorder": 8
+}  # fmt: skip
 FIXES: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 2.4, "linestyle": "none", "alpha": 0.5}
 
 
@@ -30,6 +47,7 @@ def draw_path(axes: Axes, flight: Flight) -> None:
     dress(axes, "North [m]", "East [m]", ticks=8)
     axes.set_aspect("equal", adjustable="box")
     _mission(axes, flight)
+    _surroundings(axes, flight)
     if flight.fixes is not None:
         shown = flight.fixes[:: max(1, len(flight.fixes) // 2000)]
         style: dict[str, Any] = {**FIXES, "alpha": float(np.clip(200 / len(shown), 0.2, 0.5))}
@@ -37,7 +55,7 @@ def draw_path(axes: Axes, flight: Flight) -> None:
     for name, style in _LINES:
         series = flight.get(name)
         if series is not None:
-            line = _horizontal(series)
+            line = _horizontal(series, _end(flight))
             axes.plot(line[:, 1], line[:, 0], **style)
     main = flight.get("truth/eta") or flight.get("autopilot/eta")
     if main is not None:
@@ -49,8 +67,16 @@ def draw_path(axes: Axes, flight: Flight) -> None:
 _LINES = (("truth/eta", TRUTH), ("autopilot/eta", ESTIMATE), ("autopilot/reference", REFERENCE))
 
 
-def _horizontal(series: Series, points: int = 3000) -> np.ndarray:
-    return series.values[:: max(1, len(series) // points), :2]
+def _end(flight: Flight) -> float:
+    """Last time of the line that the square ends [s]: no other goes on beyond it."""
+    main = flight.get("truth/eta") or flight.get("autopilot/eta")
+    return np.inf if main is None else float(main.t[-1])
+
+
+def _horizontal(series: Series, end: float, points: int = 3000) -> np.ndarray:
+    """North and east [m] until a time, thinned, the last sample kept, shape (N, 2)."""
+    known = series.values[series.t <= end, :2]
+    return np.concatenate([known[: -1 : max(1, len(known) // points)], known[-1:]])
 
 
 def aspect(flight: Flight) -> float:
@@ -101,6 +127,20 @@ def _label_side(flight: Flight, k: int) -> tuple[float, float]:
     size = float(np.linalg.norm(away))
     away = away / size if size > 0.2 else np.array([0.7, 0.7])
     return float(14 * away[0]), float(14 * away[1])
+
+
+def _surroundings(axes: Axes, flight: Flight) -> None:
+    """Walls of the tank, and where the tethers come from."""
+    if flight.tank is not None:
+        (south, west), (north, east) = flight.tank
+        axes.add_patch(Rectangle((west, south), east - west, north - south, fill=False, **WALL))
+    for north, east, _ in flight.anchors.values():
+        axes.plot(east, north, **ANCHOR)
+
+
+def _in_view(flight: Flight, point: np.ndarray) -> bool:
+    low, high = extent(flight)
+    return bool(((low <= point) & (point <= high)).all())
 
 
 def _course(axes: Axes, series: Series, flight: Flight) -> None:
@@ -171,14 +211,25 @@ def _arrow(axes: Axes, xy: np.ndarray, i: int, label: str, off: np.ndarray, reac
 
 def extent(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
     """Corners (north, east) of what matters, mission and lines, so that an outlying fix does not shrink the picture."""
-    parts = [_horizontal(flight[name]) for name, _ in _LINES if flight.has(name)]
+    end = _end(flight)
+    parts = [_horizontal(flight[name], end) for name, _ in _LINES if flight.has(name)]
     points = np.concatenate([*parts, np.array([[w["x"], w["y"]] for w in flight.waypoints], float).reshape(-1, 2)])
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         points = np.zeros((1, 2))
     low, high = points.min(axis=0), points.max(axis=0)
+    for point in _surrounding_points(flight):
+        wider = np.minimum(low, point), np.maximum(high, point)
+        if (wider[1] - wider[0]).max() <= 2.5 * max(float((high - low).max()), 1.0):
+            low, high = wider
     margin = 0.08 * max(float((high - low).max()), 1.0) + 0.2
     return low - margin, high + margin
+
+
+def _surrounding_points(flight: Flight) -> list[np.ndarray]:
+    """Corners of the tank and anchors (north, east), shown where the path does not become too small for them."""
+    corners = [] if flight.tank is None else [np.array(corner) for corner in flight.tank]
+    return [*corners, *(anchor[:2] for anchor in flight.anchors.values())]
 
 
 def _key(axes: Axes, flight: Flight) -> None:
@@ -194,6 +245,10 @@ def _key(axes: Axes, flight: Flight) -> None:
     if flight.start_on_map:
         where = "Start " + flight.start_on_map.replace(", ", ",\n")
         axes.text(0.0, -0.02, where, fontsize=TINY, color="#444444", va="top")
+    outside = {tuple(np.round(a[:2], 1) + 0.0) for a in flight.anchors.values() if not _in_view(flight, a[:2])}
+    for k, (north, east) in enumerate(sorted(outside)):
+        axes.text(0.0, 0.06 + 0.05 * k, f"Tether anchor off the map,\nnorth {north:g}, east {east:g} m", fontsize=TINY,
+                  color="#444444", va="bottom")  # fmt: skip
 
 
 def _flows(flight: Flight) -> list[tuple[float, str, str]]:
@@ -232,6 +287,10 @@ def legend_entries(flight: Flight) -> list[Any]:
     if flight.fixes is not None:
         style: dict[str, Any] = {**FIXES, "markersize": 5}
         entries.append(Line2D([], [], **style, label="Position fixes"))
+    if flight.tank is not None:
+        entries.append(Line2D([], [], color=WALL["edgecolor"], linewidth=WALL["linewidth"], label="Tank wall"))
+    if any(_in_view(flight, anchor[:2]) for anchor in flight.anchors.values()):
+        entries.append(Line2D([], [], **ANCHOR, label="Tether anchor"))
     for marker, face, label in (("o", "white", "Start"), ("s", BLACK, "End")):
         entries.append(
             Line2D([], [], marker=marker, markerfacecolor=face, markeredgecolor=BLACK, linestyle="none", label=label)

@@ -140,25 +140,46 @@ def phase_patch(name: str) -> Patch:
 
 
 def mark_faults(axes: Axes, faults: Sequence[FaultSpan], numbered: bool = False) -> None:
-    """Faults as pale spans behind the data, a line where each begins and, where `numbered`, its number on top."""
+    """Faults as pale spans behind the data, a line where each begins and, where `numbered`, its number on top.
+
+    The limits of the axis of time are set before: they say which numbers have room beside each other.
+    """
     across = axes.get_xaxis_transform()
     for fault in faults:
         bar = [(fault.start, fault.end - fault.start)]
         axes.broken_barh(bar, (0, 1), transform=across, facecolors=FAULT, alpha=0.09, linewidth=0, zorder=0.5)
         axes.axvline(fault.start, color=FAULT, linewidth=0.8, zorder=2.4)
-        if numbered:
-            axes.annotate(
-                str(fault.number),
-                (fault.start, 0.98),
-                xycoords=across,
-                xytext=(2, 0),
-                textcoords="offset points",
-                va="top",
-                fontsize=TINY,
-                color=FAULT,
-                fontweight="bold",
-                zorder=6,
-            )
+    for start, label in _fault_labels(faults, float(np.ptp(axes.get_xlim()))) if numbered else ():
+        axes.annotate(
+            label,
+            (start, 0.98),
+            xycoords=across,
+            xytext=(2, 0),
+            textcoords="offset points",
+            va="top",
+            fontsize=TINY,
+            color=FAULT,
+            fontweight="bold",
+            zorder=6,
+        )
+
+
+def _fault_labels(faults: Sequence[FaultSpan], span: float, room: float = 0.06) -> list[tuple[float, str]]:
+    """Where to write the numbers, and what: behind the last of those nearer to each other than `room` of the span."""
+    groups: list[list[FaultSpan]] = []
+    for fault in sorted(faults, key=lambda one: one.start):
+        if groups and fault.start - groups[-1][-1].start < room * span:
+            groups[-1].append(fault)
+        else:
+            groups.append([fault])
+    return [(group[-1].start, _in_short([fault.number for fault in group])) for group in groups]
+
+
+def _in_short(numbers: list[int]) -> str:
+    """1-4 for 1, 2, 3, 4; with commas where some are missing between."""
+    if len(numbers) < 3 or numbers != list(range(numbers[0], numbers[-1] + 1)):
+        return ",".join(map(str, numbers))
+    return f"{numbers[0]}–{numbers[-1]}"
 
 
 def fault_patch() -> Patch:

@@ -46,7 +46,7 @@ def mission_table(flight: Flight) -> Table | None:
     known = [("x", "North [m]"), ("y", "East [m]"), ("z", "Depth [m]"), ("speed", "Speed [m/s]"),
              ("acceptance", "Acceptance [m]"), ("hold_time", "Hold [s]"), ("heading_deg", "Heading [deg]")]  # fmt: skip
     shown = [(key, label) for key, label in known if any(w.get(key) is not None for w in flight.waypoints)]
-    rows = [[str(k + 1), *(text(w.get(key)) for key, _ in shown)] for k, w in enumerate(flight.waypoints)]
+    rows = [[str(k + 1), *(text(_to_mm(w.get(key))) for key, _ in shown)] for k, w in enumerate(flight.waypoints)]
     head, note = ["Way-point", *(label for _, label in shown)], ""
     if (datum := flight.datum) is not None and rows:
         head += ["Latitude [deg]", "Longitude [deg]"]
@@ -55,6 +55,11 @@ def mission_table(flight: Flight) -> Table | None:
         rows = [[*row, *(f"{one:.7f}" for one in pair)] for row, pair in zip(rows, degrees, strict=True)]
         note = f"North and east from {said(datum.latitude, datum.longitude)}, WGS 84."
     return Table("Mission", head, rows, note) if rows else None
+
+
+def _to_mm(value: Any) -> Any:
+    """A number to three digits: a way-point given as latitude and longitude is 1e-12 m off its neighbour's line."""
+    return round(value, 3) if isinstance(value, float) else value
 
 
 def fault_table(flight: Flight) -> Table | None:

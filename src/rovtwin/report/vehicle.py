@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.errors import ConfigError
 from rovtwin.report.flight import Flight
 from rovtwin.report.tables import Table, text, words
+from rovtwin.vehicle.water import density
 
 _SYMBOLS = {
     "mass": "m", "weight": "W", "buoyancy": "B", "center_of_gravity": "r_g", "center_of_buoyancy": "r_b",
@@ -16,6 +18,7 @@ _SYMBOLS = {
 _UNITS = {
     "kgm3": "kg/m³", "kgm2": "kg m²", "ms2": "m/s²", "m3": "m³", "kg": "kg", "N": "N", "m": "m", "s": "s", "ms": "m/s",
     "deg": "deg", "Nm_per_rad": "N m/rad", "N_per_s": "N/s", "Nm": "N m", "deg_per_s": "deg/s",
+    "N_per_m": "N/m", "Wh": "Wh", "W": "W",
 }  # fmt: skip
 _AXIS_UNITS = {
     quantity: dict.fromkeys(("surge", "sway", "heave"), linear) | dict.fromkeys(("roll", "pitch", "yaw"), angular)
@@ -66,7 +69,41 @@ def vehicle_tables(flight: Flight) -> list[Table]:
             _collect(key, {k: v for k, v in value.items() if k != "rows"}, simple, tables)  # X to N, as everywhere
         else:
             _collect(key, value, simple, tables)
-    return [Table("Parameters", ["Parameter", "Symbol", "Value", "Unit"], simple), *tables] if simple else tables
+    rows = _in_the_water(flight, found, simple)
+    return [Table("Parameters", ["Parameter", "Symbol", "Value", "Unit"], rows), *tables] if rows else tables
+
+
+def _in_the_water(flight: Flight, found: Mapping[str, Any], rows: list[list[str]]) -> list[list[str]]:
+    """The parameters where the run was in other water than the file describes: both, and which is which."""
+    water = flight.world.get("water")
+    if not isinstance(water, Mapping):
+        return rows
+    flown = _density(water)
+    if flown is None:
+        return rows
+    here, buoyancy, weight = (found.get(key) for key in ("water_density_kgm3", "buoyancy_N", "weight_N"))
+    values = {"water density": flown}
+    if here and buoyancy is not None and weight is not None:
+        values |= {"buoyancy": buoyancy * flown / here, "net buoyancy": buoyancy * flown / here - weight}
+    told = []
+    for label, *rest in rows:
+        told.append([f"{label}, as the file describes it" if label in values else label, *rest])
+        if label in values:
+            symbol, _, unit = rest
+            told.append([f"{label}, in the water flown", symbol, text(float(values[label])), unit])
+    return told
+
+
+def _density(water: Mapping[str, Any]) -> float | None:
+    """Of `world.water` in a scenario [kg/m3]; None when it says nothing that can be read."""
+    given = [water.get(key) for key in ("density", "temperature", "salinity")]
+    known, temperature, salinity = (float(v) if isinstance(v, int | float) else None for v in given)
+    if known is not None or temperature is None or salinity is None:
+        return known
+    try:
+        return density(temperature, salinity)
+    except ConfigError:
+        return None
 
 
 def _collect(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.report import supply
 from rovtwin.report.flight import Flight
 
 
@@ -56,7 +57,7 @@ def verdict(flight: Flight) -> Verdict:
     summary = flight.summary
     good = summary.get("completed")
     good = good if isinstance(good, bool) else _completed(flight)
-    sentences = [*_sentences(summary), *_about_place(flight)]
+    sentences = [*_sentences(summary), *_about_supply(flight), *_about_place(flight)]
     return Verdict(good, _headline(flight, good), sentences, scores(summary))
 
 
@@ -149,6 +150,12 @@ def _about_thrusters(summary: Mapping[str, Any]) -> str:
     return f"The thrusters could not give all that was asked for during {100 * share:.1f} % of the time" + (
         ": the mission asks for more than the vehicle has." if share > 0.25 else "."
     )
+
+
+def _about_supply(flight: Flight) -> list[str]:
+    """Batteries that ran empty, and the largest pull of a tether."""
+    empty = [f"Battery {name} empty at {t:.0f} s." for name, t in flight.emptied.items()]
+    return empty + ([supply.about_tethers(flight)] if flight.tethers else [])
 
 
 def _about_place(flight: Flight) -> list[str]:

@@ -1,5 +1,6 @@
 """What a vehicle amounts to: `summary` as plain data (JSON), `render` as tables for a terminal."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from rovtwin.core.numerics import jax
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
+from rovtwin.vehicle.energy import PowerSource
 from rovtwin.vehicle.findings import findings, uncontrollable
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.performance import Ability, performance
@@ -86,6 +88,7 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
         "cameras": [_mounted(c) for c in vehicle.cameras],
         "sensors": [_mounted(s) | {"kind": getattr(s.item, "kind", "")} for s in vehicle.sensors],
         "tethers": [_tether(t) for t in vehicle.tethers],
+        "batteries": [_battery(source, vehicle.thruster_names) for source in vehicle.power_sources],
         "sources": sources(vehicle),
         "findings": findings(vehicle, model),
     }
@@ -191,10 +194,19 @@ def _tether(mounted: Any) -> dict[str, Any]:
         "position_m": _plain(mounted.placement.point(item.position)),
         "length_m": item.length,
         "diameter_m": item.diameter,
-        "wet_weight_Nm": item.wet_weight,
+        "wet_weight_N_per_m": item.wet_weight,
         "normal_drag": item.normal_drag,
         "tangential_drag": item.tangential_drag,
         "stiffness_N": item.stiffness,
+    }
+
+
+def _battery(source: PowerSource, thrusters: Sequence[str]) -> dict[str, Any]:
+    return {
+        "name": source.name,
+        "capacity_Wh": source.capacity_wh,
+        "hotel_load_W": source.hotel_load,
+        "thrusters": [thrusters[i] for i in source.feeds],
     }
 
 

@@ -22,6 +22,8 @@ def tables(found: dict[str, Any]) -> list[Any]:
         shown.append(_mounted(found))
     if found["tethers"]:
         shown.append(_tethers(found))
+    if found["batteries"]:
+        shown.append(_batteries(found))
     if found["sources"]:
         inside = f"{found['name']}."  # what all places have in common takes width and says nothing
         rows = [(s["where"].removeprefix(inside), s["source"]) for s in found["sources"]]
@@ -257,8 +259,17 @@ def _mounted(found: dict[str, Any]) -> Group:
 
 def _tethers(found: dict[str, Any]) -> Group:
     rows = [
-        (t["name"], _vector(t["position_m"]), _g(t["length_m"]), _g(1e3 * t["diameter_m"]), _g(t["wet_weight_Nm"]))
+        (t["name"], _vector(t["position_m"]), _g(t["length_m"]), _g(1e3 * t["diameter_m"]), _g(t["wet_weight_N_per_m"]))
         for t in found["tethers"]
     ]
     columns = ("name", "position [m]", "drum [m]", "diameter [mm]", "wet [N/m]")
     return _titled("tethers", _table(columns, rows, text=(1,)))
+
+
+def _batteries(found: dict[str, Any]) -> Group:
+    rows = [
+        (b["name"], _g(b["capacity_Wh"]), _g(b["hotel_load_W"]), ", ".join(b["thrusters"]) or "-")
+        for b in found["batteries"]
+    ]
+    columns = ("name", "capacity [Wh]", "hotel load [W]", "feeds")
+    return _titled("batteries", _table(columns, rows, text=(3,)))

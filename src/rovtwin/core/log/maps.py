@@ -173,8 +173,13 @@ def _gpx(found: Map) -> str:
 def _gpx_point(parent: ElementTree.Element, tag: str, row: list[float], depth: float) -> ElementTree.Element:
     longitude = (row[0] + 180.0) % 360.0 - 180.0
     point = ElementTree.SubElement(parent, tag, {"lat": f"{row[1]:.9f}", "lon": f"{longitude:.9f}"})
-    ElementTree.SubElement(point, "ele").text = f"{-depth:.3f}"
+    ElementTree.SubElement(point, "ele").text = _height(depth)
     return point
+
+
+def _height(depth: float) -> str:
+    """Above the water to 1 mm [m]; at the surface 0, without a sign."""
+    return f"{round(-depth, 3) + 0.0:.3f}"
 
 
 def _kml(found: Map) -> str:
@@ -188,7 +193,7 @@ def _kml(found: Map) -> str:
         shape = ElementTree.SubElement(mark, track.shape)
         ElementTree.SubElement(shape, "altitudeMode").text = "absolute"
         rows = zip(_rows(track), track.depth.tolist(), strict=True)
-        text = " ".join(f"{row[0]:.9f},{row[1]:.9f},{-depth:.3f}" for row, depth in rows)
+        text = " ".join(f"{row[0]:.9f},{row[1]:.9f},{_height(depth)}" for row, depth in rows)
         ElementTree.SubElement(shape, "coordinates").text = text
     return _xml(root)
 
