@@ -34,7 +34,7 @@ class ReferenceModel(Block):
     @classmethod
     def thesis(cls, obey_speed: bool = False) -> "ReferenceModel":
         """delta = 1, w = 1.5 rad/s; the thesis has no speed limit, so that way-points' speeds count for nothing."""
-        return cls(np.full(6, 1.0), np.full(6, 1.5), np.full(6, np.inf), obey_speed)  # type: ignore[arg-type]
+        return cls(np.full(6, 1.0), np.full(6, 1.5), np.full(6, np.inf), obey_speed)  # type: ignore[arg-type]  (NumPy)
 
     def init(self, key: Array, start: Start) -> Reference:
         euler = euler_from_quaternion(start.attitude)

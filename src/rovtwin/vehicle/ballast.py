@@ -162,7 +162,7 @@ def _least_mass(total: Assembly, wish: Wish, stock: Stock, least: float) -> floa
     before = least
     for added in _masses(least, stock.most):
         if short(added) <= 0:
-            root = float(brentq(short, before, added, xtol=1e-14, rtol=1e-14))  # type: ignore[arg-type]
+            root = float(brentq(short, before, added, xtol=1e-14, rtol=1e-14))  # type: ignore[arg-type]  (stubs)
             return min(root + 1e-11, stock.most)  # on the side where there is an answer
         before = added
     return None

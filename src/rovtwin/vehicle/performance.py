@@ -143,7 +143,7 @@ def _way(
     def slow(t: float, x: np.ndarray) -> float:
         return float(x[1]) - until
 
-    slow.terminal, slow.direction = True, -1.0  # type: ignore[attr-defined]
+    slow.terminal, slow.direction = True, -1.0  # type: ignore[attr-defined]  (as scipy wants them)
     found = solve_ivp(rate, (0.0, _LONGEST), (0.0, speed), "DOP853", events=slow, rtol=1e-9, atol=1e-12 * speed)
     if not found.t_events[0].size:
         return np.nan, np.nan
