@@ -4,6 +4,7 @@ import sys
 
 import typer
 
+from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.output import report_error
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
@@ -32,6 +33,7 @@ app.command()(report)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(log_app, name="log")
+app.add_typer(evidence_app, name="evidence")
 
 
 def _version(asked: bool) -> None:

@@ -1,0 +1,8 @@
+"""`rovtwin evidence`: one piece of knowledge about parameters at a time, each method on its own."""
+
+import typer
+
+evidence_app = typer.Typer(
+    help="One method at a time: what a formula, a mesh, a towing, free-running or decay test says of the parameters.",
+    no_args_is_help=True,
+)
