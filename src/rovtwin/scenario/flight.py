@@ -31,6 +31,7 @@ from rovtwin.scenario.loop import Record
 from rovtwin.scenario.run import chunks, realtime_chunks, until_the_end
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, score
+from rovtwin.simulation.sensors import Sensor
 
 Progress = Callable[[float, str], None]  # simulated time [s], phase
 SCORE_RATE = 10  # samples that scores are computed from, whatever is logged [1/s]
@@ -242,11 +243,19 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
         "vehicle_table": to_json(composed.vehicle_table()),
+        "sensors": to_json({name: _datasheet(sensor) for name, sensor in composed.loop.twin.sensors.items()}),
+        "water_density": str(water.kg_per_m3 if (water := scenario.world.water) else composed.vehicle.assembly.density),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
         "faults": to_json(composed.faults),
         "datum": datum.metadata(),
         "mission": to_json([w.model_dump() | {"position": w.placed(datum)} for w in scenario.mission.waypoints]),
     }
+
+
+def _datasheet(sensor: Sensor) -> dict[str, Any]:
+    """What a user of the log may know of a sensor: declared noise, place and mounting in b, not its errors."""
+    told = {"noise": sensor.noise, "lever": sensor.lever, "rotation": sensor.rotation}
+    return {name: np.asarray(value).tolist() for name, value in told.items()}
 
 
 def scenario_to_replay(scenario: Scenario, composed: Composed) -> Scenario:

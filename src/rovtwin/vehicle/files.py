@@ -1,12 +1,13 @@
 """Vehicle files: found, read, their parts put in place."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.schema import Body, Part, VehicleFile
-from rovtwin.vehicle.thrust_curve import read_bollard_csv
+from rovtwin.vehicle.thrust_curve import read_bollard_csv, read_points
 
 LIBRARY = Path(__file__).parent / "library"
 SUFFIXES = (".yaml", ".yml")
@@ -93,10 +94,15 @@ def _with_table_read(thruster: Any, path: Path, here: str) -> Any:
     points: dict[str, list[list[float]]] = {}
     for name in names:
         try:
-            voltage, curve = read_bollard_csv(path.parent / Path(name).expanduser())
+            target = path.parent / Path(name).expanduser()
+            voltage, curve = read_points(target) if target.suffix == ".txt" else read_bollard_csv(target)
         except ConfigError as error:
             raise ConfigError(f"{path.name}: {here}.curve.table: {error}") from None
         if f"{voltage:.10g}" in points:
             raise ConfigError(f"{path.name}: {here}.curve.table: {name}: a second table at {voltage:g} V; keep one")
+        if not math.isfinite(voltage):
+            if len(names) > 1:
+                raise ConfigError(f"{path.name}: {here}.curve.table: {name}: says no voltage; give it alone")
+            return thruster.model_copy(update={"curve": thruster.curve.model_copy(update={"table": curve.tolist()})})
         points[f"{voltage:.10g}"] = curve.tolist()
     return thruster.model_copy(update={"curve": thruster.curve.model_copy(update={"table": points})})

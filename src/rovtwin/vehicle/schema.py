@@ -69,7 +69,10 @@ class Curve(Strict):
     """How the force follows the command, when it is not linear."""
 
     power: Positive | None = Field(None, description="force = F_max x^power; about 2 for a propeller")
-    table: Table = Field(None, description="CSV of a bollard test, one per voltage, or [command, force] points")
+    table: Table = Field(
+        None,
+        description="CSV of a bollard test, one per voltage; text of force and command; or [command, force]",
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> "Curve":

@@ -17,13 +17,7 @@ def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
 
     Columns PWM [us] (1100 to 1900 is command -1 to 1), Voltage [V] and Force [kgf], found by name.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        known = [p.name for p in path.parent.glob("*.csv")] if path.parent.is_dir() else []
-        raise ConfigError(f"{path}: no such file.{near(path.name, known)}") from None
-    except (OSError, UnicodeDecodeError):
-        raise ConfigError(f"{path}: cannot be read as text") from None
+    text = _text(path)
     rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
     if len(rows) < 4:
         raise ConfigError(f"{path}: found {len(rows)} lines, expected a header and at least 3 points")
@@ -50,6 +44,36 @@ def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
         raise ConfigError(f"{path}: PWM from {pwm[0]:g} to {pwm[-1]:g}, expected 1100 to 1900")
     within = np.concatenate([[-1.0], command[(command > -1) & (command < 1)], [1.0]])
     return float(np.median(voltage)), np.stack([within, np.interp(within, command, force * KGF)], axis=1)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        known = [p.name for p in path.parent.glob(f"*{path.suffix}")] if path.parent.is_dir() else []
+        raise ConfigError(f"{path}: no such file.{near(path.name, known)}") from None
+    except (OSError, UnicodeDecodeError):
+        raise ConfigError(f"{path}: cannot be read as text") from None
+
+
+def read_points(path: Path) -> tuple[float, np.ndarray]:
+    """Points (command, force [N]), shape (k, 2), of a text file: force [N] and normalised command, one pair a line.
+
+    The header names the columns, `Thrust [N]   Amount of thrust [-]`; the voltage, which it doesn't say, comes as NaN.
+    Commands must increase from -1 to 1. Either column may hold the command: it is the one that does.
+    """
+    text = _text(path)
+    rows = [line.replace(",", " ").split() for line in text.splitlines()[1:] if line.strip()]
+    try:
+        values = np.array([[float(cell) for cell in row] for row in rows])
+    except ValueError:
+        raise ConfigError(f"{path}: expected a header line, then two numbers a line") from None
+    if values.ndim != 2 or values.shape[1] != 2 or len(values) < 3 or not np.isfinite(values).all():
+        raise ConfigError(f"{path}: found {values.shape} numbers, expected a header, then at least 3 lines of two")
+    for command, force in (values.T, values.T[::-1]):
+        if (np.diff(command) > 0).all() and command[0] == -1 and command[-1] == 1:
+            return float("nan"), np.stack([command, force], axis=1)
+    raise ConfigError(f"{path}: expected one of the columns to be commands that increase from -1 to 1")
 
 
 def at_voltage(curves: list[tuple[float, np.ndarray]], voltage: float | None, where: str) -> np.ndarray:

@@ -1,0 +1,194 @@
+"""The way from files to Records: format told, file read, clocks joined, cut to what can be believed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rovtwin.core.config import near
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.evidence_file import Evidence, LogSpec, Use
+from rovtwin.identification.log_spec import SourceSpec
+from rovtwin.identification.readers.assemble import Part, part_of
+from rovtwin.identification.readers.raw import Raw
+from rovtwin.identification.readers.rovtwin_log import read_rovtwin
+from rovtwin.identification.readers.tables import read_csv, read_npz
+from rovtwin.identification.record import Ballast, Record, Signal
+from rovtwin.vehicle import Vehicle
+
+SUFFIXES = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".npz": "npz",
+    ".tsv": "qtm",
+    ".c3d": "c3d",
+    ".bag": "rosbag",
+    ".db3": "rosbag",
+    ".bez": "blueye",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """A Record and what it is for: fitted, or only predicted."""
+
+    __test__ = False  # not one of pytest's
+
+    record: Record
+    use: Use
+
+
+def detect(path: Path) -> str:
+    """The format of a file, from its ending and for MCAP from what wrote it.
+
+    Raises:
+        IdentificationError: No such file, or an ending that says nothing.
+    """
+    if not path.exists():
+        around = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise IdentificationError(f"{path}: no such file.{near(path.name, around)}")
+    if path.is_dir():
+        if (path / "metadata.yaml").is_file():
+            return "rosbag"
+        raise IdentificationError(f"{path}: is a folder, expected a recording or the folder of a ROS 2 bag")
+    if path.suffix == ".mcap":
+        return "rovtwin" if _is_ours(path) else "rosbag"
+    if path.suffix.lower() not in SUFFIXES:
+        known = ", ".join([".mcap", *SUFFIXES])
+        raise IdentificationError(f"{path}: unknown ending {path.suffix!r}, expected {known}; or give 'format'")
+    return SUFFIXES[path.suffix.lower()]
+
+
+def _is_ours(path: Path) -> bool:
+    from rovtwin.core.errors import LogError
+    from rovtwin.core.log import info
+
+    try:
+        return "log_format" in info(path).metadata
+    except LogError as error:
+        # An unfinished log of ours must say how it is repaired, not that it is no ROS bag.
+        return "no channels that rovtwin wrote" not in str(error)
+
+
+def read_raw(path: Path, source: SourceSpec, vehicle: Vehicle) -> Raw:
+    """The tables of one file."""
+    kind = detect(path) if source.format == "auto" else source.format
+    readers: dict[str, Callable[[], Raw]] = {
+        "rovtwin": lambda: read_rovtwin(path, vehicle),
+        "csv": lambda: read_csv(path, vehicle.thruster_names),
+        "npz": lambda: read_npz(path),
+    }
+    if kind not in readers:
+        raise IdentificationError(f"{path}: format {kind!r} cannot be read, expected one of {', '.join(readers)}")
+    return readers[kind]()
+
+
+def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None) -> Record:
+    """One test as a Record, its clock zero at the first sample.
+
+    Args:
+        path: Of the recording; with a spec of several files, the folder to which their names are relative.
+        vehicle: The one that was tested; its thrusters' names and order count.
+        spec: What is in the file; None where the format says that itself.
+
+    Raises:
+        IdentificationError: What was found, what was expected, the fix.
+    """
+    path = Path(path)
+    spec = spec or LogSpec.model_validate({"file": path.name})
+    located = [path / source.file if spec.files else path for source in spec.sources]
+    raws = [read_raw(p, source, vehicle) for p, source in zip(located, spec.sources, strict=True)]
+    density = spec.water_density or next((raw.water_density for raw in raws if raw.water_density), None)
+    length = spec.tether_length
+    if length is None:
+        length = next((raw.tether_length for raw in raws if raw.tether_length is not None), None)
+    parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
+    merged = _joined([part.on_clock(*_clock(s)) for part, s in zip(parts, spec.sources, strict=True)])
+    origin = merged.first
+    return _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
+
+
+def _clock(source: SourceSpec) -> tuple[float, float]:
+    if source.clock is None:
+        return 0.0, 0.0
+    if source.clock == "estimate":
+        raise IdentificationError(f"{source.file}: clock: estimate needs a second file of the same test")
+    return source.clock.offset, source.clock.drift
+
+
+def _joined(parts: list[Part]) -> Part:
+    """Files of one test as one; a signal or the commands given twice is a mistake."""
+    signals: dict[str, Signal] = {}
+    for part in parts:
+        for name, signal in part.signals.items():
+            if name in signals:
+                raise IdentificationError(f"{part.source}: {name} is in another file already; keep one of them")
+            signals[name] = signal
+    commanding = [part for part in parts if part.t_command is not None]
+    source = ", ".join(part.source for part in parts)
+    notes = tuple(note for part in parts for note in part.notes)
+    if not commanding:
+        raise IdentificationError(
+            f"{source}: found no commands; give 'commands', or list the file that has them under 'files'"
+        )
+    if len(commanding) > 1:
+        raise IdentificationError(f"{commanding[1].source}: commands are in {commanding[0].source} already; keep one")
+    return Part(commanding[0].t_command, commanding[0].command, signals, source, notes)
+
+
+def _record(part: Part, spec: LogSpec, origin: float, density: float | None, length: float | None) -> Record:
+    assert part.t_command is not None and part.command is not None
+    if not len(part.t_command) or not part.signals:
+        raise IdentificationError(f"{part.source}: found no {'signals' if len(part.t_command) else 'commands'}")
+    last = max(signal.t[-1] for signal in part.signals.values())
+    notes = list(part.notes)
+    if abs(origin) > 1e-9:
+        notes.append(f"time zero is {origin:.3f} s of the recording's clock")
+    record = Record(
+        name=spec.name or Path(spec.sources[0].file).stem,
+        t_command=part.t_command,
+        command=part.command,
+        signals=part.signals,
+        end=float(max(last, part.t_command[-1])),
+        water_density=density,
+        tether_length=length,
+        ballast=tuple(Ballast(b.mass, b.volume, (b.position[0], b.position[1], b.position[2])) for b in spec.ballast),
+        current=(spec.current[0], spec.current[1], spec.current[2]),
+        source=part.source,
+        notes=tuple(notes),
+    )
+    return _cut(record, spec, float(last))
+
+
+def _cut(record: Record, spec: LogSpec, last: float) -> Record:
+    """Between the commands and within the signals, or as the spec says; a command held beyond is not believed."""
+    first = min(signal.t[0] for signal in record.signals.values())
+    if isinstance(spec.span, list):
+        start, end = max(spec.span[0], record.start), min(spec.span[1], record.end)
+    elif spec.span == "commands":
+        start, end = max(record.start, first), min(float(record.t_command[-1]), last)
+    else:
+        start, end = max(record.start, first), last
+    if not start < end:
+        raise IdentificationError(
+            f"{record.source}: commands from {record.start:g} to {record.t_command[-1]:g} s and signals from "
+            f"{first:g} to {last:g} s have no time in common within span {spec.span}. Check the clocks, or give span"
+        )
+    return record.cut(start, end)
+
+
+def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
+    """Every test of an evidence file in its order; a log with `fit_share` gives two, the first part and the rest."""
+    tests = []
+    for spec in evidence.file.logs:
+        path = evidence.path.parent if spec.files else evidence.locate(spec.file)
+        record = read_record(path, vehicle, spec)
+        if spec.fit_share is None:
+            tests.append(Test(record, spec.use))
+            continue
+        split = record.start + spec.fit_share * record.duration
+        tests.append(Test(replace(record.cut(record.start, split), name=f"{record.name} (fitted part)"), "fit"))
+        tests.append(Test(replace(record.cut(split, record.end), name=f"{record.name} (held out)"), "validate"))
+    return tests
+
+
+__all__ = ["Test", "detect", "read_raw", "read_record", "read_tests"]

@@ -1,0 +1,272 @@
+"""Readers: the same motion written in different formats, units and frames comes back as the same Record."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.conftest import shared_folder
+
+from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.log import Channel, Log
+from rovtwin.identification.evidence_file import LogSpec, read_evidence
+from rovtwin.identification.readers import read_record, read_tests
+from rovtwin.identification.readers.convert import euler_from_matrices, matrices_from_euler
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.thrust_curve import read_points
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+T = np.arange(0.0, 4.0, 0.1)
+EULER = np.stack([0.3 * np.sin(T), 0.2 * np.cos(T), 0.5 * T], axis=1)
+PLACE = np.stack([T, 0.5 * T, 2.0 + 0.1 * T], axis=1)
+RATE = np.stack([0.1 * np.cos(T), 0.2 * np.sin(T), 0.5 + 0 * T], axis=1)
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return load_vehicle("bluerov2")
+
+
+@pytest.fixture
+def command(vehicle):
+    return np.random.default_rng(1).uniform(-1, 1, (len(T), len(vehicle.thruster_names)))
+
+
+def spec(**given):
+    return LogSpec.model_validate(given)
+
+
+def write_csv(path, columns):
+    header = ",".join(columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header, comments="", fmt="%.12g")
+    return path
+
+
+def test_csv_with_plain_names_needs_no_map(tmp_path, vehicle, command):
+    columns = {"time": T} | dict(zip(vehicle.thruster_names, command.T, strict=True))
+    columns |= dict(zip(("phi", "theta", "psi"), EULER.T, strict=True)) | dict(zip("pqr", RATE.T, strict=True))
+    record = read_record(write_csv(tmp_path / "run.csv", columns), vehicle)
+    assert set(record.signals) == {"attitude", "gyro"}
+    np.testing.assert_allclose(record.command, command[:-1], atol=1e-9)
+    np.testing.assert_allclose(matrices_from_euler(record.signals["attitude"].value), matrices_from_euler(EULER))
+    assert record.end == pytest.approx(T[-1])
+
+
+def test_npz_in_other_units_and_frames_is_the_same_record(tmp_path, vehicle, command):
+    """PWM, degrees, millimetres, z up, ENU quaternions, time from 1970."""
+    flip = np.array([1.0, -1.0, -1.0])
+    ned_enu = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    enu_flu = Rotation.from_matrix(ned_enu @ matrices_from_euler(EULER) @ np.diag(flip))
+    np.savez(
+        tmp_path / "run.npz",
+        drive=np.column_stack([T + 1.7e9, 1500 + 400 * command]),
+        pose=np.column_stack([T + 1.7e9, 1e3 * PLACE @ ned_enu.T, enu_flu.as_quat()]),
+        imu=np.column_stack([T + 1.7e9, np.degrees(RATE * flip)]),
+    )
+    given = spec(
+        file="run.npz",
+        commands={"from": "drive", "columns": list(range(1, 7)), "unit": "pwm"},
+        signals={
+            "position": {"from": "pose", "columns": [1, 2, 3], "unit": "mm", "frame": "enu"},
+            "attitude": {"from": "pose", "columns": [4, 5, 6, 7], "quaternion": "xyzw", "frame": "enu", "sigma": 0.01},
+            "gyro": {"from": "imu", "columns": [1, 2, 3], "unit": "deg/s", "frame": "flu"},
+        },
+        tether_length=12,
+        water_density=998,
+    )
+    record = read_record(tmp_path / "run.npz", vehicle, given)
+    np.testing.assert_allclose(record.signals["position"].value, PLACE, atol=1e-9)
+    expected = euler_from_matrices(matrices_from_euler(EULER))
+    np.testing.assert_allclose(record.signals["attitude"].value, expected, atol=1e-9)
+    np.testing.assert_allclose(record.signals["gyro"].value, RATE, atol=1e-9)
+    np.testing.assert_allclose(record.command, command[:-1], atol=1e-9)
+    np.testing.assert_allclose(record.signals["attitude"].t, T, atol=1e-6)
+    np.testing.assert_allclose(record.signals["attitude"].sigma, 0.01)
+    assert (record.tether_length, record.water_density) == (12, 998)
+    assert any("1700000000.000 s" in note for note in record.notes)
+
+
+def test_depth_from_pressure_uses_the_water(tmp_path, vehicle, command):
+    np.savez(tmp_path / "p.npz", c=np.column_stack([T, command]), p=np.column_stack([T, 1013 + 1025 * 9.81 * T / 100]))
+    given = spec(
+        file="p.npz",
+        water_density=1025,
+        commands={"from": "c", "columns": [1, 2, 3, 4, 5, 6]},
+        signals={"depth": {"from": "p", "columns": [1], "unit": "mbar", "zero": 1013}},
+    )
+    np.testing.assert_allclose(read_record(tmp_path / "p.npz", vehicle, given).signals["depth"].value[:, 0], T)
+
+
+def test_gaps_and_repeats_are_left_out_and_said(tmp_path, vehicle, command):
+    rate = RATE.copy()
+    rate[7] = np.nan
+    rate[12] = rate[11]
+    np.savez(tmp_path / "g.npz", c=np.column_stack([T, command]), g=np.column_stack([T, rate]))
+    given = spec(
+        file="g.npz",
+        commands={"from": "c", "columns": [1, 2, 3, 4, 5, 6]},
+        signals={"gyro": {"from": "g", "columns": [1, 2, 3], "repeats": "drop"}},
+    )
+    record = read_record(tmp_path / "g.npz", vehicle, given)
+    assert len(record.signals["gyro"].t) == len(T) - 2
+    assert any("1 of 40 rows without a number" in n for n in record.notes)
+    assert any("1 repeated rows" in n for n in record.notes)
+
+
+def test_pilot_axes_are_mixed_to_thrusters(tmp_path, vehicle):
+    names = vehicle.thruster_names
+    axes = np.column_stack([0.8 * np.ones_like(T), np.where(T > 2, 0.5, 0.0)])
+    np.savez(tmp_path / "m.npz", c=np.column_stack([T, axes]), g=np.column_stack([T, RATE]))
+    mix = {name: [1.0, 1.0] if i == 0 else [0.0, -1.0] for i, name in enumerate(names)}
+    given = spec(
+        file="m.npz",
+        commands={"from": "c", "columns": [1, 2], "mix": mix},
+        signals={"gyro": {"from": "g", "columns": [1, 2, 3]}},
+    )
+    record = read_record(tmp_path / "m.npz", vehicle, given)
+    np.testing.assert_allclose(record.command_at(np.array([1.0]))[0], [0.8, 0, 0, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(record.command_at(np.array([3.0]))[0], [1, *[-0.5] * 5], atol=1e-12)
+    assert any("clipped" in note for note in record.notes)
+
+
+def rovtwin_log(path, vehicle, command):
+    t = np.arange(40) * 0.1
+    tables = {
+        Channel("autopilot/command", tuple(vehicle.thruster_names), "1", ""): (t, command),
+        Channel("sensor/position", ("north", "east", "t_valid"), ("m", "m", "s"), "n"): (
+            t + 0.02,
+            np.column_stack([PLACE[:, :2], t]),
+        ),
+        Channel("sensor/pressure", ("depth", "t_valid"), ("m", "s"), "n"): (t, np.column_stack([PLACE[:, 2], t])),
+        Channel("sensor/gyro", ("x", "y", "z", "t_valid"), ("rad/s",) * 3 + ("s",), "sensor"): (
+            t,
+            np.column_stack([RATE, t]),
+        ),
+    }
+    about = {"noise": [0.1] * 3, "lever": [0.1, 0, 0], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}
+    metadata = {"sensors": json.dumps({"gyro": about}), "water_density": "1025.0"}
+    Log.from_arrays(list(tables), {c.name: values for c, values in tables.items()}, metadata).write(path)
+    return path
+
+
+def test_rovtwin_log_with_its_own_noise_and_mounting(tmp_path, vehicle, command):
+    record = read_record(rovtwin_log(tmp_path / "log.mcap", vehicle, command), vehicle)
+    assert set(record.signals) == {"horizontal", "depth", "gyro"}
+    np.testing.assert_allclose(record.signals["horizontal"].t, T[:-1], atol=1e-8)  # when it was true, not delivered
+    gyro = record.signals["gyro"]
+    turned = np.column_stack([-RATE[:, 1], RATE[:, 0], RATE[:, 2]])
+    np.testing.assert_allclose(gyro.value, turned[: len(gyro.t)], atol=1e-12)
+    np.testing.assert_allclose(gyro.lever, [0.1, 0, 0])
+    np.testing.assert_allclose(gyro.sigma, 0.1)
+    assert record.water_density == 1025
+
+
+def test_a_log_of_another_vehicle_is_refused(tmp_path, vehicle, command):
+    path = rovtwin_log(tmp_path / "log.mcap", vehicle, command)
+    with pytest.raises(IdentificationError, match="Give the vehicle that flew"):
+        read_record(path, load_vehicle("double_blueye"))
+
+
+BAD = {
+    "no such array": ({"signals": {"gyro": {"from": "gg", "columns": [1, 2, 3]}}}, "has c .7 columns., g .4 columns"),
+    "no such column": ({"signals": {"gyro": {"from": "g", "columns": [1, 2, 9]}}}, "number from 0 to 3"),
+    "too few columns": ({"signals": {"gyro": {"from": "g", "columns": [1, 2]}}}, "found 2, expected p, q, r"),
+    "no columns": ({"signals": {"gyro": {"from": "g"}}}, "columns: missing"),
+    "pilot's axes": ({"commands": {"from": "c", "columns": [1, 2]}}, "expected 6 .* give mix"),
+    "unknown thruster": ({"commands": {"from": "c", "columns": [1], "mix": {"nobody": [1]}}}, "no thruster 'nobody'"),
+    "no common time": ({"span": [1000, 2000]}, "no time in common"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_maps_say_what_is_wrong(tmp_path, vehicle, command, case):
+    changes, message = BAD[case]
+    np.savez(tmp_path / "x.npz", c=np.column_stack([T, command]), g=np.column_stack([T, RATE]))
+    good = {
+        "file": "x.npz",
+        "commands": {"from": "c", "columns": [1, 2, 3, 4, 5, 6]},
+        "signals": {"gyro": {"from": "g", "columns": [1, 2, 3]}},
+    }
+    read_record(tmp_path / "x.npz", vehicle, spec(**good))
+    with pytest.raises(IdentificationError, match=message):
+        read_record(tmp_path / "x.npz", vehicle, spec(**good | changes))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("gone.csv", None, "no such file"),
+        ("odd.xyz", b"1", "unknown ending"),
+        ("empty.csv", b"", "found 0 lines"),
+        ("numbers.csv", b"1,2\n3,4\n5,6\n", "expected a header"),
+        ("broken.npz", b"PK nothing", "cannot be read as npz"),
+        ("broken.mcap", b"nothing", "."),
+    ],
+)
+def test_bad_files_are_refused_without_a_traceback(tmp_path, vehicle, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(IdentificationError, match=message):
+        read_record(tmp_path / name, vehicle)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("logs: []", "logs: found 0 values, expected 1"),
+        ("logs: [{use: fit}]", "expected either 'file' or 'files'"),
+        ("logs: [{file: a.npz, use: fitt}]", "Did you mean 'fit'"),
+        ("logs: [{file: a.npz, use: validate, fit_share: 0.5}]", "never fitted"),
+        ("logs: [{file: a.npz, signals: {gyros: {columns: [1]}}}]", "gyros: no such signal. Did you mean 'gyro'"),
+        ("logs: [{file: a.npz, signals: {gyro: {columns: [1], unit: deg}}}]", "expected one of rad/s, deg/s"),
+        ("logs: [{file: a.npz, signals: {gyro: {colums: [1]}}}]", "Did you mean 'columns'"),
+    ],
+)
+def test_bad_evidence_files_say_what_is_wrong(tmp_path, text, message):
+    (tmp_path / "evidence.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        read_evidence(tmp_path / "evidence.yaml")
+
+
+def test_thrust_of_a_text_file(tmp_path):
+    (tmp_path / "thrust.txt").write_text("Thrust [N]  Amount [-]\n\n-40 -1\n0 0\n50 1\n")
+    np.testing.assert_allclose(read_points(tmp_path / "thrust.txt")[1], [[-1, -40], [0, 0], [1, 50]])
+    (tmp_path / "bad.txt").write_text("Thrust [N]  Amount [-]\n-40 -1\n0 0\n50 0.5\n")
+    with pytest.raises(ConfigError, match="increase from -1 to 1"):
+        read_points(tmp_path / "bad.txt")
+
+
+def test_shipped_evidence_of_the_linkoping_bluerov():
+    shared_folder("data", "bluerov_liu")
+    evidence = read_evidence(EXAMPLES / "bluerov_liu" / "evidence.yaml")
+    vehicle = load_vehicle(evidence.vehicle)
+    tests = {test.record.name: test for test in read_tests(evidence, vehicle)}
+    assert [name for name, test in tests.items() if test.use == "fit"] == ["all_2"]
+    assert {"all_3", "yaw_4"} <= set(tests)
+    record = tests["all_3"].record
+    # Cut to the span of the commands: the states run 3.65 s longer.
+    assert record.duration == pytest.approx(11.688, abs=0.01)
+    assert np.abs(record.command).max() == pytest.approx(0.6)
+    # K, M, N of the published geometry.
+    T_ = np.asarray(vehicle.model().thrusters.configuration)
+    np.testing.assert_allclose(T_[3], [0.11, -0.11, 0, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(T_[4], [0.16, 0.16, -0.016, -0.016, -0.2, 0], atol=1e-12)
+    np.testing.assert_allclose(T_[5], [0, 0, 0.11, -0.11, 0, 0], atol=1e-12)
+
+
+def test_shipped_evidence_of_the_tank():
+    shared_folder("data", "bluerov2_heavy_tank")
+    evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")
+    vehicle = load_vehicle(evidence.vehicle)
+    tests = read_tests(evidence, vehicle)
+    assert [test.use for test in tests] == ["fit", "validate"] * 2
+    share = tests[0].record.duration / (tests[0].record.duration + tests[1].record.duration)
+    assert share == pytest.approx(0.7, abs=1e-6)
+    # Velocity of the file against the rate of its position: the frames of both are read the same way.
+    record = tests[2].record
+    p, a, v = (record.signals[name] for name in ("position", "attitude", "velocity"))
+    rate = np.gradient(p.value, p.t, axis=0)
+    from_position = np.einsum("nji,nj->ni", matrices_from_euler(a.value), rate)
+    for axis in range(3):
+        assert np.corrcoef(from_position[:, axis], v.value[:, axis])[0, 1] > 0.8
