@@ -82,7 +82,7 @@ def test_npz_in_other_units_and_frames_is_the_same_record(tmp_path, vehicle, com
     np.testing.assert_allclose(record.signals["gyro"].value, RATE, atol=1e-9)
     np.testing.assert_allclose(record.command, command[:-1], atol=1e-9)
     np.testing.assert_allclose(record.signals["attitude"].t, T, atol=1e-6)
-    np.testing.assert_allclose(record.signals["attitude"].sigma, 0.01)
+    assert np.all(record.signals["attitude"].sigma == np.full(3, 0.01))
     assert (record.tether_length, record.water_density) == (12, 998)
     assert any("1700000000.000 s" in note for note in record.notes)
 
@@ -158,7 +158,7 @@ def test_rovtwin_log_with_its_own_noise_and_mounting(tmp_path, vehicle, command)
     turned = np.column_stack([-RATE[:, 1], RATE[:, 0], RATE[:, 2]])
     np.testing.assert_allclose(gyro.value, turned[: len(gyro.t)], atol=1e-12)
     np.testing.assert_allclose(gyro.lever, [0.1, 0, 0])
-    np.testing.assert_allclose(gyro.sigma, 0.1)
+    assert np.all(gyro.sigma == np.full(3, 0.1))
     assert record.water_density == 1025
 
 
@@ -240,6 +240,7 @@ def test_thrust_of_a_text_file(tmp_path):
 def test_shipped_evidence_of_the_linkoping_bluerov():
     shared_folder("data", "bluerov_liu")
     evidence = read_evidence(EXAMPLES / "bluerov_liu" / "evidence.yaml")
+    assert evidence.vehicle
     vehicle = load_vehicle(evidence.vehicle)
     tests = {test.record.name: test for test in read_tests(evidence, vehicle)}
     assert [name for name, test in tests.items() if test.use == "fit"] == ["all_2"]
@@ -258,6 +259,7 @@ def test_shipped_evidence_of_the_linkoping_bluerov():
 def test_shipped_evidence_of_the_tank():
     shared_folder("data", "bluerov2_heavy_tank")
     evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")
+    assert evidence.vehicle
     vehicle = load_vehicle(evidence.vehicle)
     tests = read_tests(evidence, vehicle)
     assert [test.use for test in tests] == ["fit", "validate"] * 2
