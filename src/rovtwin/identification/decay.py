@@ -4,9 +4,9 @@ A vehicle that is inclined and let go obeys (Fossen 2021, sec. 6.4, 4.1; thesis 
 
     J x'' + D_L x' + D_Q |x'| x' + k sin(x) = 0,   x = angle - offset,   k = W BG
 
-J is the inertia with added mass. Multiplying J, D_L, D_Q and k by one factor changes nothing that can be seen: a decay
-gives c = k/J, b = D_L/J and a = D_Q/J. Their scale comes from a known stiffness, a known inertia, or a second decay with
-a known weight (`from_ballast`), and the result says which.
+J is the inertia with added mass. Multiplying J, D_L, D_Q and k by one factor changes nothing that can be seen: a
+decay gives c = k/J, b = D_L/J and a = D_Q/J. Their scale comes from a known stiffness, a known inertia, or a second
+decay with a known weight (`from_ballast`), and the result says which.
 """
 
 from dataclasses import dataclass, replace
@@ -16,18 +16,13 @@ from scipy.optimize import least_squares
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.decay_motion import swing, window
+from rovtwin.identification.known import Known
 
 LEAST_SWING = np.radians(2.0)  # a smaller one is nearer to the noise of a compass than to a test
 LARGEST_ANGLE = 1.7  # [rad], 97 deg: nobody inclines a vehicle further, but 20 deg read as radians is beyond
+WORST_FIT = 0.12  # rms of what is left over the first angle: a bad compass leaves 0.03
+WIDEST = 0.25  # standard deviation of k/J over its value: beyond it a record is no decay
 RATIOS = ("stiffness", "linear damping", "quadratic damping")  # each over inertia
-
-
-@dataclass(frozen=True)
-class Known:
-    """A value from outside of the test, with its standard deviation, both in SI."""
-
-    value: float
-    sd: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,49 +121,76 @@ def fit_decay(
         IdentificationError: Too few readings, degrees, no release, no swing, or both scales given.
     """
     if stiffness is not None and inertia is not None:
-        raise IdentificationError(f"{source}: found a stiffness and an inertia, expected one: a decay gives their ratio")
+        raise IdentificationError(f"{source}: found a stiffness and an inertia, expected one: a decay has their ratio")
     t, angle = checked(t, angle, source)
     part, guess = window(t, angle, source)
     t, angle = t[part], angle[part]
-    step = 0.1 / np.sqrt(guess[0])  # of RK4: its error is 1e-7 of the angle, far below any sensor's
-
-    def model(p: np.ndarray) -> np.ndarray:
-        a = p[2] if quadratic else 0.0
-        return p[3] + swing(t, (p[4], p[5]), p[0], p[1], a, step)
-
-    def fit(held: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        free = np.array([i for i in range(6) if i not in held])
-
-        def filled(q: np.ndarray) -> np.ndarray:
-            p = np.array(guess)
-            p[list(held)] = 0.0
-            p[free] = q
-            return p
-
-        found = least_squares(
-            lambda q: model(filled(q)) - angle, np.array(guess)[free], x_scale=np.maximum(np.abs(guess), 0.1)[free]
-        )
-        covariance = np.zeros((6, 6))
-        covariance[np.ix_(free, free)] = _covariance(found.jac, found.fun)
-        return filled(found.x), covariance, found.fun
-
-    held = () if quadratic else (2,)
-    p, covariance, residual = fit(held)
+    held: tuple[int, ...] = () if quadratic else (2,)
+    p, covariance, residual = _fit(t, angle, np.array(guess), held)
     notes: list[str] = []
     for i in (2, 1):  # a negative coefficient of damping is noise: the twin must not gain energy from it
         if p[i] < 0 and i not in held:
-            notes.append(f"{RATIOS[i]}: fitted {p[i]:.3g} +- {np.sqrt(covariance[i, i]):.2g}, not positive; taken as 0")
+            sd = np.sqrt(covariance[i, i])
+            notes.append(f"{RATIOS[i]}: fitted {p[i]:.3g} +- {sd:.2g}, not positive; taken as 0")
             held = (*held, i)
-            p, covariance, residual = fit(held)
-    if p[0] <= 0:
-        raise IdentificationError(f"{source}: the angle grows instead of swinging back; expected a release from a tilt")
-    notes += _remarks(p, covariance, residual, t)
+            p, covariance, residual = _fit(t, angle, np.array(guess), held)
+    _believable(p, covariance, residual, source)
     result = Decay(
-        ratios=p[:3], covariance=covariance[:3, :3], offset=float(p[3]), offset_sd=float(np.sqrt(covariance[3, 3])),
-        start=float(t[0]), end=float(t[-1]), state=p[4:], rms=float(np.sqrt(np.mean(residual**2))),
-        whiteness=correlated(residual), moments=None, notes=tuple(notes), t=t, angle=angle, fitted=angle + residual,
-    )  # fmt: skip
+        ratios=p[:3],
+        covariance=covariance[:3, :3],
+        offset=float(p[3]),
+        offset_sd=float(np.sqrt(covariance[3, 3])),
+        start=float(t[0]),
+        end=float(t[-1]),
+        state=p[4:],
+        rms=float(np.sqrt(np.mean(residual**2))),
+        whiteness=correlated(residual),
+        moments=None,
+        notes=(*notes, *_remarks(p, covariance, residual, t)),
+        t=t,
+        angle=angle,
+        fitted=angle + residual,
+    )
     return scaled(result, stiffness=stiffness, inertia=inertia)
+
+
+def _fit(
+    t: np.ndarray, angle: np.ndarray, guess: np.ndarray, held: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameters (c, b, a, offset, angle, rate), their covariance and the residuals; those `held` are 0."""
+    step = 0.1 / np.sqrt(guess[0])  # of RK4: its error is 1e-7 of the angle, far below any sensor's
+    free = np.array([i for i in range(6) if i not in held])
+
+    def filled(q: np.ndarray) -> np.ndarray:
+        p = np.zeros(6)
+        p[free] = q
+        return p
+
+    def error(q: np.ndarray) -> np.ndarray:
+        c, b, a, offset, x, rate = filled(q)
+        return offset + swing(t, (x, rate), c, b, a, step) - angle
+
+    found = least_squares(error, guess[free], x_scale=np.maximum(np.abs(guess), 0.1)[free])
+    n, k = found.jac.shape
+    variance = float(found.fun @ found.fun) / max(n - k, 1) * correlated(found.fun)
+    covariance = np.zeros((6, 6))
+    covariance[np.ix_(free, free)] = np.linalg.pinv(found.jac.T @ found.jac) * variance
+    return filled(found.x), covariance, found.fun
+
+
+def _believable(p: np.ndarray, covariance: np.ndarray, residual: np.ndarray, source: str) -> None:
+    """Raise where what was fitted is no swing back from a tilt, or says nothing of it."""
+    missed = float(np.sqrt(np.mean(residual**2))) / max(abs(p[4]), 1e-9)
+    if p[0] <= 0 or missed > WORST_FIT:
+        raise IdentificationError(
+            f"{source}: no free swing fits: {100 * missed:.0f} % of the first angle is left, k/J is {p[0]:.3g} 1/s2; "
+            "expected a tilt, a release, and nobody touching the vehicle after it"
+        )
+    if np.sqrt(covariance[0, 0]) > WIDEST * p[0]:
+        raise IdentificationError(
+            f"{source}: k/J is {p[0]:.3g} +- {np.sqrt(covariance[0, 0]):.2g} 1/s2: too little of a swing is seen; tilt "
+            "further and record until the vehicle is still"
+        )
 
 
 def scaled(decay: Decay, *, stiffness: Known | None = None, inertia: Known | None = None) -> Decay:
@@ -178,7 +200,7 @@ def scaled(decay: Decay, *, stiffness: Known | None = None, inertia: Known | Non
         return replace(decay, moments=None)
     if not (known.value > 0 and known.sd >= 0):
         raise IdentificationError(
-            f"decay: found a known value of {known.value:g} +- {known.sd:g}, expected more than 0 and a width of 0 or more"
+            f"decay: found a known value of {known.value:g} +- {known.sd:g}, expected more than 0, its width 0 or more"
         )
     c, b, a = decay.ratios
     if stiffness is not None:
@@ -215,9 +237,9 @@ def from_ballast(decay: Decay, ballasted: Decay, added_stiffness: float, added_i
     J = (added_stiffness - with_it * added_inertia) / gap if gap else np.inf
     if not (0 < J < np.inf) or abs(gap) < 2 * np.sqrt(variance + of_it):
         raise IdentificationError(
-            f"decay: k/J is {c:.4g} +- {np.sqrt(variance):.2g} without and {with_it:.4g} +- {np.sqrt(of_it):.2g} 1/s2 with the "
-            f"weight, which adds {added_stiffness:g} N m/rad and {added_inertia:g} kg m2; that gives no inertia. Use more "
-            "weight, further below the axis"
+            f"decay: k/J is {c:.4g} +- {np.sqrt(variance):.2g} without and {with_it:.4g} +- {np.sqrt(of_it):.2g} 1/s2 "
+            f"with the weight, which adds {added_stiffness:g} N m/rad and {added_inertia:g} kg m2; no inertia follows."
+            " Use more weight, further below the axis"
         )
     # J depends on this decay's own c: first order, by the values J (1, c, b, a).
     by_c, by_it = J / gap, -(J + added_inertia) / gap
@@ -234,7 +256,7 @@ def checked(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[np.ndarray, 
     """Times and angle as float arrays, in radians and increasing, or an error that says what is wrong."""
     t, angle = np.asarray(t, float), np.asarray(angle, float)
     if t.ndim != 1 or t.shape != angle.shape:
-        raise IdentificationError(f"{source}: found times {t.shape} and angles {angle.shape}, expected two equal columns")
+        raise IdentificationError(f"{source}: times {t.shape} and angles {angle.shape}, expected two equal columns")
     keep = np.isfinite(t) & np.isfinite(angle)
     t, angle = t[keep], angle[keep]
     if len(t) < 20:
@@ -250,13 +272,13 @@ def checked(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[np.ndarray, 
         )
     if np.ptp(angle) < LEAST_SWING:
         raise IdentificationError(
-            f"{source}: the angle moves {np.degrees(np.ptp(angle)):.2g} deg in all, expected a release from 5 deg or more"
+            f"{source}: the angle moves {np.degrees(np.ptp(angle)):.2g} deg in all, expected a release from 5 deg up"
         )
     return t, angle
 
 
 def correlated(residual: np.ndarray) -> float:
-    """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first value in the noise."""
+    """How many neighbouring residuals count as one: 1 + 2 sum of the autocorrelation up to its first small value."""
     n = len(residual)
     x = residual - residual.mean()
     power = float(x @ x)
@@ -271,19 +293,12 @@ def correlated(residual: np.ndarray) -> float:
     return total
 
 
-def _covariance(jacobian: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Gauss-Newton, with the noise that the residuals show and as many readings as are independent."""
-    n, k = jacobian.shape
-    variance = float(residual @ residual) / max(n - k, 1)
-    return np.linalg.pinv(jacobian.T @ jacobian) * variance * correlated(residual)
-
-
 def _remarks(p: np.ndarray, covariance: np.ndarray, residual: np.ndarray, t: np.ndarray) -> list[str]:
     """What a reader must know about a fit."""
     notes = []
     if covariance[1, 1] and covariance[2, 2]:
         r = covariance[1, 2] / np.sqrt(covariance[1, 1] * covariance[2, 2])
-        if r < -0.9 or (np.sqrt(np.diag(covariance))[1:3] > 0.5 * p[1:3]).any():
+        if (np.sqrt(np.diag(covariance))[1:3] > 0.3 * p[1:3]).any():
             notes.append(
                 f"linear and quadratic damping: their sum is known, each alone is not (correlation {r:.2f}); "
                 "swings of more different size would part them"

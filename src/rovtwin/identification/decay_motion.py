@@ -79,8 +79,8 @@ def window(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[slice, tuple[
     begin = int(np.flatnonzero((x >= 0.9 * held) & (t <= t[crossing]))[-1])
     if begin + 20 > len(t):
         raise IdentificationError(
-            f"{source}: the release is found at {t[begin]:.4g} s and only {len(t) - begin} readings follow, expected 20 or "
-            "more; record until the vehicle is still"
+            f"{source}: the release is found at {t[begin]:.4g} s and only {len(t) - begin} readings follow, expected 20"
+            " or more; record until the vehicle is still"
         )
     c = 1.1 * (np.pi / (2 * quarter)) ** 2
     rate = -0.4 * side * held * sqrt(c)
@@ -102,8 +102,8 @@ def _without_overshoot(
     """A vehicle that creeps back: damped too much to swing through."""
     if x[-1] > 0.2 * x[top] or top >= len(t) - 20:
         raise IdentificationError(
-            f"{source}: no release is found: the angle never returns from {np.degrees(x[top]):.3g} deg beside its rest; "
-            "record from before the release until the vehicle is still"
+            f"{source}: no release is found: the angle never returns from {np.degrees(x[top]):.3g} deg beside its rest;"
+            " record from before the release until the vehicle is still"
         )
     begin = int(np.flatnonzero(x >= 0.9 * x[top])[-1])
     below = begin + int(np.flatnonzero(x[begin:] < 0.33 * x[top])[0])
