@@ -1,0 +1,99 @@
+"""Least squares with a chain of nodes and a common border: solved in time linear in the number of nodes.
+
+The matrix is block tridiagonal in the nodes (each is tied to the next) with a dense border of parameters that all share.
+Reference: Rauch, Tung and Striebel (1965) for the chain; Golub and Van Loan (2013), sec. 4.5 (block tridiagonal systems).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+
+@dataclass(eq=False)
+class Arrow:
+    """H z = b with z = (x_1 ... x_S, theta): blocks of size d, border of size n.
+
+    Attributes:
+        own: H_ss, shape (S, d, d).
+        next: H_{s,s+1}, shape (S, d, d); the last is zero.
+        border: H_{s,theta}, shape (S, d, n).
+        corner: H_{theta,theta}, shape (n, n).
+        b: Right-hand side of the nodes, shape (S, d).
+        b_corner: Of the border, shape (n,).
+    """
+
+    own: np.ndarray
+    next: np.ndarray
+    border: np.ndarray
+    corner: np.ndarray
+    b: np.ndarray
+    b_corner: np.ndarray
+
+    def damped(self, strength: float) -> "Arrow":
+        """The same with its diagonal raised (Levenberg-Marquardt)."""
+        own, corner = self.own.copy(), self.corner.copy()
+        d, n = np.arange(own.shape[1]), np.arange(corner.shape[0])
+        own[:, d, d] *= 1.0 + strength
+        corner[n, n] *= 1.0 + strength
+        return Arrow(own, self.next, self.border, corner, self.b, self.b_corner)
+
+    def factor(self) -> "Factored":
+        """Raises LinAlgError where H is not positive definite."""
+        S, d = self.b.shape
+        n = len(self.b_corner)
+        corner, b_corner = self.corner.copy(), self.b_corner.copy()
+        gains = np.empty((S, d, d + n + 1))
+        inverses = np.empty((S, d, d))
+        own, border, b = self.own[0], self.border[0], self.b[0]
+        for s in range(S):
+            factor = cho_factor(own)
+            gains[s] = cho_solve(factor, np.concatenate([self.next[s], border, b[:, None]], axis=1))
+            inverses[s] = cho_solve(factor, np.eye(d))
+            corner -= border.T @ gains[s, :, d:-1]
+            b_corner -= border.T @ gains[s, :, -1]
+            if s + 1 < S:
+                update = self.next[s].T @ gains[s]
+                own = self.own[s + 1] - update[:, :d]
+                border = self.border[s + 1] - update[:, d:-1]
+                b = self.b[s + 1] - update[:, -1]
+        return Factored(gains, inverses, 0.5 * (corner + corner.T), b_corner)
+
+
+@dataclass(eq=False)
+class Factored:
+    """The chain eliminated: what is left is `corner` theta = b_corner, the information on the parameters alone."""
+
+    gains: np.ndarray
+    inverses: np.ndarray
+    corner: np.ndarray
+    b_corner: np.ndarray
+
+    def solve(self) -> tuple[np.ndarray, np.ndarray]:
+        """x, shape (S, d), and theta, shape (n,)."""
+        S, d, _ = self.gains.shape
+        theta = cho_solve(cho_factor(self.corner), self.b_corner)
+        x = np.zeros((S, d))
+        for s in reversed(range(S)):
+            x[s] = self.gains[s, :, -1] - self.gains[s, :, d:-1] @ theta
+            if s + 1 < S:
+                x[s] -= self.gains[s, :, :d] @ x[s + 1]
+        return x, theta
+
+    def covariance(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Blocks of H^-1: nodes (S, d, d), node and next (S, d, d), node and theta (S, d, n), theta (n, n)."""
+        S, d, _ = self.gains.shape
+        n = len(self.b_corner)
+        corner = cho_solve(cho_factor(self.corner), np.eye(n))
+        own, following, border = np.empty((S, d, d)), np.zeros((S, d, d)), np.empty((S, d, n))
+        for s in reversed(range(S)):
+            G, T = self.gains[s, :, :d], self.gains[s, :, d:-1]
+            border[s] = -T @ corner
+            own[s] = self.inverses[s]
+            if s + 1 < S:
+                border[s] -= G @ border[s + 1]
+                following[s] = -G @ own[s + 1] - T @ border[s + 1].T
+                own[s] = own[s] - following[s] @ G.T
+            own[s] = own[s] - border[s] @ T.T
+            own[s] = 0.5 * (own[s] + own[s].T)
+        return own, following, border, corner

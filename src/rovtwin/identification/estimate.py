@@ -1,0 +1,313 @@
+"""The joint estimate: maximum a posteriori by multiple shooting, with the noise estimated along the way.
+
+Minimised are the weighted squares of readings, of defects between segments, of static evidence and of the distance from
+the prior. Each signal component has a variance of its own and so has the disturbance in each direction of motion; they
+follow from their own residuals and redundancies (Foerstner 1979; Koch 1999, Parameter estimation and hypothesis testing
+in linear models, sec. 3.6). Nothing is tuned by hand.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import jax
+from rovtwin.identification.arrow import Arrow
+from rovtwin.identification.segments import nodes_from_data
+from rovtwin.identification.shooting import NODE, Blocks, Nodes, Shooting, difference, moved
+
+# Where nobody declared it: noise of a reading to start from, and how far a sensor may be off throughout.
+_SIGMA = {"position": 0.03, "horizontal": 0.03, "depth": 0.01, "attitude": 0.005, "gyro": 0.005, "velocity": 0.02}
+_SIGMA["accelerometer"] = 0.1
+_OFFSET = {"gyro": [0.01] * 3, "accelerometer": [0.1] * 3, "attitude": [0.01, 0.01, 0.0]}
+_HELD = 1e-6  # offset of a sensor whose own zero is the reference
+_FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5, "gyro": 1e-5, "velocity": 1e-5}
+_FLOOR["accelerometer"] = 1e-3
+
+_FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
+_DEFECT = np.array([1e-4] * 6 + [0.02] * 6)  # to start from; those of position and attitude stay: they are kinematics
+_DEFECT_FLOOR = 1e-5
+_CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """What is known of theta: mean (n,) and covariance (n, n)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def information(self) -> np.ndarray:
+        return np.linalg.inv(self.covariance)
+
+
+Static = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Evidence that is not a motion (a bollard pull, a towing table): whitened residuals (k,) and their Jacobian (k, n)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Standard deviations: of every reading (G,) and of the defects of a segment (12,)."""
+
+    sigma: np.ndarray
+    defect: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What is estimated: theta (n,), offsets (G,) and the nodes."""
+
+    theta: np.ndarray
+    offsets: np.ndarray
+    nodes: Nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The estimate.
+
+    Attributes:
+        unknowns: At the maximum.
+        noise: As estimated.
+        covariance: Of theta, shape (n, n).
+        information: Of theta from the readings and static evidence alone, without the prior, shape (n, n).
+        offset_std: Standard deviation of the offsets, shape (G,).
+        nodes_covariance: Of the nodes, shape (S, 12, 12).
+        redundancy: Readings less what they were fitted with, shape (G,).
+        converged: Whether the last step was below a hundredth of a standard deviation.
+        steps: Gauss-Newton steps taken.
+        cost: Sum of squares at the end.
+    """
+
+    unknowns: Unknowns
+    noise: Noise
+    covariance: np.ndarray
+    information: np.ndarray
+    offset_std: np.ndarray
+    nodes_covariance: np.ndarray
+    redundancy: np.ndarray
+    converged: bool
+    steps: int
+    cost: float
+
+
+class Problem:
+    """One estimation: compiled residuals, prior and static evidence."""
+
+    def __init__(self, shooting: Shooting, prior: Gaussian, static: Static | None = None):
+        """`shooting` may be used for several problems of equal shape; it is compiled once."""
+        self.shooting, self.prior, self.static = shooting, prior, static
+        self.segments = shooting.segments
+        self.groups = self.segments.groups
+        self._information = prior.information
+        self._offset_information = np.array([self._offset_width(name, i) for name, i in self.groups]) ** -2.0
+        self._starts = np.array(self.segments.first)
+
+    def _offset_width(self, name: str, i: int) -> float:
+        # Depth next to a full position has a zero of its own; every other position says where the origin is.
+        if name == "depth" and "position" in self.segments.levers:
+            return 0.1
+        return max(_OFFSET.get(name, [0.0] * 3)[i], _HELD)
+
+    def start(self) -> tuple[Unknowns, Noise]:
+        """Prior mean, nodes from smoothed readings, declared or usual noise."""
+        nodes = Nodes(**nodes_from_data(self.segments))
+        sigma = [self.segments.sigma[name][i] for name, i in self.groups]
+        usual = [_SIGMA[name] for name, _ in self.groups]
+        sigma = np.where(np.isfinite(sigma), sigma, usual)
+        return Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), nodes), Noise(
+            _CAUTION * sigma, _DEFECT.copy()
+        )
+
+    def blocks(self, unknowns: Unknowns, noise: Noise) -> Blocks:
+        """Of the readings and defects, as NumPy arrays."""
+        found = self.shooting.blocks(
+            unknowns.theta, unknowns.offsets, unknowns.nodes, noise.sigma, self.segments.arrays
+        )
+        return jax.tree.map(np.asarray, found)
+
+    def assembled(self, blocks: Blocks, unknowns: Unknowns, guess: Nodes, noise: Noise) -> tuple[Arrow, float]:
+        """Normal equations of a step, and the cost here."""
+        S, n, G = self.segments.count, len(self.prior.mean), len(self.groups)
+        weight = noise.sigma**-2.0
+        H = np.einsum("g,sgab->sab", weight, blocks.readings)
+        b = -np.einsum("g,sga->sa", weight, blocks.slopes)
+        own, border, corner = H[:, :NODE, :NODE].copy(), H[:, :NODE, NODE:].copy(), H[:, NODE:, NODE:].sum(axis=0)
+        b_node, b_corner = b[:, :NODE].copy(), b[:, NODE:].sum(axis=0)
+        cost = float(weight @ blocks.squares.sum(axis=0))
+        # Defects tie each node to the next.
+        J = blocks.defect_jacobian / noise.defect[:, None]
+        d = blocks.defect / noise.defect
+        here, by_theta, there = J[:, :, :NODE], J[:, :, NODE : NODE + n], J[:, :, NODE + n :]
+        own += _gram(here, here)
+        own[1:] += _gram(there, there)[:-1]
+        border[:, :, :n] += _gram(here, by_theta)
+        border[1:, :, :n] += _gram(there, by_theta)[:-1]
+        corner[:n, :n] += _gram(by_theta, by_theta).sum(axis=0)
+        b_node -= np.einsum("sia,si->sa", here, d)
+        b_node[1:] -= np.einsum("sia,si->sa", there, d)[:-1]
+        b_corner[:n] -= np.einsum("sia,si->a", by_theta, d)
+        cost += float(np.sum(d**2))
+        # Starts, prior, offsets, static evidence.
+        off = np.stack([np.asarray(difference(_at(unknowns.nodes, s), _at(guess, s))) for s in self._starts])
+        own[self._starts] += np.diag(_FIRST_NODE**-2.0)
+        b_node[self._starts] -= off / _FIRST_NODE**2
+        gap = unknowns.theta - self.prior.mean
+        corner[:n, :n] += self._information
+        b_corner[:n] -= self._information @ gap
+        corner[n:, n:] += np.diag(self._offset_information)
+        b_corner[n:] -= self._offset_information * unknowns.offsets
+        cost += float(np.sum((off / _FIRST_NODE) ** 2) + gap @ self._information @ gap)
+        cost += float(self._offset_information @ unknowns.offsets**2)
+        if self.static is not None:
+            r, Jr = self.static(unknowns.theta)
+            corner[:n, :n] += Jr.T @ Jr
+            b_corner[:n] -= Jr.T @ r
+            cost += float(r @ r)
+        assert border.shape == (S, NODE, n + G)
+        return Arrow(own, _gram(here, there), border, corner, b_node, b_corner), cost
+
+    def noise_from(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> tuple[Noise, np.ndarray]:
+        """Variances from squares over redundancies, and the redundancies of the readings."""
+        n = len(self.prior.mean)
+        own, following, border, corner = arrow.factor().covariance()
+        S, m = self.segments.count, NODE + n + len(self.groups)
+        C = np.empty((S, m, m))
+        C[:, :NODE, :NODE], C[:, :NODE, NODE:], C[:, NODE:, NODE:] = own, border, corner
+        C[:, NODE:, :NODE] = np.swapaxes(border, 1, 2)
+        fitted = np.einsum("sgab,sab->g", blocks.readings, C) / noise.sigma**2
+        count = blocks.weights.sum(axis=0)
+        redundancy = np.maximum(count - fitted, 0.02 * count)
+        floor = np.array([_FLOOR[name] for name, _ in self.groups])
+        squares = blocks.squares.sum(axis=0)
+        sigma = np.where(count > 10, np.sqrt(squares / np.maximum(redundancy, 1e-9)), noise.sigma)
+        return Noise(np.maximum(sigma, floor), self._defects(blocks, own, following, border, corner, noise)), redundancy
+
+    def _defects(
+        self,
+        blocks: Blocks,
+        own: np.ndarray,
+        following: np.ndarray,
+        border: np.ndarray,
+        corner: np.ndarray,
+        noise: Noise,
+    ) -> np.ndarray:
+        """Disturbance in each direction of motion, from how far segments miss the next node."""
+        n = len(self.prior.mean)
+        links = np.flatnonzero(self.segments.arrays["linked"])
+        if len(links) == 0:
+            return noise.defect
+        J = blocks.defect_jacobian[links]
+        C = np.zeros((len(links), 2 * NODE + n, 2 * NODE + n))
+        a, t, z = slice(0, NODE), slice(NODE, NODE + n), slice(NODE + n, None)
+        C[:, a, a], C[:, t, t], C[:, z, z] = own[links], corner[:n, :n], own[links + 1]
+        C[:, a, t], C[:, z, t] = border[links][:, :, :n], border[links + 1][:, :, :n]
+        C[:, a, z] = following[links]
+        C[:, t, a], C[:, t, z] = np.swapaxes(C[:, a, t], 1, 2), np.swapaxes(C[:, z, t], 1, 2)
+        C[:, z, a] = np.swapaxes(C[:, a, z], 1, 2)
+        variance = np.einsum("sia,sab,sib->i", J, C, J)
+        squares = np.sum(blocks.defect[links] ** 2, axis=0)
+        redundancy = np.maximum(len(links) - variance / noise.defect**2, 0.02 * len(links))
+        wanted = np.clip(np.sqrt(squares / redundancy), noise.defect / 5, noise.defect * 5)
+        defect = noise.defect.copy()
+        defect[6:] = np.maximum(wanted[6:], _DEFECT_FLOOR)
+        return defect
+
+    def solve(
+        self,
+        start: tuple[Unknowns, Noise] | None = None,
+        fixed_noise: bool = False,
+        max_steps: int = 60,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> Solution:
+        """Levenberg-Marquardt steps; after each accepted one the noise is estimated anew.
+
+        Args:
+            start: Where to begin; None: `start()`.
+            fixed_noise: Keep the noise of the start.
+            max_steps: Of Gauss-Newton.
+            progress: Called with the number of steps and the largest change in standard deviations.
+
+        Raises:
+            IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
+        """
+        here, noise = self.start() if start is None else start
+        guess, damping, steps = here.nodes, 1e-3, 0
+        blocks = self.blocks(here, noise)
+        arrow, cost = self.assembled(blocks, here, guess, noise)
+        if not np.isfinite(cost):
+            raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
+        change, redundancy = np.inf, np.ones(len(self.groups))
+        noise_settled = fixed_noise
+        settled = np.concatenate(
+            [np.full(len(self.groups), 0.03), np.full(NODE, 0.2)]
+        )  # defects fade slowly to nothing
+        while steps < max_steps and not (change < 0.01 and noise_settled and damping == 0.0):
+            x, corner = arrow.damped(damping).factor().solve()
+            trial = self._stepped(here, x, corner)
+            new = self.blocks(trial, noise)
+            new_arrow, new_cost = self.assembled(new, trial, guess, noise)
+            steps += 1
+            if not np.isfinite(new_cost) or new_cost > cost * (1 + 1e-9):
+                damping = max(damping, 1e-6) * 8
+                if damping > 1e8:
+                    break
+                continue
+            # A direction that readings hardly see is reached by undamped steps only.
+            here, blocks, arrow, damping = trial, new, new_arrow, damping / 8 if damping > 1e-5 else 0.0
+            std = np.sqrt(np.diag(arrow.factor().covariance()[3]))
+            change = float(np.max(np.abs(corner) / std))
+            if not fixed_noise:
+                updated, redundancy = self.noise_from(blocks, arrow, noise)
+                ratio = np.concatenate([updated.sigma / noise.sigma, updated.defect / noise.defect])
+                noise_settled = bool(np.all(np.abs(np.log(ratio)) < settled))
+                noise = updated
+                arrow, _ = self.assembled(blocks, here, guess, noise)
+            cost = self.assembled(blocks, here, guess, noise)[1]
+            if progress:
+                progress(steps, change)
+        return self._solution(here, noise, arrow, redundancy, change < 0.01, steps, cost)
+
+    def _stepped(self, here: Unknowns, x: np.ndarray, corner: np.ndarray) -> Unknowns:
+        n = len(here.theta)
+        # No parameter moves by more than a factor of two at once: the far side of a logarithm is no place to look.
+        scale = min(1.0, 0.7 / max(float(np.max(np.abs(corner[:n]), initial=0.0)), 1e-12))
+        nodes = jax.tree.map(np.asarray, _moved_all(here.nodes, scale * x))
+        return replace(
+            here, theta=here.theta + scale * corner[:n], offsets=here.offsets + scale * corner[n:], nodes=nodes
+        )
+
+    def _solution(
+        self,
+        here: Unknowns,
+        noise: Noise,
+        arrow: Arrow,
+        redundancy: np.ndarray,
+        converged: bool,
+        steps: int,
+        cost: float,
+    ) -> Solution:
+        n = len(here.theta)
+        factored = arrow.factor()
+        own, _, _, corner = factored.covariance()
+        # What is known of theta without its prior, the offsets eliminated too.
+        reduced = factored.corner
+        rest = np.linalg.solve(reduced[n:, n:], reduced[n:, :n])
+        information = reduced[:n, :n] - reduced[:n, n:] @ rest - self._information
+        information = 0.5 * (information + information.T)
+        std = np.sqrt(np.diag(corner)[n:])
+        return Solution(here, noise, corner[:n, :n], information, std, own, redundancy, converged, steps, cost)
+
+
+def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a' b per segment."""
+    return np.swapaxes(a, 1, 2) @ b
+
+
+def _at(nodes: Nodes, s: int) -> Nodes:
+    return Nodes(*(np.asarray(x)[s] for x in nodes))
+
+
+_moved_all = jax.jit(jax.vmap(moved))

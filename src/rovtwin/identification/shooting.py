@@ -1,0 +1,356 @@
+"""The compiled part of the estimate: every segment simulated with its derivatives, and squared into normal equations.
+
+For segment s the unknowns are the error of its node x_s (position 3, attitude 3, nu 6), the parameters theta and constant
+offsets b of the sensors. A reading gives the residual h(x(t; x_s, theta)) + b - y, the end of a segment the defect
+x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill.
+
+Reference: Bock (1983), Recent advances in parameter identification techniques for ODE; Schittkowski (2002), sec. 2.6.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+
+from rovtwin.core.flow import Environment
+from rovtwin.core.frames import (
+    cross,
+    euler_from_quaternion,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_normalise,
+    quaternion_rate,
+    rotation_from_quaternion,
+    wrap,
+)
+from rovtwin.core.integrate import rk4_step
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.parameters import Extras, Parameters
+from rovtwin.identification.segments import Segments
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import Thrusters, lag, static_force
+
+NODE = 12  # size of a node's error
+_CHUNK = 8  # segments that are simulated side by side, with all their derivatives: what fits into the cache
+
+
+class Nodes(NamedTuple):
+    """State at the start of every segment: position (S, 3), attitude (S, 4), nu (S, 6)."""
+
+    position: Array
+    attitude: Array
+    nu: Array
+
+
+class Blocks(NamedTuple):
+    """Normal equations of the readings and of the defects, per segment; G groups (signal components), m = 12 + n + G.
+
+    Attributes:
+        readings: J'WJ per group with unit noise, shape (S, G, m, m); columns: node, theta, offsets.
+        slopes: J'Wr per group, shape (S, G, m).
+        squares: Sum of w r^2 per group, shape (S, G).
+        weights: Sum of w per group, shape (S, G).
+        defect: x_{s+1} - f(x_s), shape (S, 12); zero where nothing follows.
+        defect_jacobian: By node, theta and next node, shape (S, 12, 12 + n + 12).
+    """
+
+    readings: Array
+    slopes: Array
+    squares: Array
+    weights: Array
+    defect: Array
+    defect_jacobian: Array
+
+
+class Shooting:
+    """Residuals of segments at given parameters, compiled once for their shapes."""
+
+    def __init__(self, parameters: Parameters, segments: Segments):
+        """Nothing is compiled before the first call."""
+        self.parameters, self.segments = parameters, segments
+        _, self._static = eqx.partition(parameters.model, eqx.is_inexact_array)
+        self._names = list(segments.levers)
+        self.blocks = jax.jit(self._blocks)
+        self.residuals = jax.jit(self._residuals)
+        self.trajectories = jax.jit(self._trajectories)
+
+    # Thrust: known from the commands alone, so that it is integrated once through each whole record.
+
+    def _wrenches(self, theta: Array, arrays: dict[str, Any]) -> Array:
+        """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6)."""
+        model, _ = self.parameters.model_at(theta)
+        return thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.segments.grid.step)
+
+    def _linearised(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Any, Array, Array]:
+        """Model arrays and wrenches with their derivatives by theta, leading axis n; wrench derivatives (S, n, ...)."""
+
+        def parts(theta: Array) -> Any:
+            model, extras = self.parameters.model_at(theta)
+            return eqx.partition(model, eqx.is_inexact_array)[0], extras
+
+        unit = jnp.eye(len(self.parameters))
+        flexible = parts(theta)
+        d_flexible = jax.vmap(lambda e: jax.jvp(parts, (theta,), (e,))[1])(unit)
+        wrench = partial(self._wrenches, arrays=arrays)
+        tau = wrench(theta)
+        d_tau = jax.vmap(lambda e: jax.jvp(wrench, (theta,), (e,))[1], out_axes=1)(unit)
+        return flexible, d_flexible, tau, d_tau
+
+    # One segment.
+
+    def _simulated(
+        self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
+    ) -> tuple[dict[str, Array], Nodes]:
+        """Predicted readings of one segment, by signal (R, k), and the state at its end."""
+        path, rates = self._path(error, flexible, tau, node, own)
+        predicted = {}
+        for name in self._names:
+            rows = own[name]
+            state = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
+            predicted[name] = _reading(name, *state, jnp.asarray(self.segments.levers[name]))
+        return predicted, jax.tree.map(lambda x: x[-1], path)
+
+    def _path(
+        self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
+    ) -> tuple[Nodes, Array | None]:
+        """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
+        model: Model = eqx.combine(flexible[0], self._static)
+        extras: Extras = flexible[1]
+        if "ballast_mass" in own:
+            heavier = model.rigid_body_mass + own["ballast_mass"]
+            model = model.replace(rigid_body_mass=heavier)
+        calm = Environment.calm(velocity=own["current"])
+        step = self.segments.grid.step
+
+        def rate(x: Nodes, wrench: Array) -> Array:
+            extra = _test_wrench(x, own, extras)
+            return acceleration(model, x.position, x.attitude, x.nu, wrench + extra, calm)
+
+        def advance(x: Nodes, wrenches: Array) -> tuple[Nodes, Nodes]:
+            at = {0.0: wrenches[0], 0.5 * step: wrenches[1], step: wrenches[2]}
+
+            def derivative(elapsed: float, y: Nodes) -> Nodes:
+                velocity = rotation_from_quaternion(y.attitude) @ y.nu[:3]
+                return Nodes(velocity, quaternion_rate(y.attitude, y.nu[3:]), rate(y, at[elapsed]))
+
+            after = rk4_step(derivative, x, step)
+            after = after._replace(attitude=quaternion_normalise(after.attitude))
+            return after, after
+
+        start = moved(node, error)
+        _, path = jax.lax.scan(advance, start, tau)
+        path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, path)
+        if "accelerometer" not in self._names:
+            return path, None
+        wrench = jnp.concatenate([tau[:, 0], tau[-1:, 2]])
+        return path, jax.vmap(rate)(path, wrench)
+
+    def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
+        """Next nodes, and what belongs to each segment apart from commands."""
+        following = jax.tree.map(lambda x: jnp.roll(x, -1, axis=0), nodes)
+        own = {key: value for key, value in arrays.items() if key not in ("command", "fresh")}
+        return following, own
+
+    def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
+        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides how far out a reading is an outlier."""
+        flexible, d_flexible, tau, d_tau = self._linearised(theta, arrays)
+        following, own = self._per_segment(nodes, arrays)
+        n = len(self.parameters)
+
+        def one(segment: Any) -> Blocks:
+            node, next_node, tau, d_tau, own = segment
+
+            def outputs(error: Array, flexible: Any, tau: Array) -> tuple[dict[str, Array], Array]:
+                predicted, end = self._simulated(error, flexible, tau, node, own)
+                return predicted, difference(next_node, end)
+
+            zero = jnp.zeros(NODE)
+            value, columns = jax.vmap(
+                lambda de, df, dt: jax.jvp(outputs, (zero, flexible, tau), (de, df, dt)), out_axes=(None, -1)
+            )(*_directions(d_flexible, d_tau))
+            by_next = jax.jacfwd(lambda e: value[1] + difference(moved(next_node, e), next_node))(zero)
+            defect_jacobian = own["linked"] * jnp.concatenate([columns[1], by_next], axis=1)
+            squared = _squared(self._names, value[0], columns[0], own, offsets, sigma)
+            return Blocks(*squared, own["linked"] * value[1], defect_jacobian)
+
+        assert n == theta.shape[0]
+        return _chunked(one, (nodes, following, tau, d_tau, own))
+
+    def _residuals(
+        self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
+    ) -> tuple[dict[str, Array], Array]:
+        """Residuals by signal (S, R, k), prediction less reading, and defects (S, 12)."""
+        flexible, _, tau, _ = self._without_derivatives(theta, arrays)
+        following, own = self._per_segment(nodes, arrays)
+
+        def one(segment: Any) -> tuple[dict[str, Array], Array]:
+            node, next_node, tau, own = segment
+            predicted, end = self._simulated(jnp.zeros(NODE), flexible, tau, node, own)
+            split = _offsets_by_signal(self._names, predicted, offsets)
+            residual = {k: _residual(k, predicted[k] + split[k], own[k]["value"]) for k in self._names}
+            return residual, own["linked"] * difference(next_node, end)
+
+        return _chunked(one, (nodes, following, tau, own))
+
+    def _without_derivatives(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, None, Array, None]:
+        model, extras = self.parameters.model_at(theta)
+        return (eqx.partition(model, eqx.is_inexact_array)[0], extras), None, self._wrenches(theta, arrays), None
+
+    def _trajectories(self, theta: Array, nodes: Nodes, arrays: dict[str, Any]) -> Nodes:
+        """States at all grid points from each node, leading axes (S, K + 1)."""
+        flexible, _, tau, _ = self._without_derivatives(theta, arrays)
+        _, own = self._per_segment(nodes, arrays)
+        return _chunked(lambda s: self._path(jnp.zeros(NODE), flexible, s[1], s[0], s[2])[0], (nodes, tau, own))
+
+
+def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: float) -> Array:
+    """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6).
+
+    Args:
+        thrusters: With their lag.
+        command: Held over each step, shape (S, K, n).
+        fresh: 1 at steps where a record begins, with thrusters settled at its first command, shape (S, K).
+        step: [s].
+    """
+    target = jax.vmap(jax.vmap(lambda u: static_force(thrusters, u)))(command)
+    flat, begin = target.reshape(-1, target.shape[-1]), fresh.reshape(-1)
+
+    def one(force: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        goal, begins = now
+        before = jnp.where(begins > 0, goal, force)
+        half = lag(thrusters, before, goal, 0.5 * step)
+        after = lag(thrusters, half, goal, 0.5 * step)
+        return after, jnp.stack([before, half, after])
+
+    _, history = jax.lax.scan(one, flat[0], (flat, begin))
+    return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
+
+
+def moved(node: Nodes, error: Array) -> Nodes:
+    """A state off by an error (12,): position and nu by sums, attitude by a small rotation in b."""
+    angle = error[3:6]
+    square = angle @ angle
+    # sin(x/2)/x and cos(x/2) by their series: errors of nodes are small, and derivatives stay finite at zero.
+    turn = jnp.concatenate([(1.0 - square / 8.0 + square**2 / 384.0)[None], angle * (0.5 - square / 48.0)])
+    attitude = quaternion_normalise(quaternion_multiply(node.attitude, turn))
+    return Nodes(node.position + error[:3], attitude, node.nu + error[6:])
+
+
+def difference(a: Nodes, b: Nodes) -> Array:
+    """a less b as an error (12,), so that moved(b, difference(a, b)) is a to first order."""
+    q = quaternion_multiply(quaternion_conjugate(b.attitude), a.attitude)
+    angle = 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
+    return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu])
+
+
+def _test_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
+    """Wrench of what belongs to the test: known ballast, and the tether's drag, b at CO."""
+    R_bn = rotation_from_quaternion(x.attitude).T
+    through = x.nu[:3] - R_bn @ own["current"]
+    drag = -extras.tether_drag * own["tether"] * jnp.sqrt(through @ through + 1e-12) * through
+    wrench = jnp.concatenate([drag, jnp.zeros(3)])
+    if "ballast" in own:
+        for piece in own["ballast"]:
+            force = R_bn[:, 2] * piece[0]
+            wrench = wrench + jnp.concatenate([force, cross(piece[1:], force)])
+    return wrench
+
+
+def _between(x: Array, row: Array, share: Array) -> Array:
+    """Values between grid points row and row + 1."""
+    extra = x.ndim - 1
+    weight = share.reshape(share.shape + (1,) * extra)
+    return x[row] + weight * (x[row + 1] - x[row])
+
+
+def _reading(name: str, x: Nodes, rates: Array | None, lever: Array) -> Array:
+    """What a sensor would read along a path, shape (R, k); see `vehicle.measurement` for the equations."""
+
+    def one(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
+        q = quaternion_normalise(attitude)
+        R_nb, v, omega = rotation_from_quaternion(q), nu[:3], nu[3:]
+        if name in ("position", "horizontal", "depth"):
+            place = position + R_nb @ lever
+            return {"position": place, "horizontal": place[:2], "depth": place[2:]}[name]
+        if name == "attitude":
+            return euler_from_quaternion(q)
+        if name == "gyro":
+            return omega
+        if name == "velocity":
+            return v + cross(omega, lever)
+        assert nu_dot is not None
+        path = nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
+        return path - GRAVITY * R_nb[2]
+
+    if rates is None:
+        return jax.vmap(lambda p, q, nu: one(p, q, nu, None))(x.position, x.attitude, x.nu)
+    return jax.vmap(one)(x.position, x.attitude, x.nu, rates)
+
+
+def _residual(name: str, predicted: Array, value: Array) -> Array:
+    gap = predicted - value
+    return wrap(gap) if name == "attitude" else gap
+
+
+def _offsets_by_signal(names: list[str], predicted: dict[str, Array], offsets: Array) -> dict[str, Array]:
+    out, start = {}, 0
+    for name in names:
+        size = predicted[name].shape[-1]
+        out[name] = offsets[start : start + size]
+        start += size
+    return out
+
+
+def _directions(d_flexible: Any, d_tau: Array) -> tuple[Array, Any, Array]:
+    """All directions to differentiate along, one after the other: the node's error, then theta."""
+    count = d_tau.shape[0]
+    d_error = jnp.concatenate([jnp.eye(NODE), jnp.zeros((count, NODE))])
+
+    def after_nodes(x: Array) -> Array:
+        return jnp.concatenate([jnp.zeros((NODE, *x.shape[1:])), x])
+
+    return d_error, jax.tree.map(after_nodes, d_flexible), after_nodes(d_tau)
+
+
+def _chunked(function: Any, segments: Any) -> Any:
+    """`function` of every segment, some side by side; the last ones are padded so that one program serves all."""
+    count = jax.tree.leaves(segments)[0].shape[0]
+    chunks = -(-count // _CHUNK)
+    spare = chunks * _CHUNK - count
+
+    def folded(x: Array) -> Array:
+        return jnp.concatenate([x, jnp.repeat(x[-1:], spare, axis=0)]).reshape(chunks, _CHUNK, *x.shape[1:])
+
+    out = jax.lax.map(jax.vmap(function), jax.tree.map(folded, segments))
+    return jax.tree.map(lambda x: x.reshape(chunks * _CHUNK, *x.shape[2:])[:count], out)
+
+
+_HUBER = 3.0  # residuals beyond so many sigma count linearly
+
+
+def _squared(
+    names: list[str],
+    predicted: dict[str, Array],
+    columns: dict[str, Array],
+    own: dict[str, Any],
+    offsets: Array,
+    sigma: Array,
+) -> tuple[Array, Array, Array, Array]:
+    """J'WJ, J'Wr, sum w r^2 and sum w of every signal component, with weights of Huber (1964)."""
+    split = _offsets_by_signal(names, predicted, offsets)
+    parts, group, total = [], 0, offsets.shape[0]
+    for name in names:
+        residual = _residual(name, predicted[name] + split[name], own[name]["value"])
+        for i in range(residual.shape[-1]):
+            r = residual[:, i]
+            far = jnp.abs(r) / sigma[group]
+            w = own[name]["used"] * jnp.where(far > _HUBER, _HUBER / jnp.where(far > 0, far, 1.0), 1.0)
+            J = columns[name][:, i, :]
+            one_hot = jnp.zeros((J.shape[0], total)).at[:, group].set(1.0)
+            J = jnp.concatenate([J, one_hot], axis=1)
+            weighted = w[:, None] * J
+            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(w)))
+            group += 1
+    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (four of them)

@@ -1,0 +1,56 @@
+"""Test logs without a scenario: the plant itself, driven by given commands, read with given noise."""
+
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Environment
+from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.identification.record import Record, Signal
+from rovtwin.vehicle.dynamics import State, rollout
+
+STEP = 0.01
+NOISE = {"horizontal": 0.03, "depth": 1e-3, "attitude": 1e-3, "gyro": 3e-4, "accelerometer": 0.0308, "velocity": 0.005}
+RATE = {"horizontal": 15.0, "depth": 20.0, "attitude": 50.0, "gyro": 50.0, "accelerometer": 50.0, "velocity": 10.0}
+
+
+@jax.jit
+def _simulate(model, state, commands):
+    return rollout(model, state, Command(commands), Environment.calm(), STEP)
+
+
+def steps_command(vehicle, seed, duration, hold=2.0, names=None):
+    """Random held commands, all thrusters, shape (m, n), and when each begins."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, hold)
+    u = rng.uniform(-1, 1, (len(t), len(vehicle.thruster_names)))
+    u[0] = 0.0  # thrusters start at rest
+    return t, u
+
+
+def record(
+    model, t_command, command, duration, seed=0, signals=("horizontal", "depth", "attitude", "gyro"), start=None, **kw
+):
+    """What sensors read of a run of the plant."""
+    rng = np.random.default_rng(seed + 1000)
+    steps = round(duration / STEP)
+    held = command[np.searchsorted(t_command, (np.arange(steps) + 0.5) * STEP, side="right") - 1]
+    state = State.at(model, Start.at([0.0, 0.0, 1.0]) if start is None else start)
+    path = _simulate(model, state, jnp.asarray(held))
+    t = STEP * np.arange(1, steps + 1)
+    euler = np.asarray(jax.vmap(euler_from_quaternion)(path.attitude))
+    truth = {
+        "horizontal": np.asarray(path.position)[:, :2],
+        "depth": np.asarray(path.position)[:, 2:],
+        "attitude": euler,
+        "gyro": np.asarray(path.nu)[:, 3:],
+        "velocity": np.asarray(path.nu)[:, :3],
+    }
+    found = {}
+    for name in signals:
+        every = max(1, round(1 / RATE[name] / STEP))
+        rows = np.arange(every - 1, steps, every)
+        value = truth[name][rows]
+        value = value + NOISE[name] * rng.standard_normal(value.shape)
+        found[name] = Signal(t[rows], value, np.full(value.shape[1], NOISE[name]))
+    return Record("synthetic", np.asarray(t_command), np.asarray(command), found, duration, **kw)
