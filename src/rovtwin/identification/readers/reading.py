@@ -9,7 +9,11 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.evidence_file import Evidence, LogSpec, Use
 from rovtwin.identification.log_spec import SourceSpec
 from rovtwin.identification.readers.assemble import Part, part_of
+from rovtwin.identification.readers.blueye import read_blueye
+from rovtwin.identification.readers.c3d import read_c3d
+from rovtwin.identification.readers.qtm import read_qtm
 from rovtwin.identification.readers.raw import Raw
+from rovtwin.identification.readers.ros import read_rosbag
 from rovtwin.identification.readers.rovtwin_log import read_rovtwin
 from rovtwin.identification.readers.tables import read_csv, read_npz
 from rovtwin.identification.record import Ballast, Record, Signal
@@ -76,9 +80,11 @@ def read_raw(path: Path, source: SourceSpec, vehicle: Vehicle) -> Raw:
         "rovtwin": lambda: read_rovtwin(path, vehicle),
         "csv": lambda: read_csv(path, vehicle.thruster_names),
         "npz": lambda: read_npz(path),
+        "qtm": lambda: read_qtm(path, source.body),
+        "c3d": lambda: read_c3d(path, source.body, source.markers),
+        "rosbag": lambda: read_rosbag(path, vehicle.thruster_names),
+        "blueye": lambda: read_blueye(path),
     }
-    if kind not in readers:
-        raise IdentificationError(f"{path}: format {kind!r} cannot be read, expected one of {', '.join(readers)}")
     return readers[kind]()
 
 
