@@ -16,6 +16,7 @@ from tests.vehicle.random_vehicles import THRUSTERS, build
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import (
     DIVE,
+    GO,
     NO_REASON,
     NO_REQUEST,
     AutopilotInput,
@@ -38,6 +39,7 @@ from rovtwin.gnc.mission import mission
 from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
+from rovtwin.gnc.trial import Timeline, Trial
 from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.battery import Battery, BatteryInput
 from rovtwin.simulation.cable import Cable
@@ -243,6 +245,23 @@ def autopilot(observer: Block) -> Example:
     return Example(block, AutopilotInput(measurements(), requests()))
 
 
+def trial() -> Example:
+    """A pull that ends before the ticks do; heave and yaw are held."""
+    hold = jnp.tile(jnp.asarray([0.0, 0.0, 1.0, 0.0, 0.0, 1.0]), (2, 1))
+    number = jnp.arange(2)
+    timeline = Timeline(
+        share=over_time(6, seed=40),
+        row=(jnp.arange(TICKS) > 30).astype(int),
+        hold=hold,
+        keep=0.3 * (1.0 - hold),
+        on=jnp.asarray([True, True]),
+        manoeuvre=number,
+        phase=jnp.full(2, GO),
+        count=jnp.asarray(TICKS - 10),
+    )
+    return Example(Trial.of(model(), timeline), AutopilotInput(measurements(), requests()))
+
+
 def guidance() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(NO_REASON)))
     return Example(Guidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
@@ -265,6 +284,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.supervisor.Supervisor": lambda: Example(
         Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
     ),
+    "gnc.trial.Trial": trial,
     "simulation.airy.AirySea": lambda: Example(sea(), states(), PHYSICS),
     "simulation.current.CombinedCurrent": lambda: Example(
         CombinedCurrent((sheared(), wandering())), states().position, PHYSICS

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, table
+from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovtwin.scenario.schema import Scenario
@@ -103,7 +104,8 @@ def _bar(counter: str) -> Progress:
 
 def _closing_table(flight: Any, screen: Console) -> None:
     summary = flight.summary
-    verdict = "completed" if flight.completed else f"not completed: {summary['reason']}"
+    done = "test done" if summary.get("test") else "completed"
+    verdict = done if flight.completed else f"not completed: {summary['reason']}"
     rows = table("", "figure", "value")
     for label, key, unit in FIGURES:
         judged = key != "nees_position_interval" or summary["nees_position_mean"] is not None
@@ -188,6 +190,10 @@ def score(
     given = {"vehicle": vehicle, "autopilot": autopilot}
     extra = [*(f"{key}={value}" for key, value in given.items() if value), *(overrides or ())]
     wanted = {name: load_scenario(name, extra) for name in scenarios or list_scenarios()}
+    tests = [name for name, scenario in wanted.items() if scenario.test]
+    if scenarios and tests:
+        raise ConfigError(f"{tests[0]}: is a test, not a mission: it has no scores. Fly it: rovtwin fly {tests[0]}")
+    wanted = {name: scenario for name, scenario in wanted.items() if name not in tests}
     results = {}
     with _bar("") as bar:
         for label, scenario in wanted.items():

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from rovtwin.core.log import Log
 from rovtwin.report.catalogue import drawable, left_out
 from rovtwin.report.flight import Flight
-from rovtwin.report.tables import fault_table, mission_table, provenance_table, sensor_table
+from rovtwin.report.tables import fault_table, manoeuvre_table, mission_table, provenance_table, sensor_table
 from rovtwin.report.vehicle import vehicle_tables
 from rovtwin.report.verdict import verdict
 
@@ -54,7 +54,7 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
         title=title or log.metadata.get("name") or "Flight report",
         verdict=verdict(flight),
         pictures=pictures,
-        mission=mission_table(flight),
+        mission=mission_table(flight) or manoeuvre_table(flight),
         faults=fault_table(flight),
         sensors=sensor_table(flight),
         vehicle=vehicle_tables(flight),
@@ -74,7 +74,7 @@ def _everything_left_out(log: Log, flight: Flight) -> list[str]:
             "Scenario: the log's metadata has none, so the run cannot be repeated from here.",
         ),
         (vehicle_tables(flight), "Vehicle: the log's metadata has no table of its model."),
-        (flight.waypoints, "Mission: the log's metadata has no way-points."),
+        (flight.waypoints or flight.json("test"), "Mission: the log's metadata has no way-points."),
         (flight.sensors, "Sensors: the log has no channel sensor/... with readings."),
     )
     return left_out(log) + [line for found, line in sections if not found]

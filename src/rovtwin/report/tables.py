@@ -69,9 +69,25 @@ def fault_table(flight: Flight) -> Table | None:
     return Table("Faults", ["Number", "What", "From [s]", "Until [s]"], rows) if rows else None
 
 
+def manoeuvre_table(flight: Flight) -> Table | None:
+    """What a test did and when; None where the log is of a mission."""
+    spans = flight.json("test")
+    if not isinstance(spans, list):
+        return None
+    rows = [
+        [
+            str(one["manoeuvre"]),
+            one["what"] + (" (tilted by hand)" if one["hand"] else ""),
+            *(f"{one[key]:.5g}" for key in ("start", "end")),
+        ]
+        for one in spans
+    ]
+    return Table("Manoeuvres", ["Number", "What", "From [s]", "Until [s]"], rows)
+
+
 def provenance_table(flight: Flight) -> Table:
     """Where the log comes from: all short metadata."""
-    long = {"scenario", "summary", "vehicle_table", "mission", "waves", "faults"}
+    long = {"scenario", "summary", "vehicle_table", "mission", "waves", "faults", "test", "sensors", "thrusters"}
     rows = [[key, value] for key, value in flight.log.metadata.items() if key not in long]
     if flight.datum is not None:
         rows = [[key, str(flight.datum) if key == METADATA_KEY else value] for key, value in rows]

@@ -88,6 +88,8 @@ def _headline(flight: Flight, good: bool | None) -> str:
     reason = str(summary.get("reason") or "")
     reason = "" if reason.startswith("not finished") else reason
     phase = str(summary.get("phase") or (flight.phases[-1].phase if flight.phases else ""))
+    if good and summary.get("test"):
+        return f"Test done in {seconds:.0f} s"
     if good:
         return f"Completed in {seconds:.0f} s"
     if good is None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from rovtwin.scenario.composition import compose
     from rovtwin.scenario.files import dump_scenario, list_missions, list_scenarios, load_mission, load_scenario
     from rovtwin.scenario.flight import Flight, fly
+    from rovtwin.scenario.records import trial_logs, trial_records
     from rovtwin.scenario.schema import Scenario
 
 _WHERE = {
@@ -25,6 +26,8 @@ _WHERE = {
     "fly": "flight",
     "Flight": "flight",
     "score_seeds": "batch",
+    "trial_logs": "records",
+    "trial_records": "records",
 }
 __all__ = [
     "Flight",
@@ -37,6 +40,8 @@ __all__ = [
     "load_mission",
     "load_scenario",
     "score_seeds",
+    "trial_logs",
+    "trial_records",
 ]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
-from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.frames import quaternion_from_euler, rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.bound import position_bound
@@ -22,6 +22,7 @@ from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.scenario.compose_battery import battery_of
 from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
 from rovtwin.scenario.compose_tethers import tethers_of
+from rovtwin.scenario.compose_trial import hand_of, trial_of
 from rovtwin.scenario.compose_world import plant_of, world_of
 from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.loop import Loop
@@ -70,6 +71,11 @@ class Composed:
         """Parameters of the vehicle and what follows from them, for the report; longer to compute than to compose."""
         return summary(self.vehicle)
 
+    @property
+    def paid_out(self) -> float:
+        """Length of all tethers at the start [m], 0 without one."""
+        return sum(float(tether.paid_out_at(self.start)) for tether in self.loop.twin.tethers.values())
+
     def bound(self, speed: float) -> list[float]:
         """Steady-state sigma of the position in surge and sway of the best filter with these sensors [m].
 
@@ -103,14 +109,14 @@ def compose(scenario: Scenario) -> Composed:
     model = vehicle.model()
     if not vehicle.thruster_names:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
-    key_plant, key_run = _keys(scenario.seed)
+    key_plant, key_run = keys_of(scenario.seed)
     sensors = sensors_of(scenario)
     plant = plant_of(scenario.world, vehicle, model, key_plant)
     require_inside(scenario, model)
-    start = Start.at(below_surface(scenario.start.position, scenario.world, plant), scenario.heading)
+    start = start_of(scenario, plant)
     tethers = tethers_of(scenario.world, vehicle, start)
     loop = Loop(
-        autopilot=autopilot_of(scenario, model, sensors),
+        autopilot=trial_of(scenario, model, vehicle) if scenario.test else autopilot_of(scenario, model, sensors),
         twin=Twin(
             plant,
             world_of(scenario.world),
@@ -119,6 +125,7 @@ def compose(scenario: Scenario) -> Composed:
             faults_of(scenario, list(vehicle.thruster_names), list(tethers)),
             battery_of(scenario, vehicle),
             tethers=tethers,
+            hand=hand_of(scenario) if scenario.test else None,
         ),
     )
     return Composed(
@@ -135,7 +142,8 @@ def compose(scenario: Scenario) -> Composed:
     )
 
 
-_keys = jax.jit(lambda seed: tuple(jax.random.split(jax.random.key(seed))))  # plant, run
+keys_of = jax.jit(lambda seed: tuple(jax.random.split(jax.random.key(seed))))
+"""Keys of a seed: what draws the plant, and what seeds the run."""
 
 
 def vehicle_of(scenario: Scenario) -> Vehicle:
@@ -215,6 +223,16 @@ def _tuning_of(section: AutopilotSection, sensors: dict[str, Sensor], control_dt
     return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
 
 
+def start_of(scenario: Scenario, plant: Model) -> Start:
+    """Where the run begins, at rest."""
+    place = below_surface(scenario.start.position, scenario.world, plant)
+    level = Start.at(place, scenario.heading)
+    if not any(scenario.start.attitude_deg):
+        return level
+    roll, pitch = (math.radians(angle) for angle in scenario.start.attitude_deg)
+    return Start(level.position, quaternion_from_euler(jnp.asarray([roll, pitch, scenario.heading])), level.velocity)
+
+
 def below_surface(position: list[float], world: WorldSection, model: Model) -> list[float]:
     """A place [m], or the one below it where the vehicle floats: depth 0 means at the surface, not half in air."""
     if not world.surface:
@@ -224,8 +242,7 @@ def below_surface(position: list[float], world: WorldSection, model: Model) -> l
 
 def way_points(scenario: Scenario, model: Model) -> Mission:
     """The mission's arrays; way-points on the map become places in n."""
-    section = scenario.mission
-    places = [below_surface(w.placed(scenario.origin), scenario.world, model) for w in section.waypoints]
+    places = [below_surface(w.placed(scenario.origin), scenario.world, model) for w in scenario.waypoints]
     return mission_of(
         [
             {
@@ -237,7 +254,7 @@ def way_points(scenario: Scenario, model: Model) -> Mission:
                 "hold_time": w.hold_time,
                 "heading": None if w.heading_deg is None else math.radians(w.heading_deg),
             }
-            for w, place in zip(section.waypoints, places, strict=True)
+            for w, place in zip(scenario.waypoints, places, strict=True)
         ],
-        where=section.name,
+        where=scenario.mission.name if scenario.mission else "mission",
     )

@@ -111,7 +111,7 @@ def _number(flight: Flight, key: str, unit: str) -> str:
 
 
 def _reached(flight: Flight) -> str:
-    total = len(flight.scenario.mission.waypoints)
+    total = len(flight.scenario.waypoints)
     mode = flight.log["autopilot/mode"]
     reached = total if mode["phase"][-1] == FINISHED else int(mode["waypoint"][-1])
     return f"{reached} of {total}"

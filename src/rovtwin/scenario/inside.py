@@ -30,7 +30,7 @@ def require_inside(scenario: Scenario, model: Model) -> None:
     half = 0.5 * np.ptp(corners, axis=0)
     narrow = np.array([min(half[:2]), min(half[:2]), 0.0])
     bottom = np.array([0.0, 0.0, corners[:, 2].max()])
-    for i, waypoint in enumerate(scenario.mission.waypoints):
+    for i, waypoint in enumerate(scenario.waypoints):
         place = np.asarray(waypoint.placed(scenario.origin), dtype=float)
         for where, room in _beyond(scenario, np.stack([place - narrow, place + narrow, place + bottom])):
             if room > waypoint.acceptance:

@@ -106,7 +106,6 @@ def effective_samples(series: np.ndarray) -> float:
 def score(flown: Flown) -> dict[str, Any]:
     """Figures of one run; those of a phase that never came are None."""
     phase_of = flown.mode[:, 0].astype(int)
-    phase = int(phase_of[-1])
     settled = after_first_dive(flown.mode)
     legs = settled & (flown.mode[:, 3] > 0.5)
     station = settled & (flown.mode[:, 0] == HOLD)
@@ -115,12 +114,8 @@ def score(flown: Flown) -> dict[str, Any]:
     error = estimate_error(flown)
     position_nees = nees(flown)[:, 0]
     late = flown.t >= SETTLED
-    rate = np.diff(flown.thrust, axis=0) / flown.control_dt
     return {
-        "completed": phase == FINISHED,
-        "phase": PHASES[phase],
-        "reason": REASONS[int(flown.mode[-1, 1])] if phase == ABORTED else "",
-        "duration_s": flown.duration,
+        **_ending(flown),
         **_pair("cross_track", distance_to_leg(flown.eta[legs], flown.leg[legs])),
         **_pair("station", np.hypot(*(flown.eta[station, :2] - flown.leg[station, 3:5]).T)),
         # On its way to another depth a vehicle is not at the depth it goes to: that is no error.
@@ -128,6 +123,30 @@ def score(flown: Flown) -> dict[str, Any]:
         "position_error_rms_m": [_rms(error[:, 0]), _rms(error[:, 1])],
         "nees_position_mean": _mean(position_nees[late]),
         "nees_effective_samples": effective_samples(position_nees[late]) if late.any() else None,
+        **_exertion(flown),
+    }
+
+
+def score_test(flown: Flown) -> dict[str, Any]:
+    """Figures of an identification test, by the same names: it has no path to follow and no filter; those are None."""
+    missing = ("cross_track_rms_m", "cross_track_max_m", "station_rms_m", "station_max_m", "depth_rms_m",
+               "position_error_rms_m", "nees_position_mean", "nees_effective_samples")  # fmt: skip
+    return {"test": True, **_ending(flown), **dict.fromkeys(missing), **_exertion(flown)}
+
+
+def _ending(flown: Flown) -> dict[str, Any]:
+    phase = int(flown.mode[-1, 0])
+    return {
+        "completed": phase == FINISHED,
+        "phase": PHASES[phase],
+        "reason": REASONS[int(flown.mode[-1, 1])] if phase == ABORTED else "",
+        "duration_s": flown.duration,
+    }
+
+
+def _exertion(flown: Flown) -> dict[str, Any]:
+    rate = np.diff(flown.thrust, axis=0) / flown.control_dt
+    return {
         "effort_n2s": float(np.sum(flown.thrust**2) * flown.control_dt),
         "energy_wh": None if flown.energy is None else flown.energy / 3600.0,
         "saturated_share": _mean(flown.saturated.astype(float)),

@@ -32,7 +32,9 @@ def places(scenario: Scenario) -> list[tuple[tuple[float, float, float], float]]
     """Where a mission wants to be and how it heads there: one place for each depth and heading to 5 degrees."""
     before, found = np.asarray(scenario.start.position, dtype=float), {}
     heading = scenario.heading
-    for waypoint in scenario.mission.waypoints:
+    if not scenario.waypoints:  # a test stays about where it starts
+        return [(tuple(before.tolist()), heading)]
+    for waypoint in scenario.waypoints:
         there = np.asarray(waypoint.placed(scenario.origin), dtype=float)
         north, east = (there - before)[:2]
         if waypoint.heading_deg is not None:

@@ -148,6 +148,10 @@ class Tether(Block):
         """Settled in still water."""
         return self.settled(start, jnp.zeros_like)
 
+    def paid_out_at(self, start: Start) -> Array:
+        """Length paid out where the vehicle begins [m]."""
+        return self._paid_out(start.position + rotation_from_quaternion(start.attitude) @ self.attachment)
+
     def settled(self, start: Start, water_at: Callable[[Array], Array]) -> TetherMemory:
         """Memory before the first tick: the shape to which current and weight bring the cable while the vehicle waits.
 

@@ -10,6 +10,7 @@ from rovtwin.core.flow import Command, Environment, Measurements, Slot
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.battery import Battery, BatteryInput, BatteryState, forces_within
 from rovtwin.simulation.faults import FaultInput, Faults, weakened
+from rovtwin.simulation.hand import Hand
 from rovtwin.simulation.noise import key_for
 from rovtwin.simulation.sensors import PHYSICS_RATE, Sensor, SensorInput, SensorMemory, put
 from rovtwin.simulation.tether import Pull, Tether, TetherInput, TetherMemory
@@ -70,6 +71,7 @@ class Twin(Block):
         faults: Of thrusters and tethers, and leaks, or None; sensors have their own.
         battery: What feeds the thrusters, or None: they never stop.
         tethers: By name.
+        hand: What tilts the vehicle before a decay test, or None.
     """
 
     model: Model
@@ -79,6 +81,7 @@ class Twin(Block):
     faults: Faults | None = None
     battery: Battery | None = None
     tethers: dict[str, Tether] = eqx.field(default_factory=dict)
+    hand: Hand | None = None
 
     def init(self, key: Array, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""
@@ -119,6 +122,9 @@ class Twin(Block):
             world, environment = self.world.step(memory.world, memory.state, h)
             for name, tether in self.tethers.items():
                 wrench = environment.wrench + tether.wrench(pulls[name], memory.state, j * h, h)
+                environment = replace(environment, wrench=wrench)
+            if self.hand is not None:
+                wrench = environment.wrench + self.hand.wrench(model, memory.state, k * h)
                 environment = replace(environment, wrench=wrench)
             state = plant_step(model, memory.state, command, environment, h)
             nu_dot = self._nu_dot(k, j, state, environment, output.nu_dot, h)

@@ -1,4 +1,4 @@
-"""What a run is, as people write it: vehicle, datum, world, sensors, autopilot, mission, seed.
+"""What a run is, as people write it: vehicle, datum, world, sensors, autopilot, mission or test, seed.
 
 SI units; a name whose unit is not SI says so (`heading_deg`). `rovtwin scenario show NAME` prints any scenario in full.
 """
@@ -10,6 +10,7 @@ from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
 from rovtwin.scenario.schema.tether import TetherSection, TethersSection
+from rovtwin.scenario.schema.trial import ReleaseSection, TrialSection
 from rovtwin.scenario.schema.water import WaterSection
 from rovtwin.scenario.schema.world import (
     AirySection,
@@ -30,12 +31,14 @@ __all__ = [
     "FaultSection",
     "GaussMarkovCurrentSection",
     "MissionSection",
+    "ReleaseSection",
     "Scenario",
     "SensorSection",
     "ShearedCurrentSection",
     "TetherSection",
     "TethersSection",
     "ThesisWavesSection",
+    "TrialSection",
     "WaterSection",
     "Waypoint",
     "WorldSection",

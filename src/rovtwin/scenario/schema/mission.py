@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rovtwin.core.config import Degrees, NonNegative, Positive, Strict, Vector3
+from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Strict, Vector3
 from rovtwin.core.datum import Datum
 from rovtwin.scenario.schema.datum import on_earth
 
@@ -16,14 +16,18 @@ def _under_water(place: list[float]) -> list[float]:
 
 
 Place = Annotated[Vector3, AfterValidator(_under_water)]
+Tilt = Annotated[Number, Field(ge=-85, le=85)]
 PlaceOnEarth = Annotated[Vector3, AfterValidator(on_earth)]
 
 
 class StartSection(Strict):
-    """Where the vehicle begins, at rest and level."""
+    """Where the vehicle begins, at rest."""
 
     position: Place = Field(default=[0.0, 0.0, 0.5], description="CO, north, east, down [m]; depth 0: afloat")
     heading_deg: Degrees = 0.0
+    attitude_deg: Annotated[list[Tilt], Field(min_length=2, max_length=2)] = Field(
+        default=[0.0, 0.0], description="roll and pitch, for decay tests"
+    )
 
 
 class Waypoint(Strict):

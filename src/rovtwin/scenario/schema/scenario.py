@@ -11,8 +11,9 @@ from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
 from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
 from rovtwin.scenario.schema.faults import FaultSection
-from rovtwin.scenario.schema.mission import MissionSection, StartSection
+from rovtwin.scenario.schema.mission import MissionSection, StartSection, Waypoint
 from rovtwin.scenario.schema.sensors import SensorsSection
+from rovtwin.scenario.schema.trial import TrialSection
 from rovtwin.scenario.schema.world import WorldSection
 
 
@@ -56,7 +57,8 @@ class Scenario(Strict):
     world: WorldSection = WorldSection()
     sensors: SensorsSection = SensorsSection()
     autopilot: AutopilotSection = AutopilotSection()
-    mission: MissionSection
+    mission: MissionSection | None = Field(default=None, description="way-points, or")
+    test: TrialSection | None = Field(default=None, description="an identification test: manoeuvres")
     battery: BatterySection | None = None
     faults: list[FaultSection] = Field(default_factory=list, description="what breaks, and when")
     log: LogSection = LogSection()
@@ -75,6 +77,18 @@ class Scenario(Strict):
             return PRESETS[value]
         return value
 
+    @model_validator(mode="before")
+    @classmethod
+    def _tests_log_every_command(cls, data: Any) -> Any:
+        # Identification needs each command; a mission's log of 10 Hz would leave out four of five.
+        if isinstance(data, dict) and data.get("test") is not None:
+            rates = data.get("rates")
+            rate = rates.get("control", 50) if isinstance(rates, dict) else 50
+            log = data.get("log") or {}
+            if isinstance(log, dict):
+                data = data | {"log": {"rate": rate} | log}
+        return data
+
     @field_validator("battery", mode="before")
     @classmethod
     def _battery_by_default(cls, value: Any) -> Any:
@@ -85,7 +99,10 @@ class Scenario(Strict):
         if self.rates.control % self.log.rate:
             raise ValueError(f"log.rate {self.log.rate} Hz does not divide the control rate {self.rates.control} Hz")
         limit = self.autopilot.supervisor.depth_limit
-        for i, waypoint in enumerate(self.mission.waypoints):
+        if (self.mission is None) == (self.test is None):
+            found = "neither a mission nor a test" if self.mission is None else "both a mission and a test"
+            raise ValueError(f"found {found}, expected one: where to go, or which manoeuvres to fly")
+        for i, waypoint in enumerate(self.waypoints):
             if waypoint.geodetic:
                 require_near(self.origin, waypoint.geodetic, f"mission.waypoints[{i}].geodetic")
             if waypoint.depth >= limit:
@@ -107,6 +124,11 @@ class Scenario(Strict):
     def origin(self) -> Datum:
         """The datum, which converts between the world frame and the map."""
         return self.datum.origin
+
+    @property
+    def waypoints(self) -> list[Waypoint]:
+        """Of the mission; a test has none."""
+        return self.mission.waypoints if self.mission else []
 
     @property
     def heading(self) -> float:
