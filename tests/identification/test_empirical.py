@@ -6,7 +6,7 @@ import pytest
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.empirical import DOUBLE_BLUEYE, SINGLE_BLUEYE, against_thesis, estimate
 from rovtwin.identification.outline import Outline, full_box, outline_of
-from rovtwin.identification.prior import LogNormal, prior_widths
+from rovtwin.identification.widths import LogNormal, prior_widths
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.constants import AXES
 

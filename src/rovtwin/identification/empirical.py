@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.outline import Outline
-from rovtwin.identification.prior import LogNormal, log_normals
+from rovtwin.identification.widths import LogNormal, log_normals
 from rovtwin.vehicle.constants import AXES, FRESH_WATER
 
 # Square prisms a x a x b along b, C_A on a^2 b, at b / a. DNV prints 0.13 at 6; Eidsvik's program, whose numbers these
@@ -71,7 +71,7 @@ class EmpiricalEstimate:
     notes: tuple[str, ...] = ()
 
     def priors(self) -> dict[str, LogNormal]:
-        """By name, `added_mass.surge`; with the widths of `prior.WIDTHS['empirical']`."""
+        """By name, `added_mass.surge`; with the widths of `widths.WIDTHS['empirical']`."""
         values = {
             "added_mass": self.added_mass,
             "linear_damping": self.linear_damping,

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.prior import LogNormal, log_normals
 from rovtwin.identification.surface import LEAST, Panels, solids, surface_of
+from rovtwin.identification.widths import LogNormal, log_normals
 from rovtwin.vehicle.constants import AXES, FRESH_WATER
 from rovtwin.vehicle.vehicle import Vehicle
 
@@ -73,7 +73,7 @@ class PanelAddedMass:
     notes: tuple[str, ...] = ()
 
     def priors(self) -> dict[str, LogNormal]:
-        """The diagonal by name, `added_mass.surge`, with the widths of `prior.WIDTHS['panel']`."""
+        """The diagonal by name, `added_mass.surge`, with the widths of `widths.WIDTHS['panel']`."""
         return log_normals(
             {"added_mass": np.diag(self.matrix)}, "panel", "panel method (capytaine), " + self.surroundings
         )
