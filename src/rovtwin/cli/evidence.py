@@ -2,7 +2,10 @@
 
 import typer
 
+from rovtwin.cli.evidence_towing import towing
+
 evidence_app = typer.Typer(
     help="One method at a time: what a formula, a mesh, a towing, free-running or decay test says of the parameters.",
     no_args_is_help=True,
 )
+evidence_app.command()(towing)

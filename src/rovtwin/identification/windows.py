@@ -2,7 +2,7 @@
 
 A window is steady when each third of it has the mean of the whole, but for the tolerance and what noise explains:
 
-    |mean of a third - mean| <= tolerance x max(|mean|, REST x largest |mean|) + 2 standard errors
+    |mean of a third - mean| <= tolerance x max(|mean|, rest) + 2 standard errors
 
 and its first and last block too, within 3. Three thirds see a slope as well as an exponential tail, which a straight
 line through a window averages away; the ends keep ramps out. Noise is estimated from differences of neighbouring
@@ -16,7 +16,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 
-REST = 0.1  # share of the largest speed below which a window counts as rest
+REST = 0.1  # share of the largest speed below which a window counts as rest, where nothing else is said
 TAIL = 0.2  # a window beside a longer one whose mean differs by less than this share is the end of its transient
 BLOCKS = 9  # of the shortest window: three in each third
 MOST_BLOCKS = 450  # all pairs of them are tried
@@ -75,12 +75,12 @@ class _Blocks:
         """Mean of the blocks first to last - 1."""
         return (self.sums[last] - self.sums[first]) / np.maximum(last - first, 1)
 
-    def steady(self, first: np.ndarray, last: np.ndarray, tolerance: float, scale: float) -> np.ndarray:
+    def steady(self, first: np.ndarray, last: np.ndarray, tolerance: float, least: float) -> np.ndarray:
         """The criterion, for many windows at once."""
         length = last - first
         cut, end = first + length // 3, last - length // 3
         mean = self.means(first, last)
-        allowed = tolerance * np.maximum(np.abs(mean), REST * scale)
+        allowed = tolerance * np.maximum(np.abs(mean), least)
         third = allowed + 2 * self.noise / np.sqrt(np.maximum(length // 3, 1))
         block = allowed + 3 * self.noise
         thirds = [(first, cut), (cut, end), (end, last)]
@@ -96,6 +96,7 @@ def steady_windows(
     shortest: float = 2.0,
     tolerance: float = 0.01,
     force_tolerance: float = 0.05,
+    rest: float | None = None,
     name: str = "record",
 ) -> list[Window]:
     """Steady windows in order of time, rest included.
@@ -107,6 +108,7 @@ def steady_windows(
         shortest: Duration of the shortest window [s].
         tolerance: Of the velocity, as a share of its mean.
         force_tolerance: The same of the force.
+        rest: Speed up to which a window counts as rest; None takes a tenth of the largest.
         name: For messages.
 
     Raises:
@@ -130,14 +132,24 @@ def steady_windows(
         return []
     windows = []
     signals = [velocity, *others]
-    tolerances = (tolerance, force_tolerance)
-    criteria = [
-        (share, float(np.quantile(np.abs(x[known]), 0.98))) for share, x in zip(tolerances, signals, strict=False)
-    ]
+    least = [REST * float(np.quantile(np.abs(x[known]), 0.98)) for x in signals]
+    if rest is not None:
+        least[0] = rest
+    criteria = list(zip((tolerance, force_tolerance), least, strict=False))
     for a, b in _runs(_filled(t[known], edges)):
         inside = known & (t >= edges[a]) & (t <= edges[b])
         windows += _search(t[inside], [x[inside] for x in signals], edges[a : b + 1], fewest, criteria)
     return sorted(windows, key=lambda w: w.start)
+
+
+def window_over(
+    t: np.ndarray, velocity: np.ndarray, force: np.ndarray, start: float, end: float, rest: float = 0.0
+) -> Window:
+    """What a record says between two times, taken as steady; arguments as of `steady_windows`."""
+    inside = (t >= start) & (t <= end)
+    edges = np.linspace(start, end, BLOCKS + 1)
+    blocks = [_Blocks.of(t[inside], x[inside], edges) for x in (velocity, force)]
+    return _window(t, [velocity, force], blocks, 0, BLOCKS, rest)
 
 
 def _filled(t: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -154,14 +166,14 @@ def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
 def _search(
     t: np.ndarray, signals: list[np.ndarray], edges: np.ndarray, fewest: int, criteria: list[tuple[float, float]]
 ) -> list[Window]:
-    """Longest first, in one stretch without gaps; criteria are tolerance and scale of each signal."""
+    """Longest first, in one stretch without gaps; criteria are tolerance and least mean of each signal."""
     count = len(edges) - 1
     if count < fewest:
         return []
     blocks = [_Blocks.of(t, x, edges) for x in signals]
     first, last = np.triu_indices(count + 1, fewest)
     good = np.all(
-        [b.steady(first, last, tolerance, scale) for b, (tolerance, scale) in zip(blocks, criteria, strict=True)],
+        [b.steady(first, last, tolerance, least) for b, (tolerance, least) in zip(blocks, criteria, strict=True)],
         axis=0,
     )
     first, last = first[good], last[good]
@@ -183,7 +195,7 @@ def _tail(window: Window, longer: Window, reach: float) -> bool:
     return apart < reach and abs(window.mean - longer.mean) < TAIL * abs(longer.mean)
 
 
-def _window(t: np.ndarray, signals: list[np.ndarray], blocks: list[_Blocks], a: int, b: int, scale: float) -> Window:
+def _window(t: np.ndarray, signals: list[np.ndarray], blocks: list[_Blocks], a: int, b: int, least: float) -> Window:
     edges = blocks[0].edges
     third = (b - a) // 3
     inside = (t >= edges[a]) & (t <= edges[b])
@@ -191,5 +203,5 @@ def _window(t: np.ndarray, signals: list[np.ndarray], blocks: list[_Blocks], a: 
     stds = [float(np.std(x.mean[a:b], ddof=1) / np.sqrt(b - a)) for x in blocks]
     drift = float(np.mean(blocks[0].mean[b - third : b]) - np.mean(blocks[0].mean[a : a + third]))
     force = (means[1], stds[1]) if len(signals) > 1 else (np.nan, np.nan)
-    rest = abs(means[0]) <= REST * scale
+    rest = abs(means[0]) <= least
     return Window(float(edges[a]), float(edges[b]), means[0], stds[0], drift, *force, rest=rest)
