@@ -1,7 +1,7 @@
 """Least squares with a chain of nodes and a common border: solved in time linear in the number of nodes.
 
-The matrix is block tridiagonal in the nodes (each is tied to the next) with a dense border of parameters that all share.
-Reference: Rauch, Tung and Striebel (1965) for the chain; Golub and Van Loan (2013), sec. 4.5 (block tridiagonal systems).
+The matrix is block tridiagonal in the nodes (each is tied to the next) with a dense border of parameters that all
+share. References: Rauch, Tung and Striebel (1965) for the chain; Golub and Van Loan (2013), sec. 4.5.
 """
 
 from dataclasses import dataclass

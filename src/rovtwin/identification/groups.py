@@ -10,8 +10,8 @@ from rovtwin.vehicle import Vehicle
 def thruster_groups(vehicle: Vehicle) -> dict[str, tuple[int, ...]]:
     """Indices of thrusters by group.
 
-    Those of equal name in several parts (`port.surge`, `starboard.surge`) are one group under that name; the others go by
-    direction, `horizontal` or `vertical`. Thrusters that are described differently never share a group.
+    Those of equal name in several parts (`port.surge`, `starboard.surge`) are one group under that name; the others go
+    by direction, `horizontal` or `vertical`. Thrusters that are described differently never share a group.
     """
     local = [name.rsplit(".", 1)[-1] for name in vehicle.thruster_names]
     configuration = np.asarray(vehicle.model().thrusters.configuration)

@@ -1,9 +1,9 @@
 """The parameters that can be identified: their names, where each sits in the Model, and how it is kept sensible.
 
 Names say the place: `added_mass.surge`, `quadratic_damping_astern.heave`, `restoring.metacentric_height`,
-`thrusters.surge.exponent`. What must be positive is estimated as the logarithm of its ratio to a starting value, the rest
-as the difference from it; couplings (off-diagonal elements) follow the diagonal so that M_A stays positive definite and
-damping passive. `theta` is the vector of these coordinates, zero at the starting values.
+`thrusters.surge.exponent`. What must be positive is estimated as the logarithm of its ratio to a starting value, the
+rest as the difference from it; couplings (off-diagonal elements) follow the diagonal so that M_A stays positive
+definite and damping passive. `theta` is the vector of these coordinates, zero at the starting values.
 """
 
 from collections.abc import Iterable, Mapping
@@ -194,7 +194,9 @@ def _restoring(model: Model, value: Mapping[str, Array]) -> dict[str, Array]:
     }
 
 
-def catalogue(vehicle: Vehicle, groups: Mapping[str, tuple[int, ...]] | None = None) -> Parameters:
+def catalogue(
+    vehicle: Vehicle, groups: Mapping[str, tuple[int, ...]] | None = None, model: Model | None = None
+) -> Parameters:
     """Every parameter of a vehicle that can be identified, at the values of its file.
 
     Damping astern has parameters of its own where the file's values differ from those ahead; ask for others by name.
@@ -202,8 +204,9 @@ def catalogue(vehicle: Vehicle, groups: Mapping[str, tuple[int, ...]] | None = N
     Args:
         vehicle: What its parts say is the starting point.
         groups: Thrusters that share a curve; None: by name, or by orientation (see `thruster_groups`).
+        model: Starting values in place of the vehicle's.
     """
-    model = vehicle.model()
+    model = vehicle.model() if model is None else model
     groups = thruster_groups(vehicle) if groups is None else groups
     found = [*_hydrodynamics(model), *_restoring_parameters(model), *_thrust_parameters(model, groups)]
     found.append(Parameter("tether.drag", "N s2/m3", 0.05, True))

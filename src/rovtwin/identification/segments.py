@@ -1,8 +1,8 @@
 """Records cut into short segments of equal shape: what the compiled part of the estimate works on.
 
-A grid of `step` seconds runs through every record; `steps` of them are a segment. At the start of each segment sits a node,
-a state of its own that the estimate finds together with the parameters (multiple shooting: Bock 1983), so that a long
-noisy log cannot diverge. Readings lie between grid points and are compared by linear interpolation.
+A grid of `step` seconds runs through every record; `steps` of them are a segment. At the start of each segment sits a
+node, a state of its own that the estimate finds together with the parameters (multiple shooting: Bock 1983), so that a
+long noisy log cannot diverge. Readings lie between grid points and are compared by linear interpolation.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
-from rovtwin.core.numerics import jax
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.record import SIGNALS, Record, Signal
 from rovtwin.identification.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
@@ -35,9 +35,9 @@ class Segments:
     Attributes:
         grid: How they were cut.
         records: What they were cut from.
-        arrays: For the compiled part: `command` (S, K, n), `fresh` (S, K) 1 where a record starts, `linked` (S,) 1 where
-            the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast` (S, k, 5)
-            mass, weight in water and place, `ballast_mass` (S, 6, 6), and per signal `row`, `share`, `value`, `used`.
+        arrays: For the compiled part: `command` (S, K, n), `fresh` (S, K) 1 where a record starts, `linked` (S,) 1
+            where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast` (S, k, 4)
+            weight in water and place, `ballast_mass` (S, 6, 6), and per signal `row`, `share`, `value`, `used`.
         first: Index of the first segment of each record.
         sigma: Declared noise by signal, shape (k,); NaN where nobody said.
         levers: By signal, shape (3,).
@@ -189,35 +189,54 @@ def _ballast(records: Sequence[Record], counts: Sequence[int]) -> dict[str, np.n
     return {"ballast": np.repeat(pieces, counts, axis=0), "ballast_mass": np.repeat(masses, counts, axis=0)}
 
 
-def nodes_from_data(segments: Segments) -> dict[str, np.ndarray]:
-    """A first guess of the state at every node, from smoothed readings: position, attitude (quaternion), nu."""
+def nodes_from_data(
+    segments: Segments, offsets: dict[str, np.ndarray] | None = None, exact: bool = False
+) -> dict[str, np.ndarray]:
+    """The state at every node as far as it is measured: position, attitude (quaternion), nu.
+
+    Args:
+        segments: With the readings.
+        offsets: Constant errors of the sensors by signal, to be taken off.
+        exact: Take attitude, rates and velocities at the instant, not smoothed.
+    """
     position, euler, nu = [], [], []
     bounds = [*segments.first, segments.count]
     starts = segments.starts()
     for record, a, b in zip(segments.records, bounds, bounds[1:], strict=False):
-        p, e, v = _guess(record, starts[a:b])
+        p, e, v = _guess(record, starts[a:b], offsets or {}, exact)
         position.append(p)
         euler.append(e)
         nu.append(v)
-    attitude = np.asarray(jax.vmap(quaternion_from_euler)(np.concatenate(euler)))
+    attitude = np.asarray(jax.vmap(quaternion_from_euler)(jnp.asarray(np.concatenate(euler))))
     return {"position": np.concatenate(position), "attitude": attitude, "nu": np.concatenate(nu)}
 
 
-def _guess(record: Record, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+# Seconds of readings that a guess of the state is taken through, by how noisy and how quick they are.
+_WIDTH = {"position": 1.0, "horizontal": 1.0, "depth": 0.6, "attitude": 0.3, "gyro": 0.2, "velocity": 0.3}
+
+
+def _guess(
+    record: Record, t: np.ndarray, offsets: dict[str, np.ndarray], exact: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = len(t)
     position, velocity, euler, nu = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6))
+
+    def at(name: str) -> tuple[np.ndarray, np.ndarray]:
+        signal = record.signals[name]
+        signal = unwrapped(signal) if name == "attitude" else signal
+        value, slope = fitted(signal, t, _WIDTH[name])
+        if exact and name in ("attitude", "gyro", "velocity"):
+            value = np.stack([np.interp(t, signal.t, column) for column in signal.value.T], axis=1)
+        return value - offsets.get(name, 0.0), slope
+
     for name, columns in (("horizontal", [0, 1]), ("depth", [2]), ("position", [0, 1, 2])):
         if name in record.signals:
-            position[:, columns], velocity[:, columns] = fitted(record.signals[name], t)
+            position[:, columns], velocity[:, columns] = at(name)
     if "attitude" in record.signals:
-        euler, rate = fitted(unwrapped(record.signals["attitude"]), t)
-        nu[:, 3:] = rate
+        euler, nu[:, 3:] = at("attitude")
     if "gyro" in record.signals:
-        nu[:, 3:], _ = fitted(record.signals["gyro"], t)
-    if "velocity" in record.signals:
-        nu[:, :3], _ = fitted(record.signals["velocity"], t)
-    else:
-        nu[:, :3] = _to_body(euler, velocity)
+        nu[:, 3:], _ = at("gyro")
+    nu[:, :3] = at("velocity")[0] if "velocity" in record.signals else _to_body(euler, velocity)
     return position, euler, nu
 
 
@@ -233,8 +252,3 @@ def _to_body(euler: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
-
-
-def euler_of(attitude: np.ndarray) -> np.ndarray:
-    """zyx Euler angles of quaternions (n, 4), shape (n, 3)."""
-    return np.asarray(jax.vmap(euler_from_quaternion)(attitude))

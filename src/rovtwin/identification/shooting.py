@@ -1,8 +1,8 @@
 """The compiled part of the estimate: every segment simulated with its derivatives, and squared into normal equations.
 
-For segment s the unknowns are the error of its node x_s (position 3, attitude 3, nu 6), the parameters theta and constant
-offsets b of the sensors. A reading gives the residual h(x(t; x_s, theta)) + b - y, the end of a segment the defect
-x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill.
+For segment s the unknowns are the error of its node x_s (position 3, attitude 3, nu 6), the parameters theta and
+constant offsets b of the sensors. A reading gives the residual h(x(t; x_s, theta)) + b - y, the end of a segment the
+defect x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill.
 
 Reference: Bock (1983), Recent advances in parameter identification techniques for ODE; Schittkowski (2002), sec. 2.6.
 """
@@ -39,9 +39,9 @@ _CHUNK = 8  # segments that are simulated side by side, with all their derivativ
 class Nodes(NamedTuple):
     """State at the start of every segment: position (S, 3), attitude (S, 4), nu (S, 6)."""
 
-    position: Array
-    attitude: Array
-    nu: Array
+    position: Any
+    attitude: Any
+    nu: Any
 
 
 class Blocks(NamedTuple):
@@ -56,12 +56,12 @@ class Blocks(NamedTuple):
         defect_jacobian: By node, theta and next node, shape (S, 12, 12 + n + 12).
     """
 
-    readings: Array
-    slopes: Array
-    squares: Array
-    weights: Array
-    defect: Array
-    defect_jacobian: Array
+    readings: Any
+    slopes: Any
+    squares: Any
+    weights: Any
+    defect: Any
+    defect_jacobian: Any
 
 
 class Shooting:
@@ -108,8 +108,8 @@ class Shooting:
         predicted = {}
         for name in self._names:
             rows = own[name]
-            state = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
-            predicted[name] = _reading(name, *state, jnp.asarray(self.segments.levers[name]))
+            x, nu_dot = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
+            predicted[name] = _reading(name, x, nu_dot, jnp.asarray(self.segments.levers[name]))
         return predicted, jax.tree.map(lambda x: x[-1], path)
 
     def _path(
@@ -154,7 +154,7 @@ class Shooting:
         return following, own
 
     def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
-        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides how far out a reading is an outlier."""
+        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
         flexible, d_flexible, tau, d_tau = self._linearised(theta, arrays)
         following, own = self._per_segment(nodes, arrays)
         n = len(self.parameters)
@@ -239,7 +239,7 @@ def moved(node: Nodes, error: Array) -> Nodes:
 
 
 def difference(a: Nodes, b: Nodes) -> Array:
-    """a less b as an error (12,), so that moved(b, difference(a, b)) is a to first order."""
+    """The error (12,) of a state a against b: `moved` by it, b is a to first order."""
     q = quaternion_multiply(quaternion_conjugate(b.attitude), a.attitude)
     angle = 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
     return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu])

@@ -133,8 +133,8 @@ def assemble(
         pieces.append(inner.moved(Placement.of(part.pose.position, part.pose.attitude_deg), part.name))
     total = _sum(pieces, density)
     total = _with_rigid_body(total, body.rigid_body)
-    total = _with_restoring(total, body.restoring, where)
-    return _with_hydrodynamics(total, body.hydrodynamics, where)
+    total = with_restoring(total, body.restoring, where)
+    return with_hydrodynamics(total, body.hydrodynamics, where)
 
 
 def _own(body: schema.Body, density: float, supply_voltage: float | None) -> Assembly:
@@ -204,7 +204,8 @@ def _with_rigid_body(total: Assembly, given: schema.RigidBody | None) -> Assembl
     return replace(total, solid=MassProperties(mass, r_g, inertia))
 
 
-def _with_restoring(total: Assembly, given: schema.Restoring | None, where: str) -> Assembly:
+def with_restoring(total: Assembly, given: schema.Restoring | None, where: str) -> Assembly:
+    """The same with given buoyancy and its centre in place of the parts'."""
     if given is None:
         return total
     weight = total.solid.mass * GRAVITY
@@ -225,7 +226,8 @@ def _with_restoring(total: Assembly, given: schema.Restoring | None, where: str)
     return replace(total, volume=buoyancy / (total.density * GRAVITY), center_of_buoyancy=center)
 
 
-def _with_hydrodynamics(total: Assembly, given: schema.Hydrodynamics | None, where: str) -> Assembly:
+def with_hydrodynamics(total: Assembly, given: schema.Hydrodynamics | None, where: str) -> Assembly:
+    """The same with given added mass and damping in place of the parts'."""
     if given is None:
         return total
     total = replace(total, added_mass=_overridden(total.added_mass, given.added_mass))

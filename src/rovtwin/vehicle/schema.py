@@ -250,11 +250,53 @@ class Part(Body):
         return self
 
 
+class IdentifiedThruster(Strict):
+    """One thruster as identified: replaces what its part says."""
+
+    force: Force = None
+    curve: Literal["linear"] | Curve | None = None
+    dead_band: Annotated[Number, Field(ge=0, lt=1)] | None = None
+    time_constant: NonNegative | None = None
+
+
+class EstimatedParameter(Strict):
+    """One estimated scalar; `std` and the covariance are of its coordinate, log(value / base) if positive."""
+
+    name: str
+    unit: str
+    value: Number
+    base: Number
+    positive: bool
+    std: NonNegative
+    prior_std: NonNegative
+    verdict: str
+
+
+class Estimate(Strict):
+    """What was estimated, how well, and from what; the vehicle itself uses the totals beside it."""
+
+    parameters: list[EstimatedParameter]
+    covariance: list[list[Number]] = Field(description="of the coordinates, in the order of the parameters")
+    evidence: list[str] = Field([], description="what it was estimated from")
+    findings: list[str] = Field([], description="what the evidence could not tell, and other remarks")
+
+
+class Identified(Strict):
+    """Totals that tests have found, in place of what the parts give; holds for exactly these parts."""
+
+    made_with: str = Field(description="fingerprint of the parts; other parts need another identification")
+    hydrodynamics: Hydrodynamics
+    restoring: Restoring
+    thrusters: dict[str, IdentifiedThruster] = {}
+    estimate: Estimate
+
+
 class VehicleFile(Body):
     """A vehicle file."""
 
     name: str
     description: str = Field("", description="one line: what it is")
+    identified: Identified | None = None
 
 
 Body.model_rebuild()

@@ -14,6 +14,7 @@ from rovtwin.vehicle import files
 from rovtwin.vehicle.assembly import Assembly, Mounted, assemble
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.energy import PowerSource, power_sources, specific_power
+from rovtwin.vehicle.identified import with_identified
 from rovtwin.vehicle.propulsion import thruster_arrays
 from rovtwin.vehicle.schema import VehicleFile
 from rovtwin.vehicle.soundness import require_distinct_in_logs, require_sound
@@ -48,7 +49,7 @@ class Vehicle:
     @cached_property
     def assembly(self) -> Assembly:
         """Totals at CO."""
-        total = assemble(self.file, self.where)
+        total = with_identified(assemble(self.file, self.where), self.file, self.where)
         require_distinct_in_logs([t.name for t in total.thrusters], self.where)
         require_distinct_in_logs([t.name for t in total.tethers], self.where, "tethers")
         return total if self.water_density is None else total.in_water(self.water_density)

@@ -1,0 +1,246 @@
+"""`identify`: from a vehicle and its tests to parameters with covariance, verdicts and validation."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.anchors import static_evidence
+from rovtwin.identification.estimate import Gaussian, Problem, Solution
+from rovtwin.identification.options import Options
+from rovtwin.identification.overlay import identified_file
+from rovtwin.identification.parameters import DIRECTIONS, Parameters, catalogue, choose
+from rovtwin.identification.payload import predicted_change, prior_from
+from rovtwin.identification.prior import default_prior
+from rovtwin.identification.record import SIGNALS, Record
+from rovtwin.identification.remarks import about_parts, about_solution
+from rovtwin.identification.segments import Grid, cut
+from rovtwin.identification.shooting import Shooting
+from rovtwin.identification.validation import Prediction, predict
+from rovtwin.identification.verdict import Blind, blind_directions, verdicts
+from rovtwin.identification.whiteness import Residuals, residual_analysis
+from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.model import Model
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and how far it is, 0 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The result.
+
+    Attributes:
+        vehicle: What was identified.
+        parameters: The free ones; `values` gives them in their units.
+        prior: What was known before.
+        theta: The estimate, shape (n,).
+        covariance: Of theta, shape (n, n).
+        verdicts: `learnt`, `partly` or `prior only`, per parameter.
+        blind: Combinations that the tests cannot tell.
+        findings: Remarks for people, one line each.
+        records: Names, durations and use of the tests.
+        solution: Of the solver; None where there were no tests.
+        fitted: Predictions of the fitted tests.
+        held_out: Predictions of the tests that were never fitted, or of the parts of them that were not.
+        residuals: By signal component.
+        problem: For further analysis; None where there were no tests.
+        seconds: Taken.
+    """
+
+    vehicle: Vehicle
+    parameters: Parameters
+    prior: Gaussian
+    theta: np.ndarray
+    covariance: np.ndarray
+    verdicts: list[str]
+    blind: list[Blind]
+    findings: list[str]
+    records: list[dict[str, Any]]
+    solution: Solution | None
+    fitted: list[Prediction]
+    held_out: list[Prediction]
+    residuals: dict[str, Residuals]
+    problem: Problem | None = field(repr=False, default=None)
+    seconds: float = 0.0
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Estimates in their units, by name."""
+        return dict(zip(self.parameters.names, self.parameters.values(self.theta).tolist(), strict=True))
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of theta: relative for what is positive, shape (n,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def interval(self, name: str, z: float = 1.96) -> tuple[float, float]:
+        """Ends of the 95 % interval of a parameter, in its unit."""
+        i = self.parameters.names.index(name)
+        p = self.parameters.free[i]
+        return float(p.value(self.theta[i] - z * self.std[i])), float(p.value(self.theta[i] + z * self.std[i]))
+
+    def model(self) -> Model:
+        """The model at the estimate."""
+        return self.parameters.model_at(self.theta)[0]
+
+    def sampled(self, count: int, seed: int = 0) -> np.ndarray:
+        """Draws of theta from the estimate's distribution, shape (count, n)."""
+        rng = np.random.default_rng(seed)
+        L = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.theta)))
+        return self.theta + rng.standard_normal((count, len(self.theta))) @ L.T
+
+    def file(self) -> dict[str, Any]:
+        """The vehicle file with its `identified:` block, as plain data."""
+        evidence = [f"{r['name']} ({r['use']}, {r['duration']:.0f} s)" for r in self.records]
+        return identified_file(
+            self.vehicle,
+            self.parameters,
+            self.theta,
+            self.covariance,
+            self.prior,
+            self.verdicts,
+            evidence,
+            [b.text for b in self.blind] + self.findings,
+        )
+
+
+def identify(
+    vehicle: Vehicle,
+    records: Sequence[Record] = (),
+    *,
+    validate: Sequence[Record] = (),
+    free: Sequence[str] = (),
+    prior: Mapping[str, Any] | None = None,
+    anchors: Sequence[Mapping[str, Any]] = (),
+    old: Vehicle | None = None,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> Identification:
+    """Parameters of a vehicle from its tests.
+
+    Args:
+        vehicle: Its file gives the starting values.
+        records: Tests to fit; none: the prediction from the parts, or from `old` and the change of the parts.
+        validate: Tests that are predicted, never fitted.
+        free: Patterns of parameter names; empty: all that a test could tell (see `default_free`).
+        prior: By pattern, in place of the default widths (see `default_prior`).
+        anchors: Bollard pulls and towing tables (see `anchors`).
+        old: An earlier identification, of these parts or of others.
+        options: See `Options`.
+        progress: Told what is being done.
+
+    Raises:
+        IdentificationError: The evidence cannot be turned into parameters: where, what was found, the fix.
+    """
+    begin = time.perf_counter()
+    settings = Options.read(options or {})
+    told = progress or (lambda text, share: None)
+    if any(r.command.shape[1] != len(vehicle.thruster_names) for r in [*records, *validate]):
+        raise IdentificationError(f"{vehicle.name}: a test has another number of thrusters than the vehicle")
+    parameters, start = _parameters_and_prior(vehicle, records, free, prior, old, settings)
+    findings = about_parts(vehicle, old)
+    summary = _listed(records, "fit") + _listed(validate, "held out")
+    if not records and not anchors:
+        nothing = ["prior only"] * len(parameters)
+        mean, C = start.mean, start.covariance
+        return Identification(
+            vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], [], {},
+            seconds=time.perf_counter() - begin,
+        )  # fmt: skip
+    if not records:
+        raise IdentificationError(f"{vehicle.name}: anchors alone: found no test log; give at least one")
+    told("preparing", 0.0)
+    grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
+    problem = Problem(Shooting(parameters, cut(records, grid)), start, static_evidence(parameters, anchors))
+    solution = problem.solve(
+        max_steps=settings.max_steps,
+        progress=lambda k, change: told(f"step {k}, largest change {change:.2g} standard deviations", k / 40),
+    )
+    theta = solution.unknowns.theta
+    told("validating", 0.9)
+    offsets = _offsets(problem, solution)
+    fitted = predict(parameters, theta, records, step=settings.step, offsets=offsets)
+    held_out = [
+        p
+        for window in ([None, settings.window] if settings.window else [None])
+        for p in predict(parameters, theta, validate, window, settings.step, offsets)
+    ]
+    residuals = residual_analysis(problem, solution)
+    blind = blind_directions(parameters, start, solution)
+    findings += about_solution(parameters, solution, blind, residuals, fitted, held_out, anchors)
+    return Identification(
+        vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
+        solution, fitted, held_out, residuals, problem, time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]:
+    """All parameters but those that nothing asks for: tether drag without a tether, damping astern like ahead."""
+    model = parameters.model
+    tether = any(r.tether_length for r in records)
+    out = []
+    for p in parameters.free:
+        family, _, where = p.name.partition(".")
+        if p.name == "tether.drag" and not tether:
+            continue
+        if family.endswith("_astern"):
+            ahead, astern = (
+                np.asarray(getattr(model, field)).diagonal() for field in (family.replace("astern", "ahead"), family)
+            )
+            if np.isclose(*(d[DIRECTIONS.index(where)] for d in (ahead, astern))):
+                continue
+        out.append(p.name)
+    return out
+
+
+def _parameters_and_prior(
+    vehicle: Vehicle,
+    records: Sequence[Record],
+    free: Sequence[str],
+    said: Mapping[str, Any] | None,
+    old: Vehicle | None,
+    settings: Options,
+) -> tuple[Parameters, Gaussian]:
+    change = None if old is None else predicted_change(old, vehicle)
+    base = None
+    if old is not None:
+        base = old.model() if change is None else change.model
+    everything = catalogue(vehicle, settings.groups_of(vehicle), base)
+    chosen = list(free) or default_free(everything, records)
+    if old is not None and old.file.identified is not None:
+        known = {p.name for p in old.file.identified.estimate.parameters}
+        chosen += [p.name for p in everything.free if p.name in known and p.name not in chosen]
+    parameters = choose(everything, chosen)
+    start = default_prior(parameters, said)
+    if old is not None:
+        start = prior_from(old, parameters, start, change)
+    return parameters, start
+
+
+def _listed(records: Sequence[Record], use: str) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": r.name,
+            "use": use,
+            "duration": r.duration,
+            "source": r.source,
+            "signals": {name: len(s.t) for name, s in r.signals.items()},
+            "water_density": r.water_density,
+            "tether_length": r.tether_length,
+            "notes": list(r.notes),
+        }
+        for r in records
+    ]
+
+
+def _offsets(problem: Problem, solution: Solution) -> dict[str, np.ndarray]:
+    out, start = {}, 0
+    for name in problem.segments.levers:
+        size = len(SIGNALS[name][0])
+        out[name] = solution.unknowns.offsets[start : start + size]
+        start += size
+    return out

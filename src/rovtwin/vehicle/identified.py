@@ -1,0 +1,55 @@
+"""The `identified:` block of a vehicle file: totals found by tests, in place of what the parts give."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.vehicle import schema
+from rovtwin.vehicle.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
+
+
+def fingerprint(file: schema.VehicleFile) -> str:
+    """Of everything that parameters depend on: all of the file but names, remarks and the identification itself."""
+    data = file.model_dump(mode="json", exclude={"identified", "name"}, exclude_none=True)
+    text = json.dumps(_without_remarks(data), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _without_remarks(data: object) -> object:
+    if isinstance(data, dict):
+        return {k: _without_remarks(v) for k, v in data.items() if k not in ("source", "sources", "description")}
+    if isinstance(data, list):
+        return [_without_remarks(v) for v in data]
+    return data
+
+
+def with_identified(total: Assembly, file: schema.VehicleFile, where: str) -> Assembly:
+    """Totals with what tests have found in place of the parts' values.
+
+    Raises:
+        ConfigError: The parts are not those it was identified with, or it names a thruster that is not there.
+    """
+    found = file.identified
+    if found is None:
+        return total
+    now = fingerprint(file)
+    if found.made_with != now:
+        raise ConfigError(
+            f"{where}: identified.made_with: found {found.made_with}, but these parts are {now}: they were changed "
+            "after the identification. Keep the old file and run: rovtwin identify NEW_VEHICLE --prior OLD_FILE -o NEW_FILE"
+        )
+    names = [t.name for t in total.thrusters]
+    unknown = [name for name in found.thrusters if name not in names]
+    if unknown:
+        raise ConfigError(f"{where}: identified.thrusters: found '{unknown[0]}', expected one of {', '.join(names)}")
+    total = with_hydrodynamics(total, found.hydrodynamics, where)
+    total = with_restoring(total, found.restoring, where)
+    return replace(total, thrusters=tuple(_identified(t, found.thrusters.get(t.name)) for t in total.thrusters))
+
+
+def _identified(mounted: Mounted, found: schema.IdentifiedThruster | None) -> Mounted:
+    if found is None:
+        return mounted
+    changes = {key: getattr(found, key) for key in found.model_fields_set if getattr(found, key) is not None}
+    return replace(mounted, item=mounted.item.model_copy(update=changes))
