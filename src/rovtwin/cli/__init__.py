@@ -9,6 +9,7 @@ from rovtwin.cli.logs import log_app
 from rovtwin.cli.output import report_error
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
 from rovtwin.cli.sea import sea
+from rovtwin.cli.thesis import thesis
 from rovtwin.cli.vehicles import vehicle_app
 from rovtwin.core.errors import RovtwinError
 
@@ -30,6 +31,7 @@ app.command()(demo)
 app.command()(score)
 app.command()(sea)
 app.command()(report)
+app.command()(thesis)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(log_app, name="log")

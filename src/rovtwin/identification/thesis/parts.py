@@ -1,0 +1,25 @@
+"""What the shapes of double_blueye's parts give, without the thesis's totals."""
+
+from functools import cache
+
+import numpy as np
+
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.assembly import assemble
+from rovtwin.vehicle.damping import Damping
+
+
+@cache
+def _damping() -> Damping:
+    file = load_vehicle("double_blueye").file.model_copy(update={"hydrodynamics": None})
+    return assemble(file, "double_blueye without hydrodynamics").damping()
+
+
+def quadratic_of_parts() -> np.ndarray:
+    """Diagonal of quadratic damping, shape (6,)."""
+    return np.diag(_damping().quadratic_ahead)
+
+
+def linear_of_parts() -> np.ndarray:
+    """Diagonal of linear damping, shape (6,)."""
+    return np.diag(_damping().linear_ahead)

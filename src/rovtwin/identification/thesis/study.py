@@ -1,0 +1,44 @@
+"""Everything of the thesis that can be derived again, in its order."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rovtwin.identification.thesis.comparison import comparison_section
+from rovtwin.identification.thesis.decay import decay_section
+from rovtwin.identification.thesis.found import Section
+from rovtwin.identification.thesis.free_running import added_mass_section, damping_section
+from rovtwin.identification.thesis.simulation import simulation_section
+
+SECTIONS: tuple[Callable[[], Section], ...] = (
+    damping_section,
+    added_mass_section,
+    decay_section,
+    comparison_section,
+    simulation_section,
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Published, derived and corrected results of the thesis, section by section."""
+
+    sections: tuple[Section, ...]
+
+    def line(self, name: str):
+        """The line of a name. Raises KeyError where there is none."""
+        for section in self.sections:
+            for line in section.lines:
+                if line.name == name:
+                    return line
+        raise KeyError(name)
+
+
+def rederive(progress: Callable[[str], None] | None = None) -> Study:
+    """Derive every identification result of the thesis again; `progress` is told the title of each section done."""
+    sections = []
+    for make in SECTIONS:
+        section = make()
+        sections.append(section)
+        if progress is not None:
+            progress(section.title)
+    return Study(tuple(sections))
