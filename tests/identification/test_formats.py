@@ -11,9 +11,9 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.evidence_file import LogSpec, SourceSpec
 from rovtwin.identification.readers import detect, read_record
 from rovtwin.identification.readers.c3d import rigid_fit
-from rovtwin.identification.readers.convert import euler_from_matrices, matrices_from_euler
 from rovtwin.identification.readers.qtm import read_qtm
 from rovtwin.identification.readers.reading import read_raw
+from rovtwin.identification.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 T = np.arange(0.0, 3.0, 0.05)

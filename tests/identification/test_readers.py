@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.log import Channel, Log
 from rovtwin.identification.evidence_file import LogSpec, read_evidence
 from rovtwin.identification.readers import read_record, read_tests
-from rovtwin.identification.readers.convert import euler_from_matrices, matrices_from_euler
+from rovtwin.identification.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.thrust_curve import read_points
 

@@ -8,23 +8,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rovtwin.identification.log_spec import SignalSpec
+from rovtwin.identification.rotations import euler_from_matrices
 
 _FLU = np.diag([1.0, -1.0, -1.0])
 _ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 WORLD = {"ned": np.eye(3), "enu": _ENU, "nwu": _FLU, "frd": np.eye(3), "flu": _FLU}
 BODY = {"frd": np.eye(3), "flu": _FLU, "ned": np.eye(3), "enu": _FLU, "nwu": _FLU}
-
-
-def matrices_from_euler(euler: np.ndarray) -> np.ndarray:
-    """R_nb, shape (n, 3, 3), of zyx Euler angles [phi, theta, psi] [rad], shape (n, 3)."""
-    return Rotation.from_euler("ZYX", euler[:, ::-1]).as_matrix()
-
-
-def euler_from_matrices(R_nb: np.ndarray) -> np.ndarray:
-    """zyx Euler angles [phi, theta, psi] [rad], shape (n, 3), of R_nb, shape (n, 3, 3)."""
-    phi = np.arctan2(R_nb[:, 2, 1], R_nb[:, 2, 2])
-    theta = -np.arcsin(np.clip(R_nb[:, 2, 0], -1.0, 1.0))
-    return np.stack([phi, theta, np.arctan2(R_nb[:, 1, 0], R_nb[:, 0, 0])], axis=1)
 
 
 def attitude(values: np.ndarray, spec: SignalSpec) -> np.ndarray:

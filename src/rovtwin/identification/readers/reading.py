@@ -17,6 +17,8 @@ from rovtwin.identification.readers.ros import read_rosbag
 from rovtwin.identification.readers.rovtwin_log import read_rovtwin
 from rovtwin.identification.readers.tables import read_csv, read_npz
 from rovtwin.identification.record import Ballast, Record, Signal
+from rovtwin.identification.response import commanded_motion
+from rovtwin.identification.timing import ClockFit, align
 from rovtwin.vehicle import Vehicle
 
 SUFFIXES = {
@@ -29,6 +31,9 @@ SUFFIXES = {
     ".db3": "rosbag",
     ".bez": "blueye",
 }
+
+# A model that is not identified yet follows the motion less closely than another sensor.
+COMMANDS_AGREE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,17 +113,36 @@ def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None)
     if length is None:
         length = next((raw.tether_length for raw in raws if raw.tether_length is not None), None)
     parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
-    merged = _joined([part.on_clock(*_clock(s)) for part, s in zip(parts, spec.sources, strict=True)])
+    merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
     origin = merged.first
     return _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
 
 
-def _clock(source: SourceSpec) -> tuple[float, float]:
-    if source.clock is None:
-        return 0.0, 0.0
-    if source.clock == "estimate":
-        raise IdentificationError(f"{source.file}: clock: estimate needs a second file of the same test")
-    return source.clock.offset, source.clock.drift
+def _on_one_clock(parts: list[Part], sources: list[SourceSpec], vehicle: Vehicle) -> list[Part]:
+    """All files on the clock of the first, which keeps its own."""
+    moved: list[Part] = []
+    for part, source in zip(parts, sources, strict=True):
+        if source.clock is None:
+            moved.append(part)
+        elif source.clock != "estimate":
+            moved.append(part.on_clock(source.clock.offset, source.clock.drift))
+        elif not moved:
+            raise IdentificationError(
+                f"{part.source}: clock: estimate: the first file has the clock that the others get; take clock away"
+            )
+        else:
+            fit = _estimated(moved[0], part, vehicle)
+            moved.append(replace(part.on_clock(fit.offset, fit.drift), notes=(*part.notes, f"{part.source}: {fit}")))
+    return moved
+
+
+def _estimated(reference: Part, part: Part, vehicle: Vehicle) -> ClockFit:
+    """From what both saw of the motion; of commands alone, from the motion that the vehicle's model makes of them."""
+    if part.signals:
+        return align(reference.signals, part.signals, part.source)
+    assert part.t_command is not None and part.command is not None
+    expected = commanded_motion(vehicle.model(), part.t_command, part.command)
+    return align(reference.signals, expected, part.source, agree=COMMANDS_AGREE)
 
 
 def _joined(parts: list[Part]) -> Part:

@@ -9,8 +9,8 @@ import numpy as np
 from rovtwin.core.errors import IdentificationError, RovtwinError
 from rovtwin.core.log import Log
 from rovtwin.identification.log_spec import CommandSpec, SignalSpec
-from rovtwin.identification.readers.convert import euler_from_matrices
 from rovtwin.identification.readers.raw import Raw, Table, spec
+from rovtwin.identification.rotations import euler_from_matrices
 from rovtwin.vehicle import Vehicle
 
 COMMANDS = "autopilot/command"
