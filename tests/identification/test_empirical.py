@@ -115,6 +115,8 @@ MEASURED = {
     "added_mass.roll": 2.48,
     "added_mass.pitch": 0.83,
     "added_mass.yaw": 2.53,
+    "linear_damping.roll": 3.04,
+    "linear_damping.pitch": 1.34,
     "linear_damping.surge": 6.48,
     "linear_damping.sway": 3.12,
     "linear_damping.heave": 22.75,
@@ -126,7 +128,7 @@ MEASURED = {
 
 def test_the_prior_holds_what_was_measured_and_is_not_idly_wide():
     """95 % of what was measured lies inside; and the deviations are not all tiny, which would say it is too wide."""
-    priors = estimate(DOUBLE_BLUEYE).priors()
+    priors = estimate(DOUBLE_BLUEYE, 1000.0, np.array([2.69, 0.85]), np.array([7.36, 7.36])).priors()
     deviations = np.array([priors[name].deviation(value) for name, value in MEASURED.items()])
     assert np.abs(deviations).max() < 1.96
     assert 0.5 < np.sqrt(np.mean(deviations**2)) < 1.2
@@ -137,5 +139,21 @@ def test_widths_by_what_is_known():
     shaped, bare = prior_widths(load_vehicle("double_blueye")), prior_widths(load_vehicle("bluerov2"))
     assert set(shaped) == set(bare) == names
     assert all(0.2 < width < 2.5 for width in (*shaped.values(), *bare.values()))
-    assert all(bare[name] >= shaped[name] for name in names)
-    assert prior_widths(load_vehicle("double_blueye"), panel=True)["added_mass.surge"] < shaped["added_mass.surge"]
+    assert np.mean([np.log(bare[name] / shaped[name]) for name in names]) > 0.1
+
+
+def test_an_open_hull_is_known_less():
+    def of(volume):
+        return vehicle_from_dict(
+            {"name": "v", "description": "", "mass": 20.0, "volume": volume, "shape": {"box": [0.5, 0.4, 0.3]}}
+        )
+
+    closed, flooded = prior_widths(of(0.06)), prior_widths(of(0.02))
+    assert closed["added_mass.surge"] == pytest.approx(0.3)
+    assert flooded["added_mass.surge"] == pytest.approx(np.hypot(0.3, 0.5 * np.log(3)))
+    assert flooded["linear_damping.surge"] == closed["linear_damping.surge"]
+
+
+def test_the_panel_method_is_worth_more_than_formulas():
+    vehicle = load_vehicle("double_blueye")
+    assert prior_widths(vehicle, panel=True)["added_mass.surge"] < prior_widths(vehicle)["added_mass.surge"]

@@ -2,6 +2,8 @@
 
 import typer
 
+from rovtwin.cli.evidence_empirical import empirical
+from rovtwin.cli.evidence_panel import panel
 from rovtwin.cli.evidence_towing import towing
 
 evidence_app = typer.Typer(
@@ -9,3 +11,5 @@ evidence_app = typer.Typer(
     no_args_is_help=True,
 )
 evidence_app.command()(towing)
+evidence_app.command()(empirical)
+evidence_app.command()(panel)

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.outline import Outline
-from rovtwin.identification.widths import LogNormal, log_normals
+from rovtwin.identification.widths import LogNormal, log_normals, widths_of
 from rovtwin.vehicle.constants import AXES, FRESH_WATER
 
 # Square prisms a x a x b along b, C_A on a^2 b, at b / a. DNV prints 0.13 at 6; Eidsvik's program, whose numbers these
@@ -71,13 +71,13 @@ class EmpiricalEstimate:
     notes: tuple[str, ...] = ()
 
     def priors(self) -> dict[str, LogNormal]:
-        """By name, `added_mass.surge`; with the widths of `widths.WIDTHS['empirical']`."""
+        """By name, `added_mass.surge`; as wide as `widths_of` says."""
         values = {
             "added_mass": self.added_mass,
             "linear_damping": self.linear_damping,
             "quadratic_damping": self.quadratic_damping,
         }
-        return log_normals(values, "empirical", "Eidsvik (2015), strips and prism")
+        return log_normals(values, widths_of("empirical"), "Eidsvik (2015), strips and prism")
 
 
 def estimate(

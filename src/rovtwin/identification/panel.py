@@ -17,15 +17,14 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.surface import LEAST, Panels, solids, surface_of
-from rovtwin.identification.widths import LogNormal, log_normals
+from rovtwin.identification.widths import USUAL_OPENNESS, LogNormal, log_normals, widths_of
 from rovtwin.vehicle.constants import AXES, FRESH_WATER
 from rovtwin.vehicle.vehicle import Vehicle
 
 PANELS = 1500  # of the finer mesh, unless the user gives a size: the box of the tests within 0.5 % in 2 s
 MOST_PANELS = 6000  # matrices of 6000 x 6000: 2 GB
-_COARSER = 1.45  # the other mesh's panels
 _SOURCES_ERROR = 0.05  # of parts that run into each other: two cylinders as one, a box in a box, against one body
-_NOTHING = 1e-6  # of the body's scale: rounding
+_NOTHING, _HARDLY = 1e-6, 1e-3  # of the body's scale: rounding; what a mesh's faults may make
 _IMAGES = 3  # each way, between surface and floor
 
 Progress = Callable[[int, int], None]
@@ -40,12 +39,14 @@ class Mesher:
         area: Wetted, roughly [m2].
         order: The error falls as size^order; 0: not so regularly that two meshes tell the limit.
         name: For messages.
+        coarser: The other mesh's panels, of this one's.
     """
 
     at: Callable[[float, int], Panels]
     area: float
     order: float
     name: str
+    coarser: float = 1.45
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +73,15 @@ class PanelAddedMass:
     surroundings: str
     notes: tuple[str, ...] = ()
 
-    def priors(self) -> dict[str, LogNormal]:
-        """The diagonal by name, `added_mass.surge`, with the widths of `widths.WIDTHS['panel']`."""
-        return log_normals(
-            {"added_mass": np.diag(self.matrix)}, "panel", "panel method (capytaine), " + self.surroundings
-        )
+    def priors(self, openness: float | None = None) -> dict[str, LogNormal]:
+        """The diagonal by name, `added_mass.surge`; what is numerical noise is left out.
+
+        Args:
+            openness: Of the hull, `widths.openness_of(vehicle)`; None: the usual one.
+        """
+        known = np.where(self.error < 0.5, np.diag(self.matrix), 0.0)
+        widths = widths_of("panel", USUAL_OPENNESS if openness is None else openness)
+        return log_normals({"added_mass": known}, widths, "panel method (capytaine), " + self.surroundings)
 
 
 def mesher_of(vehicle: Vehicle) -> Mesher:
@@ -115,25 +120,27 @@ def panel_added_mass(
         raise IdentificationError(f"panel method: found a panel size of {size} m, expected more than 0")
     fine = _meshed(mesher, size, LEAST)
     walls = _Walls.between(fine, depth, floor)
-    coarse = _meshed(mesher, _COARSER * size, LEAST * 2 // 3)
+    coarse = _meshed(mesher, mesher.coarser * size, LEAST * 2 // 3)
     told = _counter(progress, 2 * (2 + len(walls.images)))
     raw, pressure = _solve(fine, density, walls, told)
     other, _ = _solve(coarse, density, walls, told)
-    limit, regular = raw, mesher.order > 0 and fine.wet is None and len(coarse.faces) < len(fine.faces)
-    if regular:
-        limit = raw + (raw - other) / ((len(fine.faces) / len(coarse.faces)) ** (mesher.order / 2) - 1)
+    ratio = len(fine.faces) / len(coarse.faces)
+    regular = mesher.order > 0 and fine.wet is None and ratio > 1
+    limit = raw + (raw - other) / (ratio ** (mesher.order / 2) - 1) if regular else raw
     scale = _scale(limit, fine)
-    carried = np.diag(limit) > _NOTHING * np.diag(scale)
-    error = np.where(carried, np.abs(np.diag(limit if regular else other) - np.diag(raw)), 0.0)
-    error = error / np.where(carried, np.diag(limit), 1.0)
-    if fine.wet is not None:
-        error = np.where(carried, np.maximum(error, _SOURCES_ERROR), 0.0)
-    asymmetry = _asymmetry(limit)
-    matrix = 0.5 * (limit + limit.T)
+    matrix, asymmetry = 0.5 * (limit + limit.T), _asymmetry(limit)
     matrix[np.abs(matrix) < _NOTHING * scale] = 0.0
     _require_positive(matrix, mesher.name)
-    notes = (*fine.notes, *_doubts(error, asymmetry))
+    error = _error(np.diag(matrix), np.diag(raw - (limit if regular else other)), fine)
+    notes = (*fine.notes, *_doubts(np.where(np.diag(matrix) > _HARDLY * np.diag(scale), error, 0.0), asymmetry))
     return PanelAddedMass(matrix, error, asymmetry, fine, pressure, density, walls.words, notes)
+
+
+def _error(diagonal: np.ndarray, difference: np.ndarray, panels: Panels) -> np.ndarray:
+    """What was extrapolated, or where that is not possible how far the meshes differ; share of the diagonal, (6,)."""
+    carried = diagonal > 0
+    error = np.where(carried, np.abs(difference) / np.where(carried, diagonal, 1.0), 0.0)
+    return error if panels.wet is None else np.where(carried, np.maximum(error, _SOURCES_ERROR), 0.0)
 
 
 def _scale(matrix: np.ndarray, panels: Panels) -> np.ndarray:

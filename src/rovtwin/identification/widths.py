@@ -10,6 +10,7 @@ import numpy as np
 
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.vehicle import Vehicle
 
 UNITS = {
@@ -18,13 +19,16 @@ UNITS = {
     "quadratic_damping": ("N s2/m2", "N m s2/rad2"),
 }
 
-# Log standard deviation in translation and in rotation, by where the number comes from. 0.7 is a factor of 2, and 95 %
-# lie within twice that on either side. docs/identification/priors.md has the comparisons behind every number.
+# Log standard deviation in translation and in rotation, by where the number comes from; of closed hulls. 0.7 is a
+# factor of 2, and 95 % lie within twice that on either side. docs/identification/priors.md has the comparisons behind them.
 WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
-    "empirical": {"added_mass": (1.0, 0.9), "linear_damping": (1.4, 1.8), "quadratic_damping": (0.9, 1.0)},
-    "parts": {"added_mass": (0.5, 0.5), "linear_damping": (1.2, 1.2), "quadratic_damping": (0.5, 0.8)},
-    "panel": {"added_mass": (0.3, 0.5)},
+    "empirical": {"added_mass": (0.8, 0.6), "linear_damping": (1.2, 1.6), "quadratic_damping": (0.9, 1.4)},
+    "parts": {"added_mass": (0.3, 0.4), "linear_damping": (1.2, 1.2), "quadratic_damping": (0.5, 0.8)},
+    "panel": {"added_mass": (0.15, 0.3)},
 }
+# What an open hull adds, per logarithm of shape volume over displaced volume: the water inside may go along or not.
+OPEN_HULL = {"added_mass": 0.5, "linear_damping": 0.0, "quadratic_damping": 0.3}
+USUAL_OPENNESS = 0.7  # where nobody said what the hull displaces: half of it floods
 
 
 @dataclass(frozen=True)
@@ -56,33 +60,54 @@ class LogNormal:
         return float(np.log(value / self.median) / self.log_sd) if value > 0 else -np.inf
 
 
-def log_normals(values: Mapping[str, np.ndarray], kind: str, source: str) -> dict[str, LogNormal]:
+def widths_of(kind: str, openness: float = 0.0) -> dict[str, float]:
+    """Log standard deviation by name, `added_mass.surge`.
+
+    Args:
+        kind: Key of WIDTHS.
+        openness: ln(volume of the shapes / displaced volume), from 0; see `openness_of`.
+    """
+    return {
+        f"{quantity}.{axis}": float(np.hypot(pair[i // 3], OPEN_HULL[quantity] * openness))
+        for quantity, pair in WIDTHS[kind].items()
+        for i, axis in enumerate(AXES)
+    }
+
+
+def log_normals(values: Mapping[str, np.ndarray], widths: Mapping[str, float], source: str) -> dict[str, LogNormal]:
     """Priors by name, of arrays of 6 by quantity; what is not a positive number is left out.
 
     Args:
         values: Quantities of UNITS, each shape (6,), surge to yaw.
-        kind: Key of WIDTHS.
+        widths: By name, as `widths_of` gives them.
         source: Method and reference.
     """
     found = {}
     for quantity, numbers in values.items():
         for i, (axis, number) in enumerate(zip(AXES, numbers, strict=True)):
             if np.isfinite(number) and number > 0:
-                width, unit = WIDTHS[kind][quantity][i // 3], UNITS[quantity][i // 3]
-                found[f"{quantity}.{axis}"] = LogNormal(f"{quantity}.{axis}", float(number), width, unit, source)
+                name, unit = f"{quantity}.{axis}", UNITS[quantity][i // 3]
+                found[name] = LogNormal(name, float(number), widths[name], unit, source)
     return found
 
 
+def openness_of(vehicle: Vehicle) -> float | None:
+    """ln(volume of the shapes / displaced volume), at least 0; None for a vehicle without shapes or buoyancy."""
+    shapes = [body.shape for _, body in bodies(vehicle.file, vehicle.name) if body.shape is not None]
+    volume = sum(Solid.of(shape).volume() for shape in shapes)
+    displaced = vehicle.assembly.volume
+    return max(0.0, float(np.log(volume / displaced))) if volume > 0 and displaced > 0 else None
+
+
 def prior_widths(vehicle: Vehicle, panel: bool = False) -> dict[str, float]:
-    """Log standard deviation of what a vehicle's file says before any test, by name, `added_mass.surge`.
+    """Log standard deviation of what a vehicle's parts say before any test, by name, `added_mass.surge`.
 
     Args:
         vehicle: With shapes its numbers are as good as formulas for shapes; without, as good as the empirical method,
             which is all that can be said of numbers from elsewhere.
         panel: Its added mass is that of the panel method on its shapes.
     """
-    kind = "parts" if any(body.shape is not None for _, body in bodies(vehicle.file, vehicle.name)) else "empirical"
-    widths = dict(WIDTHS[kind])
-    if panel:
-        widths |= WIDTHS["panel"]
-    return {f"{quantity}.{axis}": width[i // 3] for quantity, width in widths.items() for i, axis in enumerate(AXES)}
+    openness = openness_of(vehicle)
+    if openness is None:
+        return widths_of("empirical")
+    return widths_of("parts", openness) | (widths_of("panel", openness) if panel else {})
