@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.decay import fit_decay, from_ballast
+from rovtwin.identification.decay import fit_decay
 from rovtwin.identification.decay_linear import fit_cosine, from_rest, inertia_and_damping
 from rovtwin.identification.decay_motion import swing
+from rovtwin.identification.decay_scale import from_ballast, pooled
 from rovtwin.identification.known import Known
 
 J, K, D_L, D_Q = 5.17, 7.36, 3.04, 3.0  # roll of the Double Blueye, near enough
@@ -128,6 +129,15 @@ def test_bad_input_is_named(spoil, said):
 def test_two_scales_are_one_too_many():
     with pytest.raises(IdentificationError, match="expected one"):
         fit_decay(*release(0), stiffness=Known(K), inertia=Known(J))
+
+
+def test_several_decays_are_pooled_and_those_that_differ_widen_it():
+    same = [fit_decay(*release(seed)) for seed in range(4)]
+    ratios, covariance, notes = pooled(same)
+    assert notes == () and np.abs(ratios - TRUTH).max() < 4 * np.sqrt(np.diag(covariance)).max()
+    assert np.diag(covariance) == pytest.approx(np.diag(same[0].covariance) / 4, rel=0.3)
+    other = fit_decay(*release(9, ratios=1.2 * TRUTH))
+    assert "widened" in pooled([*same, other])[2][0]
 
 
 # The linear formulae.

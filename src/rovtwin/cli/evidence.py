@@ -2,8 +2,10 @@
 
 import typer
 
+from rovtwin.cli.evidence_decay import decay
 from rovtwin.cli.evidence_empirical import empirical
 from rovtwin.cli.evidence_panel import panel
+from rovtwin.cli.evidence_thrust import thrust
 from rovtwin.cli.evidence_towing import towing
 
 evidence_app = typer.Typer(
@@ -13,3 +15,5 @@ evidence_app = typer.Typer(
 evidence_app.command()(towing)
 evidence_app.command()(empirical)
 evidence_app.command()(panel)
+evidence_app.command()(decay)
+evidence_app.command()(thrust)

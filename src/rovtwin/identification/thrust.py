@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.identification.correlated import correlated
 from rovtwin.vehicle.thrust_curve import KGF, read_bollard_csv
 
 NAMES = ("force", "dead band", "exponent")
@@ -121,7 +122,8 @@ def _fit(command: np.ndarray, force: np.ndarray, astern: np.ndarray | None, hold
     found = least_squares(error, guess[~held], bounds=(low[~held], high[~held]), x_scale=np.maximum(guess, 0.1)[~held])
     p, covariance = guess.copy(), np.zeros((len(guess),) * 2)
     p[~held] = found.x
-    noise = float(found.fun @ found.fun) / max(len(command) - len(found.x), 1)
+    # A power law misses real curves in long waves: neighbouring points do not count one each.
+    noise = float(found.fun @ found.fun) / max(len(command) - len(found.x), 1) * correlated(found.fun)
     covariance[np.ix_(~held, ~held)] = np.linalg.pinv(found.jac.T @ found.jac) * noise
     rms, shown = float(np.sqrt(np.mean(found.fun**2))), np.array([0, -2, -1]) + np.array([0, len(p), len(p)])
     astern_force = float(p[1]) if len(sides) == 2 else None

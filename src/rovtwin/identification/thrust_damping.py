@@ -6,6 +6,7 @@ does in (3.6), is a prior of width zero on the wrong exponent, and damping pays 
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -13,6 +14,8 @@ from scipy.optimize import least_squares
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.damping_fit import fit_damping
 from rovtwin.identification.known import Known
+from rovtwin.identification.readers.reading import detect
+from rovtwin.identification.readers.tables import read_csv
 from rovtwin.identification.thrust import Bollard, shape
 
 SMALLEST = 1e-9  # stands for a quadratic coefficient of zero in the speed's formula
@@ -144,6 +147,19 @@ def fit_thrust_and_damping(
     moved = np.divide(thrust - means, widths, out=np.zeros(3), where=free)
     notes = _remarks(found.x[:2], covariance, moved, speed_error(found.x), sigma, sigma_velocity)
     return JointFit(found.x[:2], thrust, covariance, sigma, speed_error(found.x), moved, linear, notes)
+
+
+def read_speeds(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Commands and steady velocities of free-running tests, shapes (n,): CSV with columns `command`, `velocity`.
+
+    Raises:
+        IdentificationError: No such file or column, or a line without numbers.
+    """
+    path = Path(path)
+    detect(path)
+    (table,) = read_csv(path, []).tables.values()
+    command, velocity = table.pick(["command", "velocity"], str(path)).T
+    return command, velocity
 
 
 def _speed(force: np.ndarray, linear: float, quadratic: float) -> np.ndarray:
