@@ -60,13 +60,13 @@ def test_decay_corrected_is_what_the_library_vehicle_has(study):
     hydrodynamics = load_vehicle("double_blueye").file.hydrodynamics
     assert hydrodynamics is not None
     for place, axis in ((3, "roll"), (4, "pitch")):
-        assert study.line(f"{axis}, added inertia").corrected == pytest.approx(
+        assert study.line("decay", f"{axis}, added inertia").corrected == pytest.approx(
             hydrodynamics.added_mass[place], abs=0.006
         )
-        assert study.line(f"{axis}, linear damping").corrected == pytest.approx(
+        assert study.line("decay", f"{axis}, linear damping").corrected == pytest.approx(
             hydrodynamics.linear_damping[place], abs=0.006
         )
-    library = study.line("yaw, quadratic damping, library").corrected
+    library = study.line("free_running", "yaw, quadratic damping, library").corrected
     assert library == pytest.approx(hydrodynamics.quadratic_damping[5], abs=0.03)
 
 
@@ -85,7 +85,7 @@ def test_free_running_errs_by_more_than_the_thesis_says():
 
 
 def test_table_4_2_is_not_table_3_7(study):
-    names = {line.name for line in study.sections[3].lines if line.where == "table 4.2"}
+    names = {line.name for line in study.sections[4].lines if line.where == "table 4.2"}
     assert names == {
         "roll, linear damping, free running", "roll, quadratic damping, free running",
         "pitch, linear damping, free running", "yaw, linear damping, free running",
@@ -98,20 +98,40 @@ def test_the_simulation_did_not_run_the_stated_model(study):
     steady = terminal(force, 55.76, 23.67)
     assert steady == pytest.approx([0.0697, 0.1357, 0.1985, 0.2586, 0.3162], abs=1e-4)
     assert (1 - ground / steady).min() > 0.13
-    assert study.line("surge, linear damping, ground truth").derived == pytest.approx(63.8, abs=0.05)
-    assert study.line("surge, quadratic damping, ground truth").derived == pytest.approx(43.8, abs=0.05)
-    assert study.line("surge, linear damping, ArUco").derived == pytest.approx(65.28, abs=0.02)
+    assert study.line("simulation", "surge, linear damping, ground truth").derived == pytest.approx(63.8, abs=0.05)
+    assert study.line("simulation", "surge, quadratic damping, ground truth").derived == pytest.approx(43.8, abs=0.05)
+    assert study.line("simulation", "surge, linear damping, ArUco").derived == pytest.approx(65.28, abs=0.02)
+
+
+def test_the_empirical_method_says_what_follows_and_what_does_not(study):
+    lines = {line.name: line for line in study.sections[0].lines}
+    assert (
+        lines["sway, added mass"].derived == pytest.approx(13.31, abs=0.01)
+        and "8.95" in lines["sway, added mass"].reason
+    )
+    assert lines["pitch, added mass"].derived == pytest.approx(0.658, abs=0.001) and lines["pitch, added mass"].reason
+    assert (
+        lines["heave, added mass"].derived == pytest.approx(28.64, abs=0.01) and not lines["heave, added mass"].reason
+    )
+
+
+def test_without_pymoo_all_but_the_search_is_derived(monkeypatch):
+    from rovtwin.identification.thesis import simulation
+
+    monkeypatch.setattr(simulation, "find_spec", lambda name: None)
+    line = simulation.simulation_section().lines[-1]
+    assert line.derived is None and "rovtwin[nsga]" in line.reason
 
 
 def test_the_thrust_on_its_bound_is_said(study):
-    assert "on the bound" in study.line("heave, thrust of the search").reason
+    assert "on the bound" in study.line("added_mass", "heave, thrust of the search").reason
 
 
 def test_every_difference_has_a_reason(study):
     for section in study.sections:
         for line in section.lines:
             both = line.published is not None and line.derived is not None
-            apart = both and abs(line.derived - line.published) > 0.006 * abs(line.published)
+            apart = both and abs(line.derived - line.published) > 0.03 * abs(line.published)
             if apart or line.corrected is not None:
                 assert line.reason, line.name
 
@@ -122,7 +142,7 @@ def test_the_command_prints_and_writes_a_report(tmp_path, monkeypatch, capsys):
         rovtwin.cli.main()
     assert stopped.value.code in (0, None)
     told = json.loads(capsys.readouterr().out)
-    assert [s["key"] for s in told["sections"]][0] in ("empirical", "free_running")
+    assert [s["key"] for s in told["sections"]][0] == "empirical"
     page = (tmp_path / "again" / "report.html").read_text()
     assert "49.82" in page and "Figure" in page
     assert (tmp_path / "again" / "figures" / "comparison.png").stat().st_size > 20_000

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 from rovtwin.identification.thesis.comparison import comparison_section
 from rovtwin.identification.thesis.decay import decay_section
-from rovtwin.identification.thesis.found import Section
+from rovtwin.identification.thesis.empirical import empirical_section
+from rovtwin.identification.thesis.found import Line, Section
 from rovtwin.identification.thesis.free_running import added_mass_section, damping_section
 from rovtwin.identification.thesis.simulation import simulation_section
 
 SECTIONS: tuple[Callable[[], Section], ...] = (
+    empirical_section,
     damping_section,
     added_mass_section,
     decay_section,
@@ -24,13 +26,13 @@ class Study:
 
     sections: tuple[Section, ...]
 
-    def line(self, name: str):
-        """The line of a name. Raises KeyError where there is none."""
-        for section in self.sections:
-            for line in section.lines:
-                if line.name == name:
+    def line(self, section: str, name: str) -> Line:
+        """A line by the key of its section and its name. Raises KeyError where there is none."""
+        for one in self.sections:
+            for line in one.lines:
+                if (one.key, line.name) == (section, name):
                     return line
-        raise KeyError(name)
+        raise KeyError((section, name))
 
 
 def rederive(progress: Callable[[str], None] | None = None) -> Study:
