@@ -131,7 +131,7 @@ def _said(found: Any, name: str) -> dict[str, Any]:
 
 
 def _matrix(matrix: Any) -> Any:
-    rows = table("M_A about the origin [kg, kg m, kg m2]", "", "u", "v", "w", "p", "q", "r")
+    rows = table("M_A [kg, kg m, kg m2]", "", "u", "v", "w", "p", "q", "r")
     for name, row in zip("XYZKMN", matrix, strict=True):
         rows.add_row(name, *(figure(float(value)) if abs(value) > 1e-4 * matrix.max() else "·" for value in row))
     return rows

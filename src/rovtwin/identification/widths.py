@@ -23,7 +23,7 @@ UNITS = {
 # factor of 2, and 95 % lie within twice that on either side. docs/identification/priors.md has the comparisons behind them.
 WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
     "empirical": {"added_mass": (0.8, 0.6), "linear_damping": (1.2, 1.6), "quadratic_damping": (0.9, 1.4)},
-    "parts": {"added_mass": (0.3, 0.4), "linear_damping": (1.2, 1.2), "quadratic_damping": (0.5, 0.8)},
+    "parts": {"added_mass": (0.3, 0.4), "linear_damping": (1.2, 1.5), "quadratic_damping": (0.5, 0.8)},
     "panel": {"added_mass": (0.15, 0.3)},
 }
 # What an open hull adds, per logarithm of shape volume over displaced volume: the water inside may go along or not.

@@ -23,7 +23,8 @@ _CYLINDER_C_A = np.array([0.0, 0.62, 0.78, 0.90, 0.96])
 
 # A rectangle 2a x 2b turning in plane flow, a >= b: m = k pi rho a^4 at b / a. Plate and square: Newman (1977), Marine
 # Hydrodynamics, table 4.3; between them, and the loss at the open ends, height / (height + 0.16 length), fitted to our
-# own panel runs of eight boxes (docs/scripts/added_mass_panels.py): within 10 %.
+# own panel runs of seven boxes: within 10 % of coarse ones; of the limit of fine panels (docs/scripts/priors.py) within
+# 12 % in translation and 22 % in rotation.
 _SECTION_ASPECT = np.array([0.0, 0.2, 0.5, 0.75, 1.0])
 _SECTION_TURNING = np.array([0.125, 0.147, 0.153, 0.178, 0.231])
 _END_LOSS = 0.16
