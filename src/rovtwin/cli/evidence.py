@@ -4,6 +4,7 @@ import typer
 
 from rovtwin.cli.evidence_decay import decay
 from rovtwin.cli.evidence_empirical import empirical
+from rovtwin.cli.evidence_free_running import free_running
 from rovtwin.cli.evidence_panel import panel
 from rovtwin.cli.evidence_thrust import thrust
 from rovtwin.cli.evidence_towing import towing
@@ -17,3 +18,4 @@ evidence_app.command()(empirical)
 evidence_app.command()(panel)
 evidence_app.command()(decay)
 evidence_app.command()(thrust)
+evidence_app.command(name="free-running")(free_running)

@@ -110,12 +110,24 @@ class Track:
 
     def velocity_std(self, t: np.ndarray) -> np.ndarray:
         """Standard deviation of `velocity`, shape (m,); NaN in gaps."""
+        return self._std(t, 1)
+
+    def position_std(self, t: np.ndarray) -> np.ndarray:
+        """Standard deviation of `position`, shape (m,); NaN in gaps."""
+        return self._std(t, 0)
+
+    def _std(self, t: np.ndarray, order: int) -> np.ndarray:
         out = np.full(len(t), np.nan)
         for piece, factor in zip(self.pieces, self.factors, strict=True):
             inside = piece.holds(t)
             if inside.any():
-                grid = np.linspace(piece.t[0], piece.t[-1], max(len(piece.knots) - 2 * DEGREE, 2))
-                rows = piece.rows(grid, 1).toarray()
+                # It changes fast at the ends only, slowly between.
+                edge = np.arange(min(40, len(piece.knots))) * piece.step
+                grid = np.concatenate(
+                    [piece.t[0] + edge, piece.t[-1] - edge, np.linspace(piece.t[0], piece.t[-1], 200)]
+                )
+                grid = np.unique(grid[piece.holds(grid)])
+                rows = piece.rows(grid, order).toarray()
                 variance = np.einsum("ij,ji->i", rows, linalg.cho_solve_banded((factor, True), rows.T))
                 out[inside] = np.interp(t[inside], grid, self.sigma * np.sqrt(variance))
         return out

@@ -19,7 +19,7 @@ from rovtwin.core.errors import IdentificationError
 REST = 0.1  # share of the largest speed below which a window counts as rest, where nothing else is said
 TAIL = 0.2  # a window beside a longer one whose mean differs by less than this share is the end of its transient
 BLOCKS = 9  # of the shortest window: three in each third
-MOST_BLOCKS = 450  # all pairs of them are tried
+MOST_BLOCKS, MOST_WINDOWS = 6000, 400_000  # of a record; how many are tried, the longest left out
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,15 @@ class _Blocks:
         """Mean of the blocks first to last - 1."""
         return (self.sums[last] - self.sums[first]) / np.maximum(last - first, 1)
 
-    def steady(self, first: np.ndarray, last: np.ndarray, tolerance: float, least: float) -> np.ndarray:
+    def steady(self, first: np.ndarray, last: np.ndarray, tolerance: float, least: float, slow: float) -> np.ndarray:
         """The criterion, for many windows at once."""
         length = last - first
         cut, end = first + length // 3, last - length // 3
         mean = self.means(first, last)
         allowed = tolerance * np.maximum(np.abs(mean), least)
-        third = allowed + 2 * self.noise / np.sqrt(np.maximum(length // 3, 1))
-        block = allowed + 3 * self.noise
+        thinner = np.sqrt(np.maximum(length // 3, 1))
+        third = allowed + 2 * np.hypot(self.noise, slow) / thinner
+        block = allowed + 3 * np.hypot(self.noise, slow)
         thirds = [(first, cut), (cut, end), (end, last)]
         within = [np.abs(self.means(a, b) - mean) <= third for a, b in thirds]
         return np.all([*within, *(np.abs(self.mean[i] - mean) <= block for i in (first, last - 1))], axis=0)
@@ -97,6 +98,7 @@ def steady_windows(
     tolerance: float = 0.01,
     force_tolerance: float = 0.05,
     rest: float | None = None,
+    slow: float = 0.0,
     name: str = "record",
 ) -> list[Window]:
     """Steady windows in order of time, rest included.
@@ -108,6 +110,8 @@ def steady_windows(
         shortest: Duration of the shortest window [s].
         tolerance: Of the velocity, as a share of its mean.
         force_tolerance: The same of the force.
+        slow: Standard deviation of velocity errors that neighbouring blocks share, as of a smoother: of the mean of a
+            block. They do not show in the differences of blocks.
         rest: Speed up to which a window counts as rest; None takes a tenth of the largest.
         name: For messages.
 
@@ -135,7 +139,7 @@ def steady_windows(
     least = [REST * float(np.quantile(np.abs(x[known]), 0.98)) for x in signals]
     if rest is not None:
         least[0] = rest
-    criteria = list(zip((tolerance, force_tolerance), least, strict=False))
+    criteria = list(zip((tolerance, force_tolerance), least, (slow, 0.0), strict=False))
     for a, b in _runs(_filled(t[known], edges)):
         inside = known & (t >= edges[a]) & (t <= edges[b])
         windows += _search(t[inside], [x[inside] for x in signals], edges[a : b + 1], fewest, criteria)
@@ -164,23 +168,28 @@ def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _search(
-    t: np.ndarray, signals: list[np.ndarray], edges: np.ndarray, fewest: int, criteria: list[tuple[float, float]]
+    t: np.ndarray, signals: list[np.ndarray], edges: np.ndarray, fewest: int, criteria: list[tuple[float, float, float]]
 ) -> list[Window]:
-    """Longest first, in one stretch without gaps; criteria are tolerance and least mean of each signal."""
+    """Longest first, in one stretch without gaps; criteria are tolerance, least mean and slow error of each signal."""
     count = len(edges) - 1
     if count < fewest:
         return []
     blocks = [_Blocks.of(t, x, edges) for x in signals]
-    first, last = np.triu_indices(count + 1, fewest)
+    longest = max(MOST_WINDOWS // count, 4 * fewest)
+    length = np.arange(fewest, min(longest, count) + 1)
+    first, last = (
+        x.ravel() for x in np.broadcast_arrays(np.arange(count)[:, None], np.arange(count)[:, None] + length)
+    )
+    first, last = first[last <= count], last[last <= count]
     good = np.all(
-        [b.steady(first, last, tolerance, least) for b, (tolerance, least) in zip(blocks, criteria, strict=True)],
+        [b.steady(first, last, *criterion) for b, criterion in zip(blocks, criteria, strict=True)],
         axis=0,
     )
     first, last = first[good], last[good]
     found = []
     while len(first):
-        longest = int(np.argmax(last - first))
-        a, b = int(first[longest]), int(last[longest])
+        best = int(np.argmax(last - first))
+        a, b = int(first[best]), int(last[best])
         one = _window(t, signals, blocks, a, b, criteria[0][1])
         if not any(_tail(one, other, fewest * (edges[1] - edges[0])) for other in found):
             found.append(one)

@@ -68,12 +68,13 @@ def towing_figure(towing: Any, dof: str = "surge") -> Figure:
     return figure
 
 
-def free_running_figure(result: Any, dof: str) -> Figure:
+def free_running_figure(result: Any, dof: str, thesis: Any = None) -> Figure:
     """Velocity in one direction with its steady windows, beside force against velocity and the fit.
 
     Args:
         result: A `rovtwin.identification.free_running.FreeRunning`.
         dof: One of its directions.
+        thesis: Damping of the same logs by the thesis's method, to show beside it.
     """
     figure = new_figure(3.4)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1))
@@ -91,15 +92,17 @@ def free_running_figure(result: Any, dof: str) -> Figure:
             motion.plot(span, [run.velocity] * 2, color=BLACK, linewidth=2.0, zorder=6, solid_capstyle="butt")
     dress(motion, f"{dof} velocity [{unit}]", "time in the test [s]")
     name_panel(motion, "smoothed, with 95 % band")
-    _curve(curve, result.fits[dof], [(r.velocity, r.force, 0.0) for r in runs if r.used], [
+    _curve(curve, result.fits[dof], [(r.velocity, r.force, r.force_std) for r in runs if r.used], [
         (r.velocity, r.force) for r in runs if not r.used
     ])  # fmt: skip
-    for name, other in getattr(result, "others", {}).get(dof, {}).items():
-        v = np.linspace(*_reach(result.fits[dof], runs), 100)
-        curve.plot(v, other(v), color=ORANGE, linestyle=(0, (4, 2)), linewidth=1.0, label=name)
-    dress(curve, "thrust [N m]" if unit == "rad/s" else "thrust [N]", f"{dof} velocity [{unit}]", ticks=7)
     handles = [Line2D([], [], color=BLACK, linewidth=2.0, label="steady window")]
-    legend_above(figure, handles + _handles(any(not r.used for r in runs)), 4)
+    if thesis is not None:
+        v = np.linspace(*_reach(result.fits[dof], runs), 100)
+        style: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (4, 2)), "linewidth": 1.0}
+        curve.plot(v, thesis.force(v), **style)
+        handles.append(Line2D([], [], label="the thesis's method", **style))
+    dress(curve, "drag [N m]" if unit == "rad/s" else "drag [N]", f"{dof} velocity [{unit}]", ticks=7)
+    legend_above(figure, handles + _handles(any(not r.used for r in runs)), 5)
     return figure
 
 

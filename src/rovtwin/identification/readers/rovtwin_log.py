@@ -40,8 +40,11 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
     if COMMANDS not in log:
         raise IdentificationError(f"{path}: no channel {COMMANDS}; found {', '.join(log) or 'none'}")
     commands = log[COMMANDS]
-    _check_thrusters(path, commands.channel.fields, vehicle)
-    tables = {COMMANDS: Table(commands.values, commands.channel.fields, commands.t)}
+    # A log has _ where a vehicle has the dots between parts.
+    spelt = {name.replace(".", "_"): name for name in vehicle.thruster_names}
+    fields = tuple(spelt.get(field, field) for field in commands.channel.fields)
+    _check_thrusters(path, fields, vehicle)
+    tables = {COMMANDS: Table(commands.values, fields, commands.t)}
     signals: dict[str, SignalSpec] = {}
     datasheets = _datasheets(log)
     for sensor, name in SENSORS.items():
