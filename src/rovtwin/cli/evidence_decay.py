@@ -49,6 +49,7 @@ def decay(
     [bold]rovtwin evidence decay roll.csv --ballasted roll_1kg.csv --weight 2.1 0.06[/bold]
     """
     from rovtwin.identification.decay import fit_decay
+    from rovtwin.identification.decay_motion import releases
     from rovtwin.identification.decay_read import read_angle
     from rovtwin.identification.decay_scale import together
     from rovtwin.vehicle import load_vehicle
@@ -62,24 +63,30 @@ def decay(
     if (ballasted is None) != (weight is None):
         raise IdentificationError("decay: --ballasted FILE and --weight DK DJ go together")
 
-    def fitted(path: Path) -> "Decay":
+    def fitted(path: Path) -> "dict[str, Decay]":
         t, angle = read_angle(path, axis, column=column, vehicle=loaded)
-        return fit_decay(t, angle, quadratic=not linear, source=str(path))
+        parts = releases(t, angle)
+        names = [path.name] if len(parts) == 1 else [f"{path.name}, release {k + 1}" for k in range(len(parts))]
+        return {
+            name: fit_decay(t[part], angle[part], quadratic=not linear, source=str(path.with_name(name)))
+            for name, part in zip(names, parts, strict=True)
+        }
 
-    decays = [fitted(path) for path in files]
-    result = together(decays, ballasted=fitted(ballasted) if ballasted else None, weight=weight, **scale)
+    runs = {name: one for path in files for name, one in fitted(path).items()}
+    heavy = together(list(fitted(ballasted).values())) if ballasted else None
+    result = together(list(runs.values()), ballasted=heavy, weight=weight, **scale)
     rigid = None if loaded is None else float(loaded.assembly.solid.inertia[_place(axis), _place(axis)])
     if picture:
         from rovtwin.cli.evidence_towing import save_figure
         from rovtwin.report.decay import decay_figure
 
-        save_figure(decay_figure(decays, [path.name for path in files], axis), picture)
+        save_figure(decay_figure(list(runs.values()), list(runs), axis), picture)
     if out:
         out.write_text(_block(result, axis, rigid, ", ".join(path.name for path in files)), encoding="utf-8")
     if as_json:
-        emit(_as_data(result, decays, files, axis, rigid))
+        emit(_as_data(result, runs, axis, rigid))
     else:
-        _print(result, decays, files, axis, rigid, (picture, out))
+        _print(result, runs, axis, rigid, (picture, out))
     raise typer.Exit(DONE)
 
 
@@ -130,9 +137,7 @@ def _block(result: "Decay", axis: str, rigid: float | None, names: str) -> str:
     return "\n".join(["hydrodynamics:", note, *values, "  sources:", *said]) + "\n"
 
 
-def _as_data(
-    result: "Decay", decays: "list[Decay]", files: list[Path], axis: str, rigid: float | None
-) -> dict[str, Any]:
+def _as_data(result: "Decay", runs: "dict[str, Decay]", axis: str, rigid: float | None) -> dict[str, Any]:
     moments = result.moments
     return {
         "method": "decay",
@@ -155,25 +160,23 @@ def _as_data(
             "covariance": moments.covariance.tolist(),
         },
         "runs": [
-            {"file": str(path), "start": d.start, "end": d.end, "offset_rad": d.offset, "rms_rad": d.rms,
+            {"name": name, "start": d.start, "end": d.end, "offset_rad": d.offset, "rms_rad": d.rms,
              "whiteness": d.whiteness, "notes": list(d.notes)}
-            for path, d in zip(files, decays, strict=True)
+            for name, d in runs.items()
         ],
         "notes": list(result.notes),
     }  # fmt: skip
 
 
-def _print(
-    result: "Decay", decays: "list[Decay]", files: list[Path], axis: str, rigid: float | None, written: Any
-) -> None:
+def _print(result: "Decay", runs: "dict[str, Decay]", axis: str, rigid: float | None, written: Any) -> None:
     from math import degrees
 
     from rovtwin.cli.evidence_towing import print_notes
 
     screen = console(False)
-    rows = table(f"{axis} decays", "file", "released before", "from", "offset", "left over (rms)")
-    for path, d in zip(files, decays, strict=True):
-        rows.add_row(path.name, f"{d.start:.2f} s", f"{degrees(d.state[0]):.1f} deg", f"{degrees(d.offset):.2f} deg",
+    rows = table(f"{axis} decays", "test", "released before", "from", "offset", "left over (rms)")
+    for name, d in runs.items():
+        rows.add_row(name, f"{d.start:.2f} s", f"{degrees(d.state[0]):.1f} deg", f"{degrees(d.offset):.2f} deg",
                      f"{degrees(d.rms):.2g} deg")  # fmt: skip
     screen.print(rows)
     screen.print()
@@ -192,5 +195,5 @@ def _print(
         screen.print(rows)
         screen.print()
     screen.print(result.verdict, markup=False)
-    named = tuple(f"{path.name}: {note}" for path, d in zip(files, decays, strict=True) for note in d.notes)
-    print_notes(screen, (*result.notes, *named) if len(files) > 1 else result.notes, *written)
+    named = tuple(f"{name}: {note}" for name, d in runs.items() for note in d.notes)
+    print_notes(screen, (*result.notes, *named) if len(runs) > 1 else result.notes, *written)

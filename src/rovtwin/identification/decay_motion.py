@@ -8,6 +8,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 from rovtwin.core.errors import IdentificationError
 
+# Shares of the largest angle: where a swing is as good as over, where it was, and where it is again.
+STILL, NEAR_REST, FAR = 0.05, 0.15, 0.5
+
 
 def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, step: float) -> np.ndarray:
     """Angle of x'' + b x' + a |x'| x' + c sin(x) = 0.
@@ -47,6 +50,33 @@ def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, s
     return CubicHermiteSpline(grid, xs, vs)(t)
 
 
+def releases(t: np.ndarray, angle: np.ndarray) -> list[slice]:
+    """The parts of a recording that hold one release each, in their order.
+
+    A free swing only shrinks. Where the angle had come near to rest and is far from it again, somebody has tilted the
+    vehicle anew: a part ends before that, and the next one begins there.
+
+    Args:
+        t: Times [s], shape (n,).
+        angle: [rad], shape (n,).
+    """
+    x = np.abs(angle - float(np.median(angle)))
+    top = float(x.max())
+    parts, begin, near = [], 0, False
+    for i, value in enumerate(x):
+        if value < NEAR_REST * top:
+            near = True
+        elif value > FAR * top:
+            # The first tilt begins the first part; what comes before it is rest.
+            if near and (x[begin:i] > FAR * top).any():
+                still = begin + int(np.flatnonzero(x[begin:i] < STILL * top)[-1])
+                still = int(np.searchsorted(t, t[still] - 0.03 * (t[still] - t[begin])))
+                parts.append(slice(begin, still))
+                begin = still
+            near = False
+    return [*parts, slice(begin, len(t))]
+
+
 def window(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[slice, tuple[float, ...]]:
     """Where the free swing begins, and a first guess of its parameters.
 
@@ -84,7 +114,20 @@ def window(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[slice, tuple[
         )
     c = 1.1 * (np.pi / (2 * quarter)) ** 2
     rate = -0.4 * side * held * sqrt(c)
-    return slice(begin, None), (c, 0.3 * sqrt(c), 0.1, rest, float(angle[begin] - rest), rate)
+    return slice(begin, _over(t, x, begin, held, noise, quarter)), (
+        c,
+        0.3 * sqrt(c),
+        0.1,
+        rest,
+        float(angle[begin] - rest),
+        rate,
+    )
+
+
+def _over(t: np.ndarray, x: np.ndarray, begin: int, held: float, noise: float, quarter: float) -> int:
+    """Where the swing is over, with rest enough to know the offset: what comes later is not of this test."""
+    last = begin + int(np.flatnonzero(np.abs(x[begin:]) > max(STILL * held, 4 * noise))[-1])
+    return int(np.searchsorted(t, t[last] + 0.5 * (t[last] - t[begin]) + 8 * quarter))
 
 
 def _half_period(t: np.ndarray, x: np.ndarray, crossing: int, noise: float) -> float:
