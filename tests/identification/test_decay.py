@@ -6,7 +6,7 @@ import pytest
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.decay import fit_decay
 from rovtwin.identification.decay_linear import fit_cosine, from_rest, inertia_and_damping
-from rovtwin.identification.decay_motion import swing
+from rovtwin.identification.decay_motion import releases, swing
 from rovtwin.identification.decay_scale import from_ballast, pooled
 from rovtwin.identification.known import Known
 
@@ -138,6 +138,29 @@ def test_several_decays_are_pooled_and_those_that_differ_widen_it():
     assert np.diag(covariance) == pytest.approx(np.diag(same[0].covariance) / 4, rel=0.3)
     other = fit_decay(*release(9, ratios=1.2 * TRUTH))
     assert "widened" in pooled([*same, other])[2][0]
+
+
+def test_several_releases_of_one_recording_are_told_apart():
+    tilts, t0, all_t, all_x = (-33.0, 25.0, -30.0), 0.0, [], []
+    for k, tilt in enumerate(tilts):
+        t, x = release(20 + k, tilt_deg=tilt)
+        all_t.append(t + t0)
+        all_x.append(x)
+        t0 += t[-1] + 0.05
+    t, x = np.concatenate(all_t), np.concatenate(all_x)
+    parts = releases(t, x)
+    assert len(parts) == 3
+    found = [fit_decay(t[part], x[part]) for part in parts]
+    assert np.sign([one.state[0] for one in found]).tolist() == [-1.0, 1.0, -1.0]
+    z = (pooled(found)[0] - TRUTH) / np.sqrt(np.diag(pooled(found)[1]))
+    assert np.abs(z).max() < 4
+
+
+@pytest.mark.parametrize("b", [0.01, 0.1, 0.8, 2.5])
+def test_one_release_is_one_part_however_damped(b):
+    t, x = release(3, ratios=np.array([1.4, b, 0.0]), duration=60.0)
+    (part,) = releases(t, x)
+    assert fit_decay(t[part], x[part]).ratios[:2] == pytest.approx([1.4, b], rel=0.2)
 
 
 # The linear formulae.

@@ -8,8 +8,10 @@ from scipy.interpolate import CubicHermiteSpline
 
 from rovtwin.core.errors import IdentificationError
 
-# Shares of the largest angle: where a swing is as good as over, where it was, and where it is again.
+# Shares of the largest angle: where a swing is as good as over; near rest; far from it.
 STILL, NEAR_REST, FAR = 0.05, 0.15, 0.5
+GROWS = 1.6  # largest over the one before: below it may be a rest that is not yet known
+LINGERS = 0.6  # share of the way from far to far on the other side spent near rest: 0.3 in a swing, more after a stop
 
 
 def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, step: float) -> np.ndarray:
@@ -53,28 +55,41 @@ def swing(t: np.ndarray, state: Sequence[float], c: float, b: float, a: float, s
 def releases(t: np.ndarray, angle: np.ndarray) -> list[slice]:
     """The parts of a recording that hold one release each, in their order.
 
-    A free swing only shrinks. Where the angle had come near to rest and is far from it again, somebody has tilted the
-    vehicle anew: a part ends before that, and the next one begins there.
+    A free swing passes through rest quickly, to the other side, and never further than before. Where the angle is far
+    from rest again in another way, somebody has tilted the vehicle anew: a part ends before that and the next begins.
 
     Args:
         t: Times [s], shape (n,).
         angle: [rad], shape (n,).
     """
-    x = np.abs(angle - float(np.median(angle)))
-    top = float(x.max())
-    parts, begin, near = [], 0, False
-    for i, value in enumerate(x):
-        if value < NEAR_REST * top:
-            near = True
-        elif value > FAR * top:
-            # The first tilt begins the first part; what comes before it is rest.
-            if near and (x[begin:i] > FAR * top).any():
-                still = begin + int(np.flatnonzero(x[begin:i] < STILL * top)[-1])
-                still = int(np.searchsorted(t, t[still] - 0.03 * (t[still] - t[begin])))
-                parts.append(slice(begin, still))
-                begin = still
-            near = False
+    x = angle - float(np.median(angle))
+    top = float(np.abs(x).max())
+    tilts = _far_from_rest(x, top)
+    parts, begin = [], 0
+    for (first, last), (again, until) in zip(tilts, tilts[1:], strict=False):
+        between = np.abs(x[last:again]) < NEAR_REST * top
+        same_side = x[first] * x[again] > 0
+        grows = np.abs(x[again:until]).max() > GROWS * np.abs(x[first:last]).max()
+        if same_side or grows or between.mean() > LINGERS:
+            still = last + int(np.flatnonzero(between)[-1])
+            still = int(np.searchsorted(t, t[still] - 0.1 * (t[still] - t[last])))  # before the hand touches it
+            parts.append(slice(begin, still))
+            begin = still
     return [*parts, slice(begin, len(t))]
+
+
+def _far_from_rest(x: np.ndarray, top: float) -> list[tuple[int, int]]:
+    """First and one after the last sample of each stretch beyond FAR that does not come near rest between."""
+    stretches: list[tuple[int, int]] = []
+    apart = True
+    for i, value in enumerate(np.abs(x) / top):
+        if value > FAR:
+            first = i if apart else stretches.pop()[0]
+            stretches.append((first, i + 1))
+            apart = False
+        elif value < NEAR_REST:
+            apart = True
+    return stretches
 
 
 def window(t: np.ndarray, angle: np.ndarray, source: str) -> tuple[slice, tuple[float, ...]]:

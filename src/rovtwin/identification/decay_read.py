@@ -5,12 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.log import Log
 from rovtwin.identification.log_spec import SourceSpec
 from rovtwin.identification.readers.assemble import part_of
 from rovtwin.identification.readers.reading import detect, read_raw
 from rovtwin.identification.readers.tables import read_csv
 from rovtwin.vehicle import Vehicle
 
+ATTITUDE = "sensor/attitude"
 AXES = {"roll": ("roll", "phi"), "pitch": ("pitch", "theta")}
 
 
@@ -24,7 +26,7 @@ def read_angle(
             in degrees), or a log of any format that gives an attitude.
         axis: roll or pitch.
         column: Of a CSV, where it has another name; ending in `deg` it is in degrees.
-        vehicle: The one tested; logs other than CSV need it.
+        vehicle: The one tested; logs other than CSV and rovtwin's own need it.
 
     Raises:
         IdentificationError: No such file, column or attitude.
@@ -35,6 +37,8 @@ def read_angle(
     kind = detect(path)
     if kind == "csv":
         return _of_table(path, axis, column)
+    if kind == "rovtwin":
+        return _of_log(path, axis)
     if vehicle is None:
         raise IdentificationError(f"{path}: to read this log its vehicle is needed; give --vehicle NAME")
     source = SourceSpec.model_validate({"file": path.name})
@@ -44,6 +48,15 @@ def read_angle(
         raise IdentificationError(f"{path}: no attitude; found {found}")
     signal = part.signals["attitude"]
     return signal.t, np.unwrap(signal.value[:, 0 if axis == "roll" else 1])
+
+
+def _of_log(path: Path, axis: str) -> tuple[np.ndarray, np.ndarray]:
+    """rovtwin's own log: its attitude sensor, timed by when a reading was true."""
+    log = Log.read(path)
+    if ATTITUDE not in log or not len(log[ATTITUDE]):
+        raise IdentificationError(f"{path}: no channel {ATTITUDE}; found {', '.join(log) or 'none'}")
+    series = log[ATTITUDE]
+    return series["t_valid"], np.unwrap(series[AXES[axis][1]])
 
 
 def _of_table(path: Path, axis: str, column: str | None) -> tuple[np.ndarray, np.ndarray]:
