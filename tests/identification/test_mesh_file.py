@@ -35,8 +35,8 @@ def meshes(tmp_path_factory):
     return folder
 
 
-def diagonal(path, **options):
-    return np.diag(panel_added_mass(mesher_of_file(path, **options)).matrix)
+def diagonal(path, panel_size=None):
+    return np.diag(panel_added_mass(mesher_of_file(path), panel_size=panel_size).matrix)
 
 
 def test_a_box_of_twelve_triangles_within_two_percent(meshes):
@@ -54,7 +54,44 @@ def test_spheres_within_one_percent(meshes, name):
 def test_inward_normals_are_turned_and_said(meshes):
     found = panel_added_mass(mesher_of_file(meshes / "inward.stl"), panel_size=0.15)
     assert found.panels.volume == pytest.approx(np.prod(SIZE))
-    assert any("inward" in note for note in found.notes) and np.linalg.eigvalsh(found.matrix)[0] > 0
+    assert (
+        any("1 of 1 shells pointed inward" in note for note in found.notes) and np.linalg.eigvalsh(found.matrix)[0] > 0
+    )
+
+
+def shells(tmp_path, *pieces, size=0.08):
+    path = tmp_path / "shells.stl"
+    trimesh.util.concatenate(pieces).export(path)
+    return panel_added_mass(mesher_of_file(path), panel_size=size)
+
+
+def test_a_cavity_is_left_out(tmp_path, meshes):
+    """The inner wall of a pressure hull: the air in it is not the water's business."""
+    outer, inner = trimesh.creation.box(SIZE), trimesh.creation.box(np.array(SIZE) - 0.05)
+    inner.invert()
+    found = shells(tmp_path, outer, inner)
+    np.testing.assert_allclose(np.diag(found.matrix), diagonal(meshes / "box.stl", 0.08))
+    assert any("1 cavities" in note for note in found.notes)
+
+
+def test_shells_apart_are_one_body_and_none_is_lost(tmp_path):
+    one, other = (trimesh.creation.icosphere(subdivisions=3, radius=0.2) for _ in range(2))
+    other.invert()
+    other.apply_translation([0, 3.0, 0])
+    found = shells(tmp_path, one, other, size=0.026)
+    np.testing.assert_allclose(found.matrix[0, 0], 2 * 2 / 3 * np.pi * 0.2**3 * 1000, rtol=0.02)
+    assert any("1 of 2 shells pointed inward" in note for note in found.notes)
+
+
+def test_shells_that_run_into_each_other(tmp_path, meshes):
+    """A box in two halves that overlap by 5 cm, one of them a little smaller: nearly the whole box."""
+    left = trimesh.creation.box((0.64, 0.5, 0.354))
+    right = trimesh.creation.box((0.63, 0.5, 0.344))
+    left.apply_translation([0, -0.225, 0])
+    right.apply_translation([0, 0.225, 0])
+    found = shells(tmp_path, left, right)
+    np.testing.assert_allclose(np.diag(found.matrix)[:3], [114, 70, 279], rtol=0.06)
+    assert any("run into each other" in note for note in found.notes) and found.error[:3].min() >= 0.05
 
 
 def test_frame_and_origin_place_the_body(meshes):
@@ -92,7 +129,7 @@ def run(monkeypatch, capsys, *words):
 
 def test_the_command_on_a_mesh(meshes, tmp_path, monkeypatch, capsys):
     picture, block = tmp_path / "p.png", tmp_path / "h.yaml"
-    words = ("panel", meshes / "mm.stl", "--scale", 0.001, "--panel-size", "10cm", "--picture", picture, "-o", block)
+    words = ("panel", meshes / "mm.stl", "--scale", 0.001, "--panel-size", "20cm", "--picture", picture, "-o", block)
     code, out, _ = run(monkeypatch, capsys, *words, "--json")
     said = json.loads(out)
     assert code == 0 and said["volume_m3"] == pytest.approx(np.prod(SIZE))
@@ -124,7 +161,7 @@ def test_the_empirical_command_meets_the_thesis(tmp_path, monkeypatch, capsys):
 def test_the_blocks_can_be_pasted(tmp_path, monkeypatch, capsys):
     from rovtwin.vehicle import load_vehicle
 
-    for words in (("empirical", "double_blueye"), ("panel", "double_blueye", "--panel-size", "0.08")):
+    for words in (("empirical", "double_blueye"), ("panel", "double_blueye", "--panel-size", "0.1")):
         assert run(monkeypatch, capsys, *words, "-o", tmp_path / "h.yaml")[0] == 0
         parts = "name: pasted\ndescription: d\nparts:\n  - {name: rov, part: double_blueye}\n"
         (tmp_path / "v.yaml").write_text(parts + (tmp_path / "h.yaml").read_text())

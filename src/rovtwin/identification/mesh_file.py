@@ -1,7 +1,7 @@
 """Meshes from files, STL, OBJ and what else trimesh reads, checked before anything is computed of them.
 
-A mesh must be closed, in metres and of a vehicle's size. Normals that point inward are turned. Triangles larger than a
-panel are cut; a finer mesh than the panel method can carry is made coarser by merging the vertices of a cell.
+A mesh must be closed, in metres and of a vehicle's size. Normals that point inward are turned, cavities left out.
+Triangles larger than a panel are cut; a finer mesh than panels want is made coarser by merging the vertices of a cell.
 """
 
 from pathlib import Path
@@ -11,7 +11,8 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.panel import PANELS, Mesher
-from rovtwin.identification.surface import Panels
+from rovtwin.identification.shells import outer_shells, wet_share
+from rovtwin.identification.surface import LEAST, Panels
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 _LARGEST, _SMALLEST = 20.0, 0.02  # of a small ROV [m]
@@ -39,13 +40,17 @@ def mesher_of_file(
     vertices = scale * (vertices - np.asarray(origin, dtype=float)) @ R.T
     _require_metres(vertices, path.name, scale)
     _require_closed(mesh, path.name)
-    notes = []
-    if Panels(vertices, _four(faces)).volume < 0:
-        faces, notes = faces[:, ::-1], ["normals pointed inward: turned"]
+    faces, notes = outer_shells(vertices, faces)
     whole = Panels(vertices, _four(faces), tuple(notes))
 
     # Midpoints of edges quarter triangles: the other mesh is half as fine, so that it is another.
-    return Mesher(lambda size, _: _at(whole, faces, size, path.name), whole.area, _order(whole, faces), path.name, 2.0)
+    return Mesher(
+        lambda size, least: _at(whole, faces, size, path.name, least < LEAST),
+        whole.area,
+        _order(whole, faces),
+        path.name,
+        2.0,
+    )
 
 
 def _order(whole: Panels, faces: np.ndarray) -> float:
@@ -123,22 +128,29 @@ def _four(faces: np.ndarray) -> np.ndarray:
     return np.column_stack([faces, faces[:, 2]])
 
 
-def _at(whole: Panels, faces: np.ndarray, size: float, name: str) -> Panels:
+def _at(whole: Panels, faces: np.ndarray, size: float, name: str, only_for_error: bool) -> Panels:
     import trimesh
 
     if whole.area / size**2 > 0.5 * len(faces):
         # Edges of twice the side: triangles of up to twice the area of a panel, most of them of half of it.
         cut = trimesh.remesh.subdivide_to_size(whole.vertices, faces, 2 * size, max_iter=20)
-        return Panels(np.asarray(cut[0]), _four(np.asarray(cut[1])), whole.notes)
+        return _panels(np.asarray(cut[0]), np.asarray(cut[1]), whole.notes)
     vertices, small = _merged(whole.vertices, faces, 1.1 * size)
     note = f"{len(faces)} triangles merged to {len(small)}"
-    panels = Panels(vertices, _four(small), (*whole.notes, note))
-    if abs(lost := 1 - panels.volume / whole.volume) > _LOST:
+    panels = _panels(vertices, small, (*whole.notes, note))
+    if abs(lost := 1 - panels.volume / whole.volume) > _LOST and not only_for_error:
         raise IdentificationError(
             f"{name}: {len(faces)} triangles are more than panels of {size:.3g} m want, and merged the body loses "
             f"{100 * lost:.0f} % of its volume; give a smaller panel size, or simplify the mesh to about {PANELS}"
         )
     return panels
+
+
+def _panels(vertices: np.ndarray, triangles: np.ndarray, notes: tuple[str, ...]) -> Panels:
+    wet = wet_share(vertices, triangles)
+    if wet is not None:
+        notes = (*notes, f"shells run into each other: {100 * (1 - wet.mean()):.0f} % of the panels lie inside others")
+    return Panels(vertices, _four(triangles), notes, wet)
 
 
 def _merged(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:

@@ -244,10 +244,11 @@ def _solve(panels: Panels, density: float, walls: _Walls, told: Callable[[], Non
 
 def _influence(green: Any, mesh: Any, sources: Any, direct: bool) -> tuple[np.ndarray, np.ndarray]:
     """Single layer, and double layer (`direct`) or its adjoint, of a mesh or an image of it, in unbounded water."""
-    options: dict[str, Any] = {"free_surface": np.inf, "water_depth": np.inf, "adjoint_double_layer": not direct}
-    if "diagonal_term_in_double_layer" in signature(green.evaluate).parameters:  # capytaine 3; 2 sees it itself
+    options: dict[str, Any] = {"adjoint_double_layer": not direct}
+    # capytaine 2 sees itself whether a mesh acts on itself; 3 has to be told, and its `evaluate` forgets to pass it on.
+    if "diagonal_term_in_double_layer" in signature(green.evaluate_rankine_only).parameters:
         options["diagonal_term_in_double_layer"] = sources is mesh
-    S, D = green.evaluate(mesh, sources, **options)
+    S, D = green.evaluate_rankine_only(mesh, sources, **options)
     return np.asarray(S), np.asarray(D)
 
 
