@@ -17,10 +17,11 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.log import Channel, Log
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.identification.free_running import FreeRunning, forces, free_running
+from rovtwin.identification.free_running import FreeRunning, free_running
 from rovtwin.identification.record import Ballast, Record, Signal
 from rovtwin.identification.smoothed_motion import motion_of
 from rovtwin.identification.start_up import start_up, start_up_residual
+from rovtwin.identification.steady_forces import forces
 from rovtwin.vehicle import Model, load_vehicle
 from rovtwin.vehicle.dynamics import State, rollout
 
@@ -216,6 +217,13 @@ def test_depth_alone_gives_heave_and_nothing_gives_an_error() -> None:
     blind = replace(alone[0], signals={"gyro": records("heave", 8)[0].signals["attitude"]})
     with pytest.raises(IdentificationError, match="no velocity"):
         free_running(model(), [blind])
+
+
+def test_a_wrong_sign_is_said() -> None:
+    turned = [replace(record, command=-record.command) for record in records("surge", 12)]
+    result = free_running(model(), turned, dofs=["surge"])
+    assert any("7 of 7 windows move against their thrust" in note for note in result.notes)
+    assert not any("against" in note for note in free_running(model(), records("surge", 12), dofs=["surge"]).notes)
 
 
 def test_bad_input_is_named() -> None:

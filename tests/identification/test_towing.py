@@ -197,6 +197,17 @@ def test_bad_files_are_named(text: str, words: str, tmp_path: Path) -> None:
     assert "tow.csv" in str(said.value)
 
 
+@pytest.mark.parametrize("option", [{"cutoff": 0.0}, {"shortest": -1.0}, {"across": (0.3, 0.0)}])
+def test_options_without_sense_are_named(option: dict) -> None:
+    with pytest.raises(IdentificationError, match="expected more than 0"):
+        towing(tows(12, rate=20.0), **option)
+
+
+def test_one_speed_is_not_enough() -> None:
+    with pytest.raises(IdentificationError, match="two speeds"):
+        towing(tows(13)[:1])
+
+
 def test_a_missing_file_and_a_tow_that_never_settles(tmp_path: Path) -> None:
     with pytest.raises(IdentificationError, match="no such file"):
         read_towing([tmp_path / "surge.csv"])

@@ -11,8 +11,10 @@ from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
     from rovtwin.identification.free_running import FreeRunning
+    from rovtwin.identification.record import Record
+    from rovtwin.vehicle import Vehicle
 
-LOG_HELP = "Whole test logs: rovtwin MCAP, CSV, Qualisys, bags."
+LOG_HELP = "Whole test logs, or an evidence file (.yaml) that says what is in them; of it what is for fitting."
 
 
 def free_running(
@@ -36,14 +38,13 @@ def free_running(
     """
     from rovtwin.identification.damping_yaml import damping_yaml
     from rovtwin.identification.free_running import free_running as fit
-    from rovtwin.identification.readers import read_record
     from rovtwin.vehicle import load_vehicle
 
     if method not in ("steady", "thesis"):
         raise IdentificationError(f"--method: found {method!r}, expected steady or thesis")
     loaded = load_vehicle(vehicle)
     with console(True).status("reading and smoothing"):
-        records = [read_record(path, loaded) for path in logs]
+        records = [record for path in logs for record in _records(path, loaded)]
         densities = {record.water_density for record in records if record.water_density is not None}
         if len(densities) > 1:
             raise IdentificationError(f"water of {sorted(densities)} kg/m3 in one fit; give the logs of one water")
@@ -62,6 +63,16 @@ def free_running(
     else:
         _print(result, other, written)
     raise typer.Exit(DONE)
+
+
+def _records(path: Path, vehicle: "Vehicle") -> "list[Record]":
+    """Of a log, or of the logs that an evidence file gives for fitting."""
+    from rovtwin.identification.evidence_file import read_evidence
+    from rovtwin.identification.readers import read_record, read_tests
+
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return [test.record for test in read_tests(read_evidence(path), vehicle) if test.use == "fit"]
+    return [read_record(path, vehicle)]
 
 
 def _baseline(fit: Any, model: Any, records: Any, options: dict[str, Any]) -> "FreeRunning | None":

@@ -18,15 +18,13 @@ from typing import Literal
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.numerics import as_array, jax
 from rovtwin.identification.damping_fit import DampingFit, fit_damping
 from rovtwin.identification.damping_yaml import DOFS
 from rovtwin.identification.record import Record
 from rovtwin.identification.smoothed_motion import NU, Motion, motion_of
+from rovtwin.identification.steady_forces import coriolis, forces, full_thrust, weights
 from rovtwin.identification.windows import Window, steady_windows
-from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import static_force
 
 Method = Literal["steady", "thesis"]
 
@@ -139,6 +137,12 @@ def free_running(
             notes.append(f"{dof}: {str(error).removeprefix('damping fit: ')}")
             continue
         notes += [f"{dof}: {note}" for note in fits[dof].notes]
+        against = [run for run in own if run.force * run.velocity < 0 and abs(run.force) > 3 * run.force_std]
+        if against:
+            notes.append(
+                f"{dof}: {len(against)} of {len(own)} windows move against their thrust: a sign of the commands or of "
+                "the measurements is wrong, or something else pulls (current, tether)"
+            )
     if not fits:
         raise IdentificationError("free running: " + "; ".join(notes[-4:]))
     if thrust_std == 0:
@@ -146,33 +150,6 @@ def free_running(
     if any(record.tether_length for record in records):
         notes.append("a tether was paid out: its drag is in the damping")
     return FreeRunning(method, tuple(histories), tuple(runs), fits, tuple(notes))
-
-
-def forces(model: Model, record: Record, t: np.ndarray, linear: bool = False) -> np.ndarray:
-    """Wrench of the thrusters at times t, b at CO, shape (len(t), 6) [N, N m], without their lag.
-
-    Args:
-        model: Thrust curves and configuration.
-        record: Its commands hold until the next one.
-        t: [s], shape (m,).
-        linear: Force linear in the command, as the thesis takes it (3.6).
-    """
-    levels, row = np.unique(record.command_at(t), axis=0, return_inverse=True)
-    full = [np.asarray(static_force(model.thrusters, as_array(np.full(levels.shape[1], u)))) for u in (-1.0, 1.0)]
-    if linear:
-        force = np.where(levels >= 0, full[1], -full[0]) * np.clip(levels, -1, 1)
-    else:
-        force = np.asarray(jax.jit(jax.vmap(lambda u: static_force(model.thrusters, u)))(as_array(levels)))
-    return (force @ np.asarray(model.thrusters.configuration).T)[np.reshape(row, -1)]
-
-
-def weights(model: Model, record: Record, attitude: np.ndarray) -> np.ndarray:
-    """Force of weight and buoyancy, ballast of the test included, b, shape (m, 3) [N]."""
-    net = float(model.weight - model.buoyancy)
-    density = record.water_density or 1000.0
-    net += GRAVITY * sum(piece.mass - density * piece.volume for piece in record.ballast)
-    phi, theta = attitude[:, 0], attitude[:, 1]
-    return net * np.stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)], axis=1)
 
 
 def _runs(
@@ -190,13 +167,14 @@ def _runs(
     rest = np.concatenate([weights(model, record, history.attitude), np.zeros((len(t), 3))], axis=1)
     mass = np.asarray(model.mass) + np.diag([1.0, 1, 1, 0, 0, 0]) * sum(b.mass for b in record.ballast)
     nu = history.nu()
-    turning = _coriolis(mass, nu)
+    turning = coriolis(mass, nu)
+    most = np.abs(np.asarray(model.thrusters.configuration)) @ full_thrust(model)
     runs, notes = [], []
     for dof in (d for d in dofs if d in history.velocity):
         i = DOFS.index(dof)
         force = tau[:, i] + rest[:, i]
         find = _pushes if method == "thesis" else _steady
-        for window in find(record, history, dof, tau[:, i], shortest, tolerance):
+        for window in find(record, history, dof, tau[:, i], float(most[i]), shortest, tolerance):
             inside = (t >= window.start) & (t <= window.end)
             if not np.all(np.isfinite(history.velocity[dof][inside])):
                 continue
@@ -214,7 +192,7 @@ def _runs(
 
 
 def _steady(
-    record: Record, history: Motion, dof: str, tau: np.ndarray, shortest: float, tolerance: float
+    record: Record, history: Motion, dof: str, tau: np.ndarray, largest: float, shortest: float, tolerance: float
 ) -> list[Window]:
     """Steady windows under way, with thrust."""
     v, std = history.velocity[dof], history.std[dof]
@@ -230,7 +208,6 @@ def _steady(
         rest=max(REST[dof], 2 * slow),
         name=f"{record.source}: {dof}",
     )
-    largest = float(np.abs(tau).max())
     out = []
     for w in (w for w in found if not w.rest):
         pull = tau[(history.t >= w.start) & (history.t <= w.end)]
@@ -241,11 +218,11 @@ def _steady(
 
 
 def _pushes(
-    record: Record, history: Motion, dof: str, tau: np.ndarray, shortest: float, tolerance: float
+    record: Record, history: Motion, dof: str, tau: np.ndarray, largest: float, shortest: float, tolerance: float
 ) -> list[Window]:
     """From each command that sets a force to the next: what the thesis averages over."""
-    least = PUSH * float(np.abs(tau).max())
-    if least == 0 or len(tau) < 20:
+    least = PUSH * largest
+    if np.abs(tau).max() < least:
         return []
     found = steady_windows(history.t, tau, shortest=shortest, tolerance=0.05, rest=least, name=record.source)
     return [w for w in found if not w.rest]
@@ -284,13 +261,6 @@ def _balance(
     mean, mean_std = history.mean(dof, inside)
     drag = float(np.mean(force[inside])) - inertia
     return Run(record.name, dof, start, end, mean, mean_std, drag, noise, float(np.mean(tau[inside])))
-
-
-def _coriolis(mass: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """C(nu) nu from the momentum, shape (m, 6). Fossen (2021), eq. 3.63."""
-    momentum = nu @ mass.T
-    v, omega, linear, angular = nu[:, :3], nu[:, 3:], momentum[:, :3], momentum[:, 3:]
-    return np.concatenate([np.cross(omega, linear), np.cross(v, linear) + np.cross(omega, angular)], axis=1)
 
 
 def _difference(

@@ -12,9 +12,9 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.damping_yaml import DOFS
-from rovtwin.identification.free_running import forces, weights
 from rovtwin.identification.record import Record
 from rovtwin.identification.smoothed_motion import motion_of
+from rovtwin.identification.steady_forces import forces, weights
 from rovtwin.vehicle.model import Model
 
 STEP = 0.02  # longest step of the integration [s]

@@ -107,6 +107,13 @@ def towing(
     """
     if not runs:
         raise IdentificationError("towing: no runs; give at least one record with columns t,speed,force")
+    for what, value in (
+        ("cutoff", cutoff),
+        ("shortest", shortest),
+        ("across", None if across is None else min(across)),
+    ):
+        if value is not None and not value > 0:
+            raise IdentificationError(f"towing: {what} is {value:g}, expected more than 0")
     notes: list[str] = []
     cutoff, said = _cutoff(runs, cutoff, shortest)
     notes += said
