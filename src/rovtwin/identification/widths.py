@@ -20,7 +20,7 @@ UNITS = {
 }
 
 # Log standard deviation in translation and in rotation, by where the number comes from; of closed hulls. 0.7 is a
-# factor of 2, and 95 % lie within twice that on either side. docs/identification/priors.md has the comparisons behind them.
+# factor of 2, and 95 % lie within twice that on either side. The comparisons behind: docs/identification/priors.md.
 WIDTHS: dict[str, dict[str, tuple[float, float]]] = {
     "empirical": {"added_mass": (0.8, 0.6), "linear_damping": (1.2, 1.6), "quadratic_damping": (0.9, 1.4)},
     "parts": {"added_mass": (0.3, 0.4), "linear_damping": (1.2, 1.5), "quadratic_damping": (0.5, 0.8)},
