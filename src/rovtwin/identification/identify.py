@@ -19,6 +19,7 @@ from rovtwin.identification.record import SIGNALS, Record
 from rovtwin.identification.remarks import about_parts, about_solution
 from rovtwin.identification.segments import Grid, cut
 from rovtwin.identification.shooting import Shooting
+from rovtwin.identification.tested import Range, tested_ranges
 from rovtwin.identification.validation import Prediction, predict
 from rovtwin.identification.verdict import Blind, blind_directions, verdicts
 from rovtwin.identification.whiteness import Residuals, residual_analysis
@@ -49,6 +50,7 @@ class Identification:
         residuals: By signal component.
         problem: For further analysis; None where there were no tests.
         seconds: Taken.
+        tested: Ranges of speeds by direction, and of commands by `thrusters.GROUP`, that the fitted tests covered.
     """
 
     vehicle: Vehicle
@@ -66,6 +68,7 @@ class Identification:
     residuals: dict[str, Residuals]
     problem: Problem | None = field(repr=False, default=None)
     seconds: float = 0.0
+    tested: dict[str, Range] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, float]:
@@ -105,6 +108,7 @@ class Identification:
             self.verdicts,
             evidence,
             [b.text for b in self.blind] + self.findings,
+            self.tested,
         )
 
 
@@ -170,11 +174,12 @@ def identify(
         for p in predict(parameters, theta, validate, window, settings.step, offsets)
     ]
     residuals = residual_analysis(problem, solution)
+    tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
     findings += about_solution(parameters, solution, blind, residuals, fitted, held_out, anchors)
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
-        solution, fitted, held_out, residuals, problem, time.perf_counter() - begin,
+        solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """The result as a vehicle file: the description with an `identified:` block that twin and autopilot load."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ def identified_file(
     verdicts: Sequence[str],
     evidence: Sequence[str],
     findings: Sequence[str],
+    tested: Mapping[str, tuple[float, float]],
 ) -> dict[str, Any]:
     """A complete vehicle file as plain data, loadable by `vehicle_from_dict`."""
     model, _ = parameters.model_at(theta)
@@ -48,6 +49,8 @@ def identified_file(
         "covariance": [[_short(x) for x in row] for row in covariance],
         "evidence": list(evidence),
         "findings": list(findings),
+        "groups": {group: [vehicle.thruster_names[i] for i in rows] for group, rows in parameters.groups.items()},
+        "tested": {name: [_short(x) for x in ends] for name, ends in tested.items()},
     }
     lever = np.asarray(model.center_of_buoyancy)
     data["identified"] = {

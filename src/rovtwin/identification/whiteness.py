@@ -43,7 +43,8 @@ def residual_analysis(problem: Problem, solution: Solution) -> dict[str, Residua
     starts = segments.starts()
     owner = np.searchsorted(np.array(segments.first), np.arange(segments.count), side="right") - 1
     begins = np.array([r.start for r in segments.records])[owner]
-    out, group = {}, 0
+    sigma = dict(zip(segments.groups, solution.noise.sigma, strict=True))
+    out = {}
     for name, gap in found.items():
         rows = segments.arrays[name]
         used = rows["used"] > 0
@@ -51,8 +52,7 @@ def residual_analysis(problem: Problem, solution: Solution) -> dict[str, Residua
         whose = np.broadcast_to(owner[:, None], used.shape)[used]
         for i, component in enumerate(SIGNALS[name][0]):
             r = np.asarray(gap)[..., i][used]
-            out[f"{name}.{component}"] = _analysed(t, whose, r, solution.noise.sigma[group])
-            group += 1
+            out[f"{name}.{component}"] = _analysed(t, whose, r, float(sigma[name, i]))
     return out
 
 

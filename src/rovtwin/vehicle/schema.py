@@ -279,6 +279,10 @@ class Estimate(Strict):
     covariance: list[list[Number]] = Field(description="of the coordinates, in the order of the parameters")
     evidence: list[str] = Field([], description="what it was estimated from")
     findings: list[str] = Field([], description="what the evidence could not tell, and other remarks")
+    groups: dict[str, list[str]] = Field({}, description="thrusters that share a curve, by the group's name")
+    tested: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
+        {}, description="ranges of speed by direction and of command by thrusters.GROUP that the tests covered"
+    )
 
 
 class Identified(Strict):

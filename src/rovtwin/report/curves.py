@@ -1,0 +1,125 @@
+"""Force curves of a vehicle whose parameters are known with a covariance: what it says, and its 95 % band.
+
+Coefficients are strongly correlated, so that a band comes from models drawn from the whole distribution, never from the
+intervals of single coefficients.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.vehicle.dynamics import damping_wrench
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import static_force
+
+DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+SPEED_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+FORCE_UNITS = ("N",) * 3 + ("N m",) * 3
+DRAWS = 400
+_TAILS = (0.025, 0.975)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A vehicle to draw curves of.
+
+    Attributes:
+        label: For legends.
+        model_at: The model at given coordinates, shape (n,); differentiable.
+        theta: Where it is, shape (n,).
+        covariance: Of theta, shape (n, n); None: nothing is said about how well it is known.
+        groups: Indices of thrusters that share a curve, by name.
+        tested: Ranges of speed by direction and of command by `thrusters.GROUP`; empty where nobody tested.
+    """
+
+    label: str
+    model_at: Callable[[Array], Model]
+    theta: np.ndarray
+    covariance: np.ndarray | None
+    groups: Mapping[str, tuple[int, ...]]
+    tested: Mapping[str, Sequence[float]]
+
+    def draws(self, count: int = DRAWS, seed: int = 0) -> np.ndarray:
+        """Theta itself, then draws from its distribution, shape (1 + count, n); (1, n) without a covariance."""
+        if self.covariance is None:
+            return self.theta[None]
+        rng = np.random.default_rng(seed)
+        factor = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.theta)))
+        return np.concatenate([self.theta[None], self.theta + rng.standard_normal((count, len(self.theta))) @ factor.T])
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One curve: x, y and the ends of its 95 % band, each shape (m,); NaN where nothing is said of its width."""
+
+    x: np.ndarray
+    y: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """Half the band over the value, shape (m,); NaN where the value is zero."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.y != 0, (self.high - self.low) / 2 / np.abs(self.y), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Of one subject: damping against speed by direction, thrust against command by group, added mass by direction."""
+
+    damping: dict[str, Curve]
+    thrust: dict[str, Curve]
+    added_mass: dict[str, Curve]
+
+
+def curves(subject: Subject, speeds: Mapping[str, np.ndarray], commands: np.ndarray) -> Curves:
+    """Curves of a subject.
+
+    Args:
+        subject: See `Subject`.
+        speeds: By direction [m/s, rad/s], each shape (m,): motion in this direction alone.
+        commands: u, shape (k,); thrust is that of one thruster of each group.
+    """
+    nu = np.zeros((6, len(next(iter(speeds.values()))), 6))
+    for i, name in enumerate(DIRECTIONS):
+        nu[i, :, i] = speeds[name]
+    damping, thrust, added = (np.asarray(x) for x in _evaluated(subject.model_at)(subject.draws(), nu, commands))
+    return Curves(
+        {name: _curve(speeds[name], damping[:, i, :, i]) for i, name in enumerate(DIRECTIONS)},
+        {group: _curve(commands, thrust[:, :, rows[0]]) for group, rows in subject.groups.items()},
+        {name: _curve(np.zeros(1), added[:, i : i + 1]) for i, name in enumerate(DIRECTIONS)},
+    )
+
+
+def _evaluated(model_at: Callable[[Array], Model]) -> Any:
+    """Compiled: damping (d, 6, m, 6), thrust (d, k, n) and the diagonal of M_A (d, 6) of d draws."""
+
+    def one(theta: Array, nu: Array, commands: Array) -> tuple[Array, Array, Array]:
+        model = model_at(theta)
+        forces = jax.vmap(jax.vmap(lambda v: damping_wrench(model, v)))(nu)
+        everywhere = jnp.broadcast_to(commands[:, None], (len(commands), model.thrusters.count))
+        return forces, jax.vmap(lambda u: static_force(model.thrusters, u))(everywhere), jnp.diagonal(model.added_mass)
+
+    return jax.jit(jax.vmap(one, in_axes=(0, None, None)))
+
+
+def _curve(x: np.ndarray, values: np.ndarray) -> Curve:
+    """From the value itself in the first row and draws in the others."""
+    if len(values) == 1:
+        nothing = np.full(values.shape[1], np.nan)
+        return Curve(x, values[0], nothing, nothing)
+    low, high = np.quantile(values[1:], _TAILS, axis=0)
+    return Curve(x, values[0], low, high)
+
+
+def speed_grid(ranges: Sequence[Sequence[float]], otherwise: Sequence[float], points: int = 81) -> np.ndarray:
+    """Speeds from the least to the largest of some ranges, zero among them; `otherwise` where there are none."""
+    given = [r for r in ranges if r] or [otherwise]
+    low, high = min(0.0, *(r[0] for r in given)), max(0.0, *(r[1] for r in given))
+    span = max(high - low, 1e-6)
+    astern = round(points * -low / span)
+    return np.concatenate([np.linspace(low, 0.0, astern + 1)[:-1], np.linspace(0.0, high, points - astern)])

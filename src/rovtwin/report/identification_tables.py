@@ -1,0 +1,247 @@
+"""Tables of an identification: parameters, forces, tests, validation, residuals, what was blind, provenance."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin import __version__
+from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves
+from rovtwin.report.identification_tests import component_name, how, scaled, unit_of
+from rovtwin.report.identification_words import excitation, in_families, naive
+from rovtwin.report.tables import Table
+from rovtwin.vehicle.identified import fingerprint
+
+_Z = 1.96
+_STRONG = 0.9
+
+
+def pretty(unit: str) -> str:
+    """`N s²/m²` of `N s2/m2`."""
+    return "" if unit == "1" else unit.replace("2", "²").replace("3", "³")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """For people: so many significant digits, without a power of ten where it can be helped."""
+    value = float(value)
+    if not np.isfinite(value):
+        return "-"
+    if abs(value) >= 10**digits:
+        return f"{value:.0f}"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def between(low: float, high: float) -> str:
+    """Ends of an interval with as many digits as its width needs, two at least."""
+    width = abs(high - low)
+    if not np.isfinite(width):
+        return "-"
+    if max(abs(low), abs(high)) < 1e-3:
+        return f"{low + 0.0:.2g} to {high + 0.0:.2g}"
+    return " to ".join(f"{x + 0.0:.{max(_places(x), _places(width))}f}" for x in (float(low), float(high)))
+
+
+def _places(x: float) -> int:
+    """Decimals that show two significant digits."""
+    return int(np.clip(1 - np.floor(np.log10(max(abs(x), 1e-6))), 0, 7)) if x else 0
+
+
+def percent(share: float) -> str:
+    """Two significant digits."""
+    if not np.isfinite(share):
+        return "-"
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
+
+
+def parameter_table(result: Any) -> Table:
+    """Value, interval, prior, how much narrower, verdict and excitation of every free parameter."""
+    std, before = result.std, np.sqrt(np.diag(result.prior.covariance))
+    rows = []
+    for i, (p, said, moved) in enumerate(zip(result.parameters.free, result.verdicts, excitation(result), strict=True)):
+        mean = result.prior.mean[i]
+        prior = (p.value(mean - _Z * before[i]), p.value(mean + _Z * before[i]))
+        rows.append([
+            p.name, number(p.value(result.theta[i])), between(*result.interval(p.name)), number(p.value(mean)),
+            between(*prior), pretty(p.unit), f"{std[i] / before[i]:.2g}", said, moved,
+        ])  # fmt: skip
+    head = ["Parameter", "Value", "95 %", "Prior", "95 % of it", "Unit", "Width left", "Verdict", "Excitation"]
+    note = (
+        "Width left: standard deviation now over that of the prior; below 0.5 is learnt, above 0.9 only the prior "
+        "speaks. Excitation: whether the tests would tell the parameter if all others were known, and whether they "
+        "tell it apart from the others. Damping and added mass are positive: X_u = -linear damping."
+    )
+    return Table("", head, rows, note)
+
+
+def force_table(result: Any, now: Curves, before: Curves) -> Table:
+    """Damping force at the ends of the tested speeds."""
+    rows = []
+    for i, name in enumerate(DIRECTIONS):
+        curve, old = now.damping[name], before.damping[name]
+        for k in (0, len(curve.x) - 1):
+            if curve.x[k] == 0.0:
+                continue
+            rows.append([
+                name, f"{curve.x[k]:+.3g} {SPEED_UNITS[i]}",
+                f"{number(curve.y[k])} {FORCE_UNITS[i]}", _band(curve, k),
+                percent(curve.half_width[k]), percent(old.half_width[k]),
+            ])  # fmt: skip
+    tested = bool(result.tested)
+    note = "At the ends of the speeds that the tests covered." if tested else "No test: speeds chosen for the picture."
+    head = ["Direction", "Speed", "Damping", "95 %", "±", "± before the tests"]
+    return Table("Damping forces", head, rows, note + " Single coefficients are correlated; the force is what matters.")
+
+
+def _band(curve: Curve, k: int) -> str:
+    return between(*sorted((curve.low[k], curve.high[k])))
+
+
+def record_table(result: Any) -> Table:
+    """The tests: what was used of them."""
+    rows = [
+        [
+            r["name"], r["use"], f"{r['duration']:.1f}",
+            ", ".join(f"{name} {count}" for name, count in r["signals"].items()),
+            _given(r["water_density"]), _given(r["tether_length"]), "; ".join(r["notes"]) or "-",
+        ]
+        for r in result.records
+    ]  # fmt: skip
+    head = ["Test", "Use", "Duration [s]", "Readings", "Water [kg/m³]", "Tether [m]", "Notes"]
+    return Table("", head, rows, "A dash: nobody said.")
+
+
+def _given(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
+
+
+def validation_table(predictions: Any) -> Table:
+    """Scores of predictions beside those of the predictors that need no model."""
+    rows = []
+    for p in predictions:
+        for component, s in p.scores.items():
+            better = "nothing moved" if not p.excited[component] else "yes" if s.rms < naive(s) else "no"
+            rows.append([
+                p.record, how(p), component_name(component), f"{s.fit:.0f} %",
+                *(number(scaled(component, x), 3) for x in (s.rms, s.hold, s.still)), unit_of(component), better,
+            ])  # fmt: skip
+    head = ["Test", "Predicted", "Component", "Fit", "rms", "rms, holding", "rms, at rest", "Unit", "Better"]
+    note = (
+        "Fit is 100 (1 - |y - y_hat| / |y - mean y|): 100 % is perfect, 0 % as good as the mean. Holding: the first "
+        "reading of each window held. At rest: predicting zero."
+    )
+    return Table("Scores", head, rows, note)
+
+
+def residual_table(result: Any) -> Table:
+    """Noise found against declared, sensor offsets, whiteness."""
+    solution, segments = result.solution, result.problem.segments
+    rows = []
+    for g, (signal, i) in enumerate(segments.groups):
+        name = [n for n in result.residuals if n.startswith(f"{signal}.")][i]
+        r = result.residuals[name]
+        offset, width = solution.unknowns.offsets[g], solution.offset_std[g]
+        free = width > 2e-6  # a held offset is the reference of its signal
+        rows.append([
+            component_name(name), str(len(r.t)), number(scaled(name, solution.noise.sigma[g]), 3),
+            number(scaled(name, segments.sigma[signal][i]), 3), unit_of(name),
+            f"{scaled(name, offset):.2g} ± {scaled(name, _Z * width):.1g}" if free else "-",
+            f"{100 * r.outside:.0f} %", f"{r.inflation:.2g}",
+        ])  # fmt: skip
+    head = [
+        "Component",
+        "Readings",
+        "Noise found",
+        "Declared",
+        "Unit",
+        "Offset found",
+        "Lags outside",
+        "Readings as one",
+    ]
+    note = (
+        "Noise: standard deviation of a reading. Lags outside: share of the autocorrelation beyond its 95 % band, 5 % "
+        "for white noise. Readings as one: how many correlated residuals carry as much as one white one."
+    )
+    return Table("Noise", head, rows, note)
+
+
+def disturbance_table(result: Any) -> Table:
+    """What pushed the vehicle and is in no model, by direction."""
+    missed = result.solution.noise.defect[6:]
+    grid = result.problem.segments.grid
+    span = f"{grid.step * grid.steps:g} s"
+    mass = np.asarray(result.model().mass).diagonal()
+    rows = [
+        [name, f"{missed[i]:.2g} {SPEED_UNITS[i]}", f"{mass[i] * missed[i]:.2g} {FORCE_UNITS[i]} s"]
+        for i, name in enumerate(DIRECTIONS)
+    ]
+    note = (
+        f"Standard deviation of the speed that the model misses after {span} of running on its own from the estimated "
+        "state, and the impulse that would explain it. The smallest, 1e-05, is a floor: no disturbance was seen."
+    )
+    return Table("Disturbance", ["Direction", "Speed missed", "Impulse"], rows, note)
+
+
+def blind_table(result: Any) -> Table:
+    """Directions that the tests cannot tell."""
+    rows = [
+        [
+            str(k),
+            b.text,
+            ", ".join(f"{n} {w:+.2f}" for n, w in zip(b.names, b.weights, strict=True)),
+            f"{b.information:.2g}",
+        ]
+        for k, b in enumerate(result.blind, start=1)
+    ]
+    head = ["", "What the tests cannot tell", "Direction (in prior standard deviations)", "Information"]
+    return Table("", head, rows, "Information of the readings over that of the prior; below 1 the prior knows more.")
+
+
+def correlated_table(result: Any) -> Table:
+    """Parameters that are only known together: groups joined by strong correlations."""
+    std = np.sqrt(np.diag(result.covariance))
+    correlation = result.covariance / np.outer(std, std)
+    names, rows = result.parameters.names, []
+    for members in _joined(np.abs(correlation) > _STRONG):
+        signs = np.sign(correlation[members[0], members])
+        up, down = ([names[i] for i, s in zip(members, signs, strict=True) if s == way] for way in (1.0, -1.0))
+        said = "rise and fall together: only ratios are known" if not down else "make good for each other"
+        rows.append([f"{in_families(names, up)}{' against ' + in_families(names, down) if down else ''}", said])
+    return Table("Known together only", ["Parameters", "Their errors"], rows, f"Correlations beyond ±{_STRONG}.")
+
+
+def _joined(strong: np.ndarray) -> list[list[int]]:
+    """Members of each group of more than one that a chain of strong pairs joins."""
+    left, groups = set(range(len(strong))), []
+    while left:
+        found, edge = set(), {min(left)}
+        while edge:
+            found |= edge
+            edge = {int(j) for i in edge for j in np.flatnonzero(strong[i])} - found
+        left -= found
+        groups.append(sorted(found))
+    return [group for group in groups if len(group) > 1]
+
+
+def provenance_table(result: Any) -> Table:
+    """What it was made from and with."""
+    rows = [
+        ["vehicle", f"{result.vehicle.name} ({result.vehicle.where})"],
+        ["fingerprint of its parts", fingerprint(result.vehicle.file)],
+        ["rovtwin", __version__],
+        ["time taken", f"{result.seconds:.0f} s"],
+    ]
+    if result.solution is not None:
+        settled = "settled" if result.solution.converged else "not settled"
+        rows.append(["solver", f"{result.solution.steps} steps, {settled}"])
+    for r in result.records:
+        rows.append([f"test {r['name']}", f"{r['source']}{_hash(r['source'])}"])
+    return Table("", ["Entry", "Value"], rows)
+
+
+def _hash(source: str) -> str:
+    path = Path(source)
+    try:
+        return f", sha256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}" if path.is_file() else ""
+    except OSError:
+        return ""

@@ -1,0 +1,167 @@
+"""What an identification says, in words: the verdict on top, what its intervals assume."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rovtwin.report.curves import DIRECTIONS, SPEED_UNITS, Curves
+from rovtwin.report.verdict import Verdict
+
+TELLING = 1.0  # information over the prior's from which a parameter was excited
+_LABELS = {"learnt": "Learnt", "partly": "Learnt in part", "prior only": "Known from the prior only"}
+PRIOR_ONLY, LEARNT = 0.9, 0.5  # standard deviation after over before, as the verdicts of the estimate
+
+
+def verdict(result: Any, curves: Curves) -> Verdict:
+    """The box on top: what was learnt, what not, what the forces are worth, whether it predicts."""
+    count = {kind: result.verdicts.count(kind) for kind in ("learnt", "partly", "prior only")}
+    n = len(result.verdicts)
+    if result.solution is None:
+        headline = f"No tests: {n} parameters predicted from what was known before"
+        return Verdict(None, headline, [*result.findings], [])
+    sentences = [f"{label}: {_families(result, kind)}." for kind, label in _LABELS.items() if count[kind]]
+    if forces := _forces(result, curves):
+        sentences.append(f"Damping force at the fastest speed tested, 95 %: {forces}.")
+    sentences += _held_out(result)
+    sentences += [f"Finding: {text}." for text in result.findings]
+    good = False if not result.solution.converged else None if result.findings or count["learnt"] < n / 2 else True
+    settled = "" if result.solution.converged else "; the estimate has not settled, so trust no width"
+    return Verdict(good, f"{count['learnt']} of {n} parameters learnt from {_minutes(result)}{settled}", sentences, [])
+
+
+def _minutes(result: Any) -> str:
+    fitted = [r for r in result.records if r["use"] == "fit"]
+    seconds = sum(r["duration"] for r in fitted)
+    said = f"{seconds / 60:.1f} minutes" if seconds >= 90 else f"{seconds:.0f} seconds"
+    return f"{said} of {len(fitted)} test{'s' if len(fitted) != 1 else ''}"
+
+
+def _families(result: Any, kind: str) -> str:
+    names = result.parameters.names
+    return in_families(names, [n for n, said in zip(names, result.verdicts, strict=True) if said == kind])
+
+
+def in_families(every: Sequence[str], chosen: Sequence[str]) -> str:
+    """Names of parameters by family, `all` where none is missing: `added mass (surge, sway); tether drag`."""
+    whole, own = defaultdict(list), defaultdict(list)
+    for name in every:
+        family, where = _family(name)
+        whole[family].append(where)
+        if name in chosen:
+            own[family].append(where)
+    parts = []
+    for family, places in own.items():
+        all_of_them = len(places) == len(whole[family]) > 2
+        parts.append(f"{family} ({'all' if all_of_them else ', '.join(places)})" if places[0] else family)
+    return "; ".join(parts)
+
+
+def _family(name: str) -> tuple[str, str]:
+    if name.startswith("thrusters."):
+        _, group, what = name.split(".")
+        return f"thrust {what.replace('_', ' ')}", group.replace("_", " ")
+    if name.startswith(("restoring.", "tether.")):
+        return name.replace("restoring.", "").replace(".", " ").replace("_", " "), ""
+    first, _, rest = name.partition(".")
+    return first.replace("_", " "), rest.replace("_", " ")
+
+
+def _forces(result: Any, curves: Curves) -> str:
+    parts = []
+    for i, name in enumerate(DIRECTIONS):
+        if name not in result.tested:
+            continue
+        curve = curves.damping[name]
+        k = int(np.argmax(np.abs(curve.x)))
+        wide = curve.half_width[k]
+        if np.isfinite(wide):
+            parts.append(f"{name} ±{100 * wide:.2g} % at {abs(curve.x[k]):.2g} {SPEED_UNITS[i]}")
+    return ", ".join(parts)
+
+
+def _held_out(result: Any) -> list[str]:
+    whole = [p for p in result.held_out if p.window is None]
+    if not whole:
+        return ["No test was held out, so nothing shows that the model predicts what it was not fitted to."]
+    moved = [(p.scores[c], f"{c} of {p.record}") for p in whole for c in p.scores if p.excited[c]]
+    if not moved:
+        return ["In the held-out tests nothing moved beyond the noise: they validate nothing."]
+    fits = np.array([s.fit for s, _ in moved])
+    worse = [name for s, name in moved if s.rms >= naive(s)]
+    said = (
+        f"Held out, predicted open loop from the first state: fit {np.median(fits):.0f} % in the median of "
+        f"{len(fits)} moving components ({fits.min():.0f} to {fits.max():.0f} %)"
+    )
+    if not worse:
+        return [f"{said}; every one is better than holding the first reading or predicting rest."]
+    return [f"{said}; no better than holding the first reading or predicting rest: {', '.join(worse)}."]
+
+
+def naive(score: Any) -> float:
+    """The better of the predictors that need no model, rms."""
+    return float(np.nanmin([score.hold, score.still]))
+
+
+def excitation(result: Any) -> list[str]:
+    """Per parameter, what the tests did for it: not moved, moved but not told apart from others, told.
+
+    Information of the readings with all other parameters known says whether a parameter was excited at all; what is
+    left of it when they are unknown too says whether it was told apart.
+    """
+    n = len(result.verdicts)
+    if result.solution is None:
+        return ["no tests"] * n
+    alone = np.diag(result.solution.information) * np.diag(result.prior.covariance)
+    std = np.sqrt(np.diag(result.covariance))
+    ratio = std / np.sqrt(np.diag(result.prior.covariance))
+    correlation = result.covariance / np.outer(std, std) - np.eye(n)
+    out = []
+    for i in range(n):
+        if alone[i] < TELLING:
+            out.append("not excited")
+        elif ratio[i] > LEARNT:
+            out.append(_shared(result, i, correlation[i], float(ratio[i])))
+        else:
+            out.append("excited")
+    return out
+
+
+def _shared(result: Any, i: int, correlation: np.ndarray, ratio: float) -> str:
+    """Of a parameter that was excited, but is not learnt: what it is mixed up with."""
+    names = result.parameters.names
+    for number, blind in enumerate(result.blind, start=1):
+        if names[i] in blind.names and len(blind.names) > 1:
+            return f"excited, not told apart from {len(blind.names) - 1} others (direction {number} below)"
+    k = int(np.argmax(np.abs(correlation)))
+    if abs(correlation[k]) < 0.5:
+        return "weakly excited"
+    apart = "not told apart" if ratio > PRIOR_ONLY else "partly told apart"
+    return f"excited, {apart} from {names[k]} ({correlation[k]:+.2f})"
+
+
+def assumptions(result: Any) -> list[str]:
+    """What the intervals rest on, so that a reader can judge them."""
+    said = [
+        "They are 95 % intervals of a Gaussian around the most probable values (Gauss and Newton's approximation of "
+        "the curvature), in the logarithm of what must be positive: hence not symmetric.",
+        "The prior counts as evidence. Where a verdict says 'prior only', the interval is the prior's own width, and "
+        "it is as good as that prior.",
+        "The model's form is taken as right: linear plus quadratic damping, couplings in proportion to the diagonal, "
+        "thrust curves shared within a group, still water or the stated current. A mistake of form shows as residuals "
+        "that are not white and as held-out tests that are predicted worse, not as wider intervals.",
+        "Parameters that were not free (mass, centre of gravity, moments of inertia of the rigid body, places of the "
+        "thrusters) are taken as exact.",
+        "Noise of each sensor and the disturbance of each direction are Gaussian and white, their sizes estimated from "
+        "these tests.",
+    ]
+    if result.residuals:
+        name, worst = max(result.residuals.items(), key=lambda item: item[1].inflation)
+        said.append(
+            f"Residuals: at worst {worst.inflation:.2g} readings of {name} count as one. If that were all model error, "
+            f"intervals would be {np.sqrt(worst.inflation):.2g} times as wide."
+            if worst.inflation > 1.5
+            else "Residuals are white enough that every reading counts as one."
+        )
+    return said
