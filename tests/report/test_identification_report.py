@@ -4,6 +4,7 @@ import html
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,14 +59,15 @@ def result(vehicle):
     information[roll, roll] = 0.0
     covariance = np.linalg.inv(information + prior.information)
     noise = Noise(np.array([0.01] * 3), np.array([1e-4] * 6 + [1e-3] * 6))
-    solution = SimpleNamespace(
+    solution: Any = SimpleNamespace(
         converged=True, steps=9, noise=noise, information=information, covariance=covariance,
         unknowns=SimpleNamespace(offsets=np.zeros(3)), offset_std=np.full(3, 1e-3),
     )  # fmt: skip
-    segments = SimpleNamespace(
+    segments: Any = SimpleNamespace(
         groups=[("gyro", k) for k in range(3)], sigma={"gyro": np.array([0.01, 0.01, np.nan])},
         grid=SimpleNamespace(step=0.02, steps=250),
     )  # fmt: skip
+    problem: Any = SimpleNamespace(segments=segments)
     records = [
         {"name": name, "use": use, "duration": 20.0, "source": "log.mcap", "signals": {"gyro": 200},
          "water_density": 1025.0, "tether_length": None, "notes": ["0.4 s cut"]}
@@ -75,9 +77,9 @@ def result(vehicle):
     return Identification(
         vehicle, parameters, prior, np.full(n, 0.1), covariance, verdicts(prior, solution), blind, [],
         records, solution, [prediction("one")], [prediction("two"), prediction("two", 5.0)],
-        {f"gyro.{c}": residual_series(seed=k) for k, c in enumerate("pqr")}, SimpleNamespace(segments=segments), 12.0,
+        {f"gyro.{c}": residual_series(seed=k) for k, c in enumerate("pqr")}, problem, 12.0,
         {"surge": (-0.2, 0.3), "thrusters.surge": (-0.5, 0.6)},
-    )  # fmt: skip  # type: ignore[arg-type]  (parts of a solution are enough)
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +121,7 @@ def test_the_verdict_comes_first_and_says_what_was_learnt_and_what_not(page, res
 
 def test_what_did_not_settle_or_was_not_held_out_is_bad_news(result):
     now = curves_of(result)[0]
-    unsettled = SimpleNamespace(**vars(result.solution) | {"converged": False})
+    unsettled: Any = SimpleNamespace(**vars(result.solution) | {"converged": False})
     assert verdict(replace(result, solution=unsettled), now).good is False
     assert any("No test was held out" in s for s in verdict(replace(result, held_out=[]), now).sentences)
     still = replace(result, held_out=[prediction("two", excited=False)])
@@ -173,7 +175,8 @@ def test_coloured_residuals_widen_what_is_said_of_the_intervals(result):
 def test_without_tests_it_says_so(result, tmp_path):
     empty = replace(
         result, solution=None, fitted=[], held_out=[], residuals={}, records=[], blind=[], tested={},
-        theta=result.prior.mean, covariance=result.prior.covariance, verdicts=["prior only"] * len(result.verdicts), problem=None,
+        theta=result.prior.mean, covariance=result.prior.covariance, problem=None,
+        verdicts=["prior only"] * len(result.verdicts),
     )  # fmt: skip
     text = words_of(write_identification_report(empty, tmp_path))
     assert "No tests: " in text and "No test was held out" in text and "no tests" in text
