@@ -136,7 +136,7 @@ class Problem:
         b = -np.einsum("g,sga->sa", weight, blocks.slopes)
         own, border, corner = H[:, :NODE, :NODE].copy(), H[:, :NODE, NODE:].copy(), H[:, NODE:, NODE:].sum(axis=0)
         b_node, b_corner = b[:, :NODE].copy(), b[:, NODE:].sum(axis=0)
-        cost = float(weight @ blocks.squares.sum(axis=0))
+        cost = float(weight @ blocks.losses.sum(axis=0))
         # Defects tie each node to the next.
         J = blocks.defect_jacobian / noise.defect[:, None]
         d = blocks.defect / noise.defect
@@ -244,7 +244,7 @@ class Problem:
         settled = np.concatenate(
             [np.full(len(self.groups), 0.03), np.full(NODE, 0.2)]
         )  # defects fade slowly to nothing
-        while steps < max_steps and not (change < 0.01 and noise_settled and damping == 0.0):
+        while steps < max_steps and not (change < 0.01 and noise_settled and damping < 1e-5):
             x, corner = arrow.damped(damping).factor().solve()
             trial = self._stepped(here, x, corner)
             new = self.blocks(trial, noise)

@@ -36,8 +36,8 @@ class Segments:
         grid: How they were cut.
         records: What they were cut from.
         arrays: For the compiled part: `command` (S, K, n), `fresh` (S, K) 1 where a record starts, `linked` (S,) 1
-            where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast` (S, k, 4)
-            weight in water and place, `ballast_mass` (S, 6, 6), and per signal `row`, `share`, `value`, `used`.
+            where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast`
+            (S, k, 4) weight in water and place, `ballast_mass` (S, 6, 6); per signal `row`, `share`, `value`, `used`.
         first: Index of the first segment of each record.
         sigma: Declared noise by signal, shape (k,); NaN where nobody said.
         levers: By signal, shape (3,).
@@ -107,8 +107,14 @@ def cut(records: Sequence[Record], grid: Grid) -> Segments:
     }
     for name in names:
         arrays[name] = _padded([rows for p in pieces for rows in p.rows[name]["segments"]], len(SIGNALS[name][0]))
+    if "attitude" in names:
+        # As quaternions: Euler angles jump where a vehicle goes through the vertical.
+        arrays["attitude"]["value"] = np.asarray(_quaternions(jnp.asarray(arrays["attitude"]["value"])))
     first = tuple(int(i) for i in np.concatenate([[0], np.cumsum(counts)[:-1]]))
     return Segments(grid, tuple(records), arrays, first, sigma, levers)
+
+
+_quaternions = jax.vmap(jax.vmap(quaternion_from_euler))
 
 
 def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
@@ -223,9 +229,8 @@ def _guess(
 
     def at(name: str) -> tuple[np.ndarray, np.ndarray]:
         signal = record.signals[name]
-        signal = unwrapped(signal) if name == "attitude" else signal
         value, slope = fitted(signal, t, _WIDTH[name])
-        if exact and name in ("attitude", "gyro", "velocity"):
+        if exact and name in ("gyro", "velocity"):
             value = np.stack([np.interp(t, signal.t, column) for column in signal.value.T], axis=1)
         return value - offsets.get(name, 0.0), slope
 
@@ -233,7 +238,12 @@ def _guess(
         if name in record.signals:
             position[:, columns], velocity[:, columns] = at(name)
     if "attitude" in record.signals:
-        euler, nu[:, 3:] = at("attitude")
+        # The nearest reading: between two of them Euler angles may jump, at the vertical.
+        signal = record.signals["attitude"]
+        nearest = np.clip(np.searchsorted(signal.t, t), 1, len(signal.t) - 1) if len(signal.t) > 1 else np.zeros(n, int)
+        nearest -= (t - signal.t[nearest - 1]) < (signal.t[nearest] - t)
+        euler = signal.value[nearest] - offsets.get("attitude", 0.0)
+        nu[:, 3:] = fitted(unwrapped(signal), t, _WIDTH["attitude"])[1]
     if "gyro" in record.signals:
         nu[:, 3:], _ = at("gyro")
     nu[:, :3] = at("velocity")[0] if "velocity" in record.signals else _to_body(euler, velocity)

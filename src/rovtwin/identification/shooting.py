@@ -15,13 +15,11 @@ import equinox as eqx
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import (
     cross,
-    euler_from_quaternion,
     quaternion_conjugate,
     quaternion_multiply,
     quaternion_normalise,
     quaternion_rate,
     rotation_from_quaternion,
-    wrap,
 )
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
@@ -51,6 +49,7 @@ class Blocks(NamedTuple):
         readings: J'WJ per group with unit noise, shape (S, G, m, m); columns: node, theta, offsets.
         slopes: J'Wr per group, shape (S, G, m).
         squares: Sum of w r^2 per group, shape (S, G).
+        losses: Huber's loss per group, in units of r^2, shape (S, G); r^2 for readings that are no outliers.
         weights: Sum of w per group, shape (S, G).
         defect: x_{s+1} - f(x_s), shape (S, 12); zero where nothing follows.
         defect_jacobian: By node, theta and next node, shape (S, 12, 12 + n + 12).
@@ -59,6 +58,7 @@ class Blocks(NamedTuple):
     readings: Any
     slopes: Any
     squares: Any
+    losses: Any
     weights: Any
     defect: Any
     defect_jacobian: Any
@@ -103,14 +103,14 @@ class Shooting:
     def _simulated(
         self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
     ) -> tuple[dict[str, Array], Nodes]:
-        """Predicted readings of one segment, by signal (R, k), and the state at its end."""
+        """Prediction less reading of one segment, by signal (R, k), and the state at its end."""
         path, rates = self._path(error, flexible, tau, node, own)
-        predicted = {}
+        gaps = {}
         for name in self._names:
             rows = own[name]
             x, nu_dot = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
-            predicted[name] = _reading(name, x, nu_dot, jnp.asarray(self.segments.levers[name]))
-        return predicted, jax.tree.map(lambda x: x[-1], path)
+            gaps[name] = _gap(name, x, nu_dot, jnp.asarray(self.segments.levers[name]), rows["value"])
+        return gaps, jax.tree.map(lambda x: x[-1], path)
 
     def _path(
         self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
@@ -163,8 +163,8 @@ class Shooting:
             node, next_node, tau, d_tau, own = segment
 
             def outputs(error: Array, flexible: Any, tau: Array) -> tuple[dict[str, Array], Array]:
-                predicted, end = self._simulated(error, flexible, tau, node, own)
-                return predicted, difference(next_node, end)
+                gaps, end = self._simulated(error, flexible, tau, node, own)
+                return gaps, difference(next_node, end)
 
             zero = jnp.zeros(NODE)
             value, columns = jax.vmap(
@@ -187,9 +187,9 @@ class Shooting:
 
         def one(segment: Any) -> tuple[dict[str, Array], Array]:
             node, next_node, tau, own = segment
-            predicted, end = self._simulated(jnp.zeros(NODE), flexible, tau, node, own)
-            split = _offsets_by_signal(self._names, predicted, offsets)
-            residual = {k: _residual(k, predicted[k] + split[k], own[k]["value"]) for k in self._names}
+            gaps, end = self._simulated(jnp.zeros(NODE), flexible, tau, node, own)
+            split = _offsets_by_signal(self._names, gaps, offsets)
+            residual = {name: gaps[name] + split[name] for name in self._names}
             return residual, own["linked"] * difference(next_node, end)
 
         return _chunked(one, (nodes, following, tau, own))
@@ -240,8 +240,7 @@ def moved(node: Nodes, error: Array) -> Nodes:
 
 def difference(a: Nodes, b: Nodes) -> Array:
     """The error (12,) of a state a against b: `moved` by it, b is a to first order."""
-    q = quaternion_multiply(quaternion_conjugate(b.attitude), a.attitude)
-    angle = 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
+    angle = rotation_between(a.attitude, b.attitude)
     return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu])
 
 
@@ -265,17 +264,20 @@ def _between(x: Array, row: Array, share: Array) -> Array:
     return x[row] + weight * (x[row + 1] - x[row])
 
 
-def _reading(name: str, x: Nodes, rates: Array | None, lever: Array) -> Array:
-    """What a sensor would read along a path, shape (R, k); see `vehicle.measurement` for the equations."""
+def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array) -> Array:
+    """What a sensor would read along a path less what it read, shape (R, k); of an attitude the small rotation in b.
 
-    def one(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
+    See `vehicle.measurement` for the equations.
+    """
+
+    def predicted(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
         q = quaternion_normalise(attitude)
         R_nb, v, omega = rotation_from_quaternion(q), nu[:3], nu[3:]
         if name in ("position", "horizontal", "depth"):
             place = position + R_nb @ lever
             return {"position": place, "horizontal": place[:2], "depth": place[2:]}[name]
         if name == "attitude":
-            return euler_from_quaternion(q)
+            return q
         if name == "gyro":
             return omega
         if name == "velocity":
@@ -285,19 +287,22 @@ def _reading(name: str, x: Nodes, rates: Array | None, lever: Array) -> Array:
         return path - GRAVITY * R_nb[2]
 
     if rates is None:
-        return jax.vmap(lambda p, q, nu: one(p, q, nu, None))(x.position, x.attitude, x.nu)
-    return jax.vmap(one)(x.position, x.attitude, x.nu, rates)
+        reading = jax.vmap(lambda p, q, nu: predicted(p, q, nu, None))(x.position, x.attitude, x.nu)
+    else:
+        reading = jax.vmap(predicted)(x.position, x.attitude, x.nu, rates)
+    return jax.vmap(rotation_between)(reading, value) if name == "attitude" else reading - value
 
 
-def _residual(name: str, predicted: Array, value: Array) -> Array:
-    gap = predicted - value
-    return wrap(gap) if name == "attitude" else gap
+def rotation_between(a: Array, b: Array) -> Array:
+    """The small rotation in b that turns quaternion b into a [rad], shape (3,)."""
+    q = quaternion_multiply(quaternion_conjugate(b), a)
+    return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
 
 
-def _offsets_by_signal(names: list[str], predicted: dict[str, Array], offsets: Array) -> dict[str, Array]:
+def _offsets_by_signal(names: list[str], gaps: dict[str, Array], offsets: Array) -> dict[str, Array]:
     out, start = {}, 0
     for name in names:
-        size = predicted[name].shape[-1]
+        size = gaps[name].shape[-1]
         out[name] = offsets[start : start + size]
         start += size
     return out
@@ -332,17 +337,17 @@ _HUBER = 3.0  # residuals beyond so many sigma count linearly
 
 def _squared(
     names: list[str],
-    predicted: dict[str, Array],
+    gaps: dict[str, Array],
     columns: dict[str, Array],
     own: dict[str, Any],
     offsets: Array,
     sigma: Array,
-) -> tuple[Array, Array, Array, Array]:
-    """J'WJ, J'Wr, sum w r^2 and sum w of every signal component, with weights of Huber (1964)."""
-    split = _offsets_by_signal(names, predicted, offsets)
+) -> tuple[Array, Array, Array, Array, Array]:
+    """J'WJ, J'Wr, sum w r^2, loss and sum w of every signal component, with weights of Huber (1964)."""
+    split = _offsets_by_signal(names, gaps, offsets)
     parts, group, total = [], 0, offsets.shape[0]
     for name in names:
-        residual = _residual(name, predicted[name] + split[name], own[name]["value"])
+        residual = gaps[name] + split[name]
         for i in range(residual.shape[-1]):
             r = residual[:, i]
             far = jnp.abs(r) / sigma[group]
@@ -351,6 +356,8 @@ def _squared(
             one_hot = jnp.zeros((J.shape[0], total)).at[:, group].set(1.0)
             J = jnp.concatenate([J, one_hot], axis=1)
             weighted = w[:, None] * J
-            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(w)))
+            edge = _HUBER * sigma[group]
+            loss = own[name]["used"] * jnp.where(far > _HUBER, 2.0 * edge * jnp.abs(r) - edge**2, r * r)
+            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(loss), jnp.sum(w)))
             group += 1
-    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (four of them)
+    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (five of them)

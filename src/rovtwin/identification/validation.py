@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.core.numerics import as_array
+from rovtwin.core.frames import euler_from_quaternion, quaternion_multiply, wrap
+from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.identification.parameters import Parameters
 from rovtwin.identification.record import SIGNALS, Record
 from rovtwin.identification.segments import Grid, Segments, cut, nodes_from_data
@@ -97,7 +98,8 @@ def _predict_one(
         used = rows["used"] > 0
         t = (starts[:, None] + step * (rows["row"] + rows["share"]))[used]
         measured = rows["value"][used]
-        predicted = measured + np.asarray(gap)[used]
+        gap = np.asarray(gap)[used]
+        measured, predicted = _angles(measured, gap) if name == "attitude" else (measured, measured + gap)
         if len(t) == 0:
             continue
         readings[name] = (t, measured, predicted)
@@ -108,20 +110,26 @@ def _predict_one(
     return Prediction(record.name, window, readings, scores, excited)
 
 
+def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """zyx Euler angles of measured quaternions (n, 4), without jumps, and of the predicted ones beside them."""
+    half = turn / 2.0
+    real = np.sqrt(np.maximum(1.0 - np.sum(half**2, axis=1, keepdims=True), 0.0))
+    predicted = jax.vmap(quaternion_multiply)(jnp.asarray(measured), jnp.asarray(np.concatenate([real, half], axis=1)))
+    was, now = (np.asarray(jax.vmap(euler_from_quaternion)(jnp.asarray(q))) for q in (measured, predicted))
+    smooth = np.unwrap(was, axis=0)
+    return smooth, smooth + np.asarray(wrap(jnp.asarray(now - was)))
+
+
 def _run(shooting: Shooting, segments: Segments, theta: np.ndarray, offsets: dict[str, np.ndarray]) -> Nodes:
     """Nodes at the measured state; what is not measured comes from the window before."""
     found = nodes_from_data(segments, offsets, exact=True)
     nodes = Nodes(found["position"], found["attitude"], found["nu"])
-    signals = segments.records[0].signals
-    measured = bool({"velocity", "position", "horizontal"} & set(signals)) and len(nodes.nu) > 1
-    if measured or len(nodes.nu) == 1:
+    if {"velocity", "position", "horizontal"} & set(segments.levers) or len(nodes.nu) == 1:
         return nodes
     for _ in range(min(_PASSES, len(nodes.nu))):
         path = shooting.trajectories(as_array(theta), nodes, segments.arrays)
         nu = np.array(nodes.nu)
         nu[1:, :3] = np.asarray(path.nu)[:-1, -1, :3]
-        if "depth" in signals:
-            nu[1:, 2] = found["nu"][1:, 2]
         nodes = nodes._replace(nu=nu)
     return nodes
 
