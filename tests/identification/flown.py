@@ -34,8 +34,8 @@ def commands(kind, n, rng, duration):
     t = np.arange(0.0, duration, STEP)
     if kind in ("multisine", "gentle"):
         f, phase = rng.uniform(0.05, 0.5, (6, n)), rng.uniform(0, 2 * np.pi, (6, n))
-        u = np.sin(2 * np.pi * f * t[:, None, None] + phase).sum(axis=1) / 4
-        return np.clip(u, -1, 1) * (0.25 if kind == "gentle" else 0.9)
+        u = np.tanh(np.sin(2 * np.pi * f * t[:, None, None] + phase).sum(axis=1) / 3)
+        return u * (0.25 if kind == "gentle" else 0.9)
     if kind == "chirp":
         rate = 0.05 + 0.45 * t / duration
         return 0.8 * np.sin(np.cumsum(2 * np.pi * rate * STEP)[:, None] + rng.uniform(0, 2 * np.pi, n))
@@ -54,6 +54,7 @@ def _held(t, levels, every):
     return levels[np.floor(t / every).astype(int)]
 
 
+@cache
 def fly(name, kind="multisine", seed=0, duration=60.0, sensors=tuple(SENSORS), plant=None):
     """One test of a library vehicle.
 
@@ -68,7 +69,7 @@ def fly(name, kind="multisine", seed=0, duration=60.0, sensors=tuple(SENSORS), p
     model, rng = model_of(name), np.random.default_rng(seed)
     u = commands(kind, model.thrusters.count, rng, duration)
     done = u if plant is None else plant(u)
-    start = State(as_array([0.0, 0, 5]), as_array([1.0, 0, 0, 0]), jnp.zeros(6), jnp.zeros(u.shape[1]))
+    start = State(as_array([0.0, 0, 30]), as_array([1.0, 0, 0, 0]), jnp.zeros(6), jnp.zeros(u.shape[1]))
     states = _rollout(model, start, Command(as_array(done)), Environment.calm(), dt=STEP)
     q = np.asarray(states.attitude)
     w, x, y, z = q.T

@@ -2,6 +2,7 @@
 
 import typer
 
+from rovtwin.cli.evidence_check import check
 from rovtwin.cli.evidence_decay import decay
 from rovtwin.cli.evidence_empirical import empirical
 from rovtwin.cli.evidence_free_running import free_running
@@ -19,3 +20,4 @@ evidence_app.command()(panel)
 evidence_app.command()(decay)
 evidence_app.command()(thrust)
 evidence_app.command(name="free-running")(free_running)
+evidence_app.command()(check)

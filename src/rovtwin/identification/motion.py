@@ -5,13 +5,14 @@ readings at any times, gives value and rate at once, and says nothing where ther
 compared goes through the same kernel, so that its delay and damping fall out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve
 
-from rovtwin.identification.record import Record, Signal
+from rovtwin.identification.record import Record
 from rovtwin.identification.rotations import matrices_from_euler
 
 STEP, WIDTH = 0.02, 0.12  # of the grid, of the kernel [s]
@@ -81,6 +82,7 @@ class Motion:
 
     record: Record
     t: np.ndarray
+    _known: dict[str, tuple[np.ndarray, np.ndarray] | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, record: Record) -> "Motion":
@@ -88,8 +90,11 @@ class Motion:
 
     def values(self, name: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Smoothed readings of a signal and their rates."""
-        signal: Signal | None = self.record.signals.get(name)
-        return None if signal is None or len(signal.t) < 5 else on_grid(signal.t, signal.value, self.t)
+        if name not in self._known:
+            signal = self.record.signals.get(name)
+            enough = signal is not None and len(signal.t) > 5
+            self._known[name] = on_grid(signal.t, signal.value, self.t) if signal is not None and enough else None
+        return self._known[name]
 
     @cached_property
     def rotation(self) -> np.ndarray | None:
@@ -160,5 +165,19 @@ class Motion:
         return rate
 
     def smooth(self, series: np.ndarray) -> np.ndarray:
-        """A series on the grid through the same kernel."""
-        return on_grid(self.t, series, self.t)[0]
+        """A series on the grid, shape (m, k), through the same kernel."""
+        return gaussian_filter1d(series, WIDTH / STEP, axis=0, mode="nearest")
+
+    @property
+    def accelerations(self) -> tuple[tuple[int, ...], np.ndarray]:
+        """Axes of nu that are measured, and their rates, shape (m, a)."""
+        axes: list[int] = []
+        columns = [np.empty((len(self.t), 0))]
+        for first, name, series in ((0, "velocity", self.velocity), (3, "gyro", self.omega)):
+            if series is None or np.isfinite(series).all(axis=1).sum() < 50:
+                continue
+            axes += range(first, first + 3)
+            measured = self.values(name)
+            at_co = measured is not None and not (name == "velocity" and self.record.signals[name].lever.any())
+            columns.append(measured[1] if measured is not None and at_co else self.slope(series))
+        return tuple(axes), np.concatenate(columns, axis=1)

@@ -20,6 +20,7 @@ from rovtwin.vehicle.thrusters import static_force
 
 AXES = ("u", "v", "w", "p", "q", "r")
 ROLLOUT_STEP = 0.05
+MEMORY = 10.0  # [s]; slower than roll and pitch swing, faster than a gyro drifts
 
 _forces = jax.jit(jax.vmap(static_force, in_axes=(None, 0)))
 
@@ -40,16 +41,19 @@ def commanded_motion(model: Model, t_command: np.ndarray, command: np.ndarray) -
     return {name: Signal(t[good], value[good]) for name, value in parts.items()}
 
 
-def thruster_forces(model: Model, motion: Motion, lag: float = 0.0, shape: float | None = None) -> np.ndarray:
+def thruster_forces(
+    model: Model, motion: Motion, lag: float = 0.0, shape: float | None = None, limit: float = np.inf
+) -> np.ndarray:
     """Force of each thruster on the motion's grid [N], shape (m, n), through its lag and the kernel.
 
     Args:
         model: Thrust curves and lags.
         motion: Grid and commands.
-        lag: By how much the commands are taken to be late [s]; negative: early.
+        lag: By how much the commands are taken to be later than they are logged [s].
         shape: Instead of the model's curve, sign(u) |u|^shape.
+        limit: Beyond which commands do nothing more.
     """
-    u = held(motion.record.t_command + lag, motion.record.command, motion.t)
+    u = np.clip(held(motion.record.t_command + lag, motion.record.command, motion.t), -limit, limit)
     force = np.asarray(_forces(model.thrusters, as_array(u))) if shape is None else np.sign(u) * np.abs(u) ** shape
     return motion.smooth(_lagged(force, np.asarray(model.thrusters.time_constant)))
 
@@ -92,16 +96,6 @@ class Response:
         return np.einsum("an,an->a", best, self.cross) / np.maximum(self.power, 1e-12)
 
 
-def accelerations(motion: Motion) -> tuple[tuple[int, ...], np.ndarray]:
-    """Axes that are measured and their accelerations, shape (m, a)."""
-    axes, columns = [], []
-    for first, series in ((0, motion.velocity), (3, motion.omega)):
-        if series is not None and np.isfinite(series).all(axis=1).sum() > 50:
-            axes += range(first, first + 3)
-            columns.append(motion.slope(series))
-    return tuple(axes), np.concatenate(columns, axis=1) if columns else np.empty((len(motion.t), 0))
-
-
 def nuisances(motion: Motion) -> np.ndarray:
     """Everything but the thrusters that accelerates, as columns, shape (m, k): speeds, drag, products, attitude, 1."""
     columns = [np.ones((len(motion.t), 1))]
@@ -112,28 +106,53 @@ def nuisances(motion: Motion) -> np.ndarray:
         columns.append(np.cross(motion.velocity, motion.omega))
     if motion.rotation is not None:
         columns.append(motion.rotation[:, 2, :])
+    elif motion.omega is not None:
+        # Instead of the attitude, whose restoring moments would look like late thrust: what the rates add up to.
+        columns.append(_lately(motion.omega))
     return np.concatenate(columns, axis=1)
 
 
-def response(model: Model, motion: Motion, force: np.ndarray) -> Response | None:
-    """The regression, or None where too little is measured.
+def _lately(rate: np.ndarray) -> np.ndarray:
+    """Integral of rates that forgets with MEMORY, shape (m, 3)."""
+    keep = np.exp(-STEP / MEMORY)
+    return np.asarray(lfilter([STEP], [1.0, -keep], np.nan_to_num(rate), axis=0))
 
-    Args:
-        model: Its M^-1 T is what is expected.
-        motion: Measured.
-        force: Of the thrusters on its grid [N], shape (m, n).
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """What is left of the accelerations when speed and attitude have explained what they can; forces come later.
+
+    Attributes:
+        axes: Indices of the axes that are measured, out of AXES.
+        left: Residuals of the accelerations, shape (k, a).
+        basis: Orthonormal, of what is taken out, shape (k, b).
+        good: Which times of the grid are used, shape (m,).
+        pattern: Rows of M^-1 T of those axes, shape (a, n).
     """
-    axes, y = accelerations(motion)
-    if not axes:
-        return None
-    others = nuisances(motion)
-    good = np.isfinite(y).all(axis=1) & np.isfinite(others).all(axis=1) & np.isfinite(force).all(axis=1)
-    if good.sum() < 10 * others.shape[1]:
-        return None
-    others = others[good] / (np.std(others[good], axis=0) + np.abs(others[good]).max(axis=0) * 1e-3 + 1e-9)
-    Q = np.linalg.qr(others)[0]
-    F, left = force[good], y[good] - y[good].mean(axis=0)
-    F, left = F - Q @ (Q.T @ F), left - Q @ (Q.T @ left)
-    pattern = np.asarray(model.mass_inverse @ model.thrusters.configuration)[list(axes)]
-    gram = np.repeat((F.T @ F)[None], len(axes), axis=0)
-    return Response(axes, gram, left.T @ F, (left**2).sum(axis=0), pattern)
+
+    axes: tuple[int, ...]
+    left: np.ndarray
+    basis: np.ndarray
+    good: np.ndarray
+    pattern: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, motion: Motion) -> "Regression | None":
+        """None where too little is measured."""
+        axes, y = motion.accelerations
+        others = nuisances(motion)
+        good = np.asarray(np.isfinite(np.column_stack([y, others])).all(axis=1))
+        if not axes or good.sum() < 10 * others.shape[1]:
+            return None
+        others = others[good] / (np.abs(others[good]).max(axis=0) + 1e-9)
+        Q = np.linalg.qr(others + 1e-9 * np.random.default_rng(0).normal(size=others.shape))[0]
+        left = y[good] - Q @ (Q.T @ y[good])
+        pattern = np.asarray(model.mass_inverse @ model.thrusters.configuration)[list(axes)]
+        return cls(axes, left, Q, good, pattern)
+
+    def against(self, force: np.ndarray) -> Response:
+        """What forces of the thrusters on the grid [N], shape (m, n), explain of it."""
+        F = force[self.good]
+        F = F - self.basis @ (self.basis.T @ F)
+        gram = np.repeat((F.T @ F)[None], len(self.axes), axis=0)
+        return Response(self.axes, gram, self.left.T @ F, (self.left**2).sum(axis=0), self.pattern)

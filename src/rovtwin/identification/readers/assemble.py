@@ -11,9 +11,11 @@ from rovtwin.identification.log_spec import CommandSpec, SignalSpec, SourceSpec,
 from rovtwin.identification.readers import convert
 from rovtwin.identification.readers.raw import Raw, Table
 from rovtwin.identification.record import SIGNALS, Signal
+from rovtwin.identification.rotations import matrices_from_euler
 
 PWM_NEUTRAL, PWM_RANGE = 1500.0, 400.0
 FRESH_WATER = 1000.0
+FLUNG = 0.8  # [rad]
 Spec = TypeVar("Spec", SignalSpec, CommandSpec)
 
 
@@ -94,6 +96,12 @@ def _signal(raw: Raw, name: str, spec: SignalSpec, density: float | None) -> tup
     si = values if name == "attitude" and values.shape[1] > 3 else (values - spec.zero) * scale
     if name == "attitude":
         value = convert.attitude(si, spec)
+        steady = ~flung(value)
+        if not steady.all():
+            notes.append(
+                f"{where}: {np.sum(~steady)} readings that turn far and at once back left out: mean over a wrap?"
+            )
+        t, value = t[steady], value[steady]
     elif name == "position":
         value = convert.world_vector(si, spec)
     elif name == "horizontal":
@@ -105,6 +113,24 @@ def _signal(raw: Raw, name: str, spec: SignalSpec, density: float | None) -> tup
     else:
         value = convert.body_vector(si, spec)
     return Signal(t, value, _sigma(spec, name, where), np.array(spec.lever)), notes
+
+
+def flung(euler: np.ndarray) -> np.ndarray:
+    """Readings that differ by far from both neighbours, which agree; angles averaged where they wrap do that.
+
+    Args:
+        euler: zyx Euler angles [rad], shape (n, 3).
+    """
+    R, out = matrices_from_euler(euler), np.zeros(len(euler), bool)
+    if len(R) > 2:
+        before, after = _angle(R[:-2], R[1:-1]), _angle(R[1:-1], R[2:])
+        out[1:-1] = (np.minimum(before, after) > FLUNG) & (_angle(R[:-2], R[2:]) < 0.3 * np.minimum(before, after))
+    return out
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Between attitudes [rad], shape (n,)."""
+    return np.arccos(np.clip((np.einsum("nij,nij->n", a, b) - 1.0) / 2.0, -1.0, 1.0))
 
 
 def _named_after_components(table: Table, name: str, where: str) -> list[int | str]:

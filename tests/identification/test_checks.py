@@ -1,0 +1,212 @@
+"""Mistakes planted into clean records: each is found and called by its name; clean and real records raise no alarm."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.conftest import shared_folder
+from tests.identification.flown import EXCITATIONS, SENSORS, fly, model_of
+
+import rovtwin.cli
+from rovtwin.identification.checks import check_record
+from rovtwin.identification.evidence_file import read_evidence
+from rovtwin.identification.readers import read_tests
+from rovtwin.identification.readers.assemble import flung
+from rovtwin.identification.rotations import matrices_from_euler
+from rovtwin.vehicle import load_vehicle
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FLU = np.array([1.0, -1.0, -1.0])
+
+
+def changed(record, name, value=lambda x: x, late=0.0):
+    """The record with another value, or other times, of one signal."""
+    signal = record.signals[name]
+    new = replace(signal, value=value(signal.value), t=signal.t + late)
+    return replace(record, signals=record.signals | {name: new})
+
+
+def commanded(record, change):
+    return replace(record, command=change(record.command))
+
+
+def only(record, *names):
+    return replace(record, signals={name: record.signals[name] for name in names})
+
+
+def without(record, name, start, end):
+    signal = record.signals[name]
+    keep = (signal.t < start) | (signal.t > end)
+    new = replace(signal, t=signal.t[keep], value=signal.value[keep])
+    return replace(record, signals=record.signals | {name: new})
+
+
+def swapped(*order):
+    return lambda x: x[:, [*order, *range(len(order), x.shape[1])]]
+
+
+def all_late(record, dt):
+    """The commands' clock differs from that of everything else."""
+    return replace(record, signals={n: replace(s, t=s.t + dt) for n, s in record.signals.items()})
+
+
+def in_world(record):
+    """Velocity over ground in n, where b is expected."""
+    velocity, attitude = record.signals["velocity"], record.signals["attitude"]
+    angles = [np.interp(velocity.t, attitude.t, np.unwrap(a)) for a in attitude.value.T]
+    R = matrices_from_euler(np.stack(angles, axis=1))
+    return changed(record, "velocity", lambda v: np.einsum("nij,nj->ni", R, v))
+
+
+def averaged_over_the_wrap(record):
+    """A running mean of yaw, taken where yaw goes from 180 to -180 degrees."""
+
+    def mean(euler):
+        out = euler.copy()
+        yaw = (euler[:, 2] - euler[len(euler) // 2, 2] + 2 * np.pi) % (2 * np.pi) - np.pi
+        out[:, 2] = yaw
+        out[3:-3, 2] = np.convolve(yaw, np.ones(7) / 7, "valid")
+        return out
+
+    return only(changed(record, "attitude", mean), "attitude")
+
+
+MISTAKES = {
+    "no excitation": (lambda r: commanded(r, lambda u: 0 * u + 0.3), "no_excitation", "commands"),
+    "commands in PWM": (lambda r: commanded(r, lambda u: 1500 + 400 * u), "beyond", "commands"),
+    "commands beyond 1": (lambda r: commanded(r, lambda u: 1.6 * u), "beyond", "commands"),
+    "sign of yaw rate": (lambda r: changed(r, "gyro", lambda x: x * [1, 1, -1]), "sign", "gyro"),
+    "sign of yaw rate, gyro alone": (
+        lambda r: only(changed(r, "gyro", lambda x: x * [1, 1, -1]), "gyro"),
+        "sign",
+        "yaw",
+    ),
+    "sign of one thruster": (
+        lambda r: commanded(r, lambda u: u * np.eye(u.shape[1])[0] * -2 + u),
+        "sign",
+        "thruster 1",
+    ),
+    "sign of all commands": (lambda r: commanded(r, lambda u: -u), "sign", "commands"),
+    "p and q swapped": (lambda r: changed(r, "gyro", swapped(1, 0)), "swapped", "gyro"),
+    "p and r swapped, gyro alone": (lambda r: only(changed(r, "gyro", swapped(2, 1, 0)), "gyro"), "swapped", "p, r"),
+    "u and v swapped": (lambda r: changed(r, "velocity", swapped(1, 0)), "swapped", "velocity"),
+    "two commands swapped": (lambda r: commanded(r, swapped(1, 0)), "swapped", "thrusters 1, 2"),
+    "gyro in degrees": (lambda r: changed(r, "gyro", np.degrees), "degrees", "gyro"),
+    "attitude in degrees": (lambda r: changed(r, "attitude", np.degrees), "degrees", "attitude"),
+    "position in mm": (lambda r: changed(r, "position", lambda x: 1000 * x), "millimetres", "position"),
+    "depth in mm": (lambda r: changed(r, "depth", lambda x: 1000 * x), "millimetres", "depth"),
+    "velocity in mm/s": (lambda r: changed(r, "velocity", lambda x: 1000 * x), "millimetres", "velocity"),
+    "gyro 1 s late": (lambda r: changed(r, "gyro", late=1.0), "clock", "gyro"),
+    "commands 1 s early": (lambda r: all_late(r, 1.0), "clock", "commands"),
+    "commands 1 s late": (lambda r: all_late(r, -1.0), "clock", "commands"),
+    "z up, body": (lambda r: only(changed(r, "gyro", lambda x: x * FLU), "gyro", "attitude"), "z_up", "gyro"),
+    "z up, depth": (lambda r: changed(r, "depth", lambda x: -x), "z_up", "depth"),
+    "velocity in n": (in_world, "frame", "velocity"),
+    "velocity three times too large": (lambda r: changed(r, "velocity", lambda x: 3 * x), "disagree", "velocity"),
+    "motion capture blind for 6 s": (lambda r: without(r, "position", 20.0, 26.0), "gap", "position"),
+    "mean over a wrap": (averaged_over_the_wrap, "wrap", "attitude"),
+    "commands cut at 0.5": (lambda r: commanded(r, lambda u: np.clip(u, -0.5, 0.5)), "clipped", "commands"),
+}
+
+
+@pytest.mark.parametrize("name", ["bluerov2", pytest.param("double_blueye", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_every_mistake_is_named(name, mistake):
+    plant, what, where = MISTAKES[mistake]
+    # The Double Blueye is slow: within a swing of a multisine it hardly moves against 1 cm of noise.
+    kind = "multisine" if name == "bluerov2" or what == "clipped" else "steps"
+    found = [f for f in check_record(plant(fly(name, kind, 3)), model_of(name)) if f.severity != "note"]
+    assert (what, where) in [(f.what, f.where) for f in found], [str(f) for f in found]
+    # Nothing else is called an error: the user is not sent looking in the wrong place.
+    assert {f.what for f in found if f.severity == "error"} <= {what}
+
+
+def test_thrust_that_is_clipped_on_the_way_is_named():
+    record = fly("bluerov2", "multisine", 3, plant=lambda u: np.clip(u, -0.4, 0.4))
+    found = check_record(record, model_of("bluerov2"))
+    assert any(f.what == "clipped" and "0.4" in f.message for f in found), [str(f) for f in found]
+
+
+@pytest.mark.parametrize("kind", EXCITATIONS)
+@pytest.mark.parametrize("name", ["bluerov2", "double_blueye"])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
+def test_clean_records_raise_no_alarm(name, kind, seed):
+    found = check_record(fly(name, kind, seed), model_of(name))
+    assert not [str(f) for f in found if f.severity != "note"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", EXCITATIONS)
+@pytest.mark.parametrize("name", ["bluerov2", "bluerov2_heavy", "double_blueye"])
+def test_clean_records_of_few_sensors_raise_no_alarm(name, kind):
+    """Whatever is on board: with fewer signals less can be told, and nothing must be made up."""
+    subsets = [("gyro",), ("gyro", "attitude", "depth"), ("position", "attitude"), ("velocity", "gyro"), ("attitude",)]
+    for seed in (21, 22):
+        record = fly(name, kind, seed)
+        for sensors in [tuple(SENSORS), *subsets]:
+            found = check_record(only(record, *sensors), model_of(name))
+            assert not [str(f) for f in found if f.severity != "note"], sensors
+
+
+def test_unexcited_axes_are_notes():
+    record = commanded(fly("bluerov2", "multisine", 3), lambda u: u * [0, 0, 0, 0, 1, 1])
+    found = check_record(only(record, "gyro"), model_of("bluerov2"))
+    assert {f.where for f in found if f.what == "unexcited"} == {"surge", "sway", "yaw"}
+
+
+@pytest.mark.parametrize("example", ["bluerov_liu", "bluerov2_heavy_tank"])
+def test_real_logs_raise_no_alarm(example):
+    shared_folder("data", example)
+    evidence = read_evidence(EXAMPLES / example / "evidence.yaml")
+    assert evidence.vehicle
+    vehicle = load_vehicle(evidence.vehicle)
+    for test in read_tests(evidence, vehicle):
+        found = check_record(test.record, vehicle.model())
+        assert not [str(f) for f in found if f.severity != "note"], test.record.name
+    if example == "bluerov_liu":
+        silent = {f.where for f in check_record(read_tests(evidence, vehicle)[2].record, vehicle.model())}
+        assert {"sway", "heave", "roll"} <= silent
+
+
+def test_real_mistakes_of_the_tank_are_found():
+    """As published: commands 0.3 s behind the motion, and yaw averaged over its wrap in three places."""
+    shared_folder("data", "bluerov2_heavy_tank")
+    evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")
+    vehicle = load_vehicle("bluerov2_heavy")
+    first = read_tests(evidence, vehicle)[0].record
+    assert any("readings that turn far and at once back" in note and " 3 " in note for note in first.notes)
+    late = replace(first, t_command=first.t_command + 0.32)
+    (found,) = [f for f in check_record(late, vehicle.model()) if f.severity == "error"]
+    assert found.what == "clock"
+    assert "-0.3" in found.fix
+
+
+def test_the_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
+    record = fly("bluerov2", "multisine", 3)
+    vehicle, gyro = load_vehicle("bluerov2"), record.signals["gyro"]
+    names = ["t", *vehicle.thruster_names]
+    table = np.column_stack([record.t_command, record.command])
+    np.savetxt(tmp_path / "commands.csv", table, delimiter=",", header=",".join(names), comments="")
+    table = np.column_stack([gyro.t, 60 * gyro.value])
+    np.savetxt(tmp_path / "imu.csv", table, delimiter=",", header="t,p,q,r", comments="")
+    (tmp_path / "evidence.yaml").write_text(
+        "vehicle: bluerov2\nlogs: [{files: [{file: commands.csv}, {file: imu.csv}]}]"
+    )
+    words = ["rovtwin", "evidence", "check", str(tmp_path / "evidence.yaml"), "--json"]
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as stopped:
+        rovtwin.cli.main()
+    said = json.loads(capsys.readouterr().out)
+    assert stopped.value.code == 1
+    assert said["usable"] is False
+    assert [f["what"] for f in said["records"][0]["findings"] if f["severity"] == "error"] == ["degrees"]
+
+
+def test_flung_readings_are_only_those():
+    t = np.arange(0, 10, 0.1)
+    euler = np.stack([0.1 * np.sin(t), 0.1 * np.cos(t), 0.5 * t], axis=1)
+    assert not flung(euler).any()
+    euler[40, 2] -= 3.0
+    assert np.flatnonzero(flung(euler)).tolist() == [40]
