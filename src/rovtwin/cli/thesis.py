@@ -20,12 +20,10 @@ CAPTION = "Bands: 95 % of the corrected curve."
 def thesis(output: Output = None, no_report: NoReport = False, as_json: AsJson = False) -> None:
     """Derive every identification table of the 2021 Double Blueye thesis again, from the data that it prints.
 
-    Published, what follows from its own data by its own formula, corrected, and why they differ. Takes some seconds.
+    Published, derived from its own data by its own formula, corrected, and why they differ. Takes about 10 s.
 
-    Examples:
-        rovtwin thesis
-        rovtwin thesis -o thesis_again
-        rovtwin thesis --json --no-report
+    Examples: [bold]rovtwin thesis[/bold], [bold]rovtwin thesis -o thesis_again[/bold],
+    [bold]rovtwin thesis --json --no-report[/bold]
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn
 
@@ -65,12 +63,14 @@ def _print(screen: Any, section: Any) -> None:
     from rovtwin.report.derivation import digits
 
     reasons: list[str] = []
-    rows = table(section.title, "quantity", "unit", "thesis", "published", "from its data", "corrected", "why")
+    rows = table(section.title, "quantity", "unit", "thesis", "published", "derived", "corrected", "why")
+    for k, column in enumerate(rows.columns):
+        column.no_wrap = k > 2  # on a narrow screen names wrap, numbers do not
     for line in section.lines:
         if line.reason and line.reason not in reasons:
             reasons.append(line.reason)
         why = str(reasons.index(line.reason) + 1) if line.reason else ""
-        rows.add_row(line.name, line.unit, line.where, digits(line.published), digits(line.derived),
+        rows.add_row(line.name, line.unit, str(line.where).split(",")[0], digits(line.published), digits(line.derived),
                      digits(line.corrected, line.sd), why)  # fmt: skip
     screen.print(rows)
     for number, reason in enumerate(reasons, start=1):

@@ -80,7 +80,7 @@ def digits(value: float | None, sd: float | None = None) -> str:
 
 def table_of(section: Any) -> Table:
     """A section's lines for the page."""
-    head = ["Quantity", "Unit", "Thesis", "Published", "From its data", "Corrected", "Why"]
+    head = ["Quantity", "Unit", "Thesis", "Published", "Derived", "Corrected", "Why"]
     rows = [
         [line.name, line.unit, line.where, digits(line.published), digits(line.derived),
          digits(line.corrected, line.sd), line.reason]
