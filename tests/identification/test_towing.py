@@ -203,6 +203,11 @@ def test_options_without_sense_are_named(option: dict) -> None:
         towing(tows(12, rate=20.0), **option)
 
 
+def test_one_pair_for_both_directions_is_said() -> None:
+    assert any("one pair" in note for note in towing(tows(14)[:5], across=BOX).notes)
+    assert not any("one pair" in note for note in towing(tows(14), across=BOX).notes)
+
+
 def test_one_speed_is_not_enough() -> None:
     with pytest.raises(IdentificationError, match="two speeds"):
         towing(tows(13)[:1])

@@ -14,6 +14,9 @@ from rovtwin.core.errors import IdentificationError
 
 Noise = float | np.ndarray | None  # standard deviation: one, one each, or unknown
 SIDES = ("ahead", "astern")
+ONE_PAIR = (
+    "one direction was run at one speed only: one pair of coefficients serves ahead and astern, as if they were alike"
+)
 ITERATIONS = 4  # of the weights, where the speeds are uncertain too
 
 

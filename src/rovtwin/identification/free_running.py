@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.damping_fit import DampingFit, fit_damping
+from rovtwin.identification.damping_fit import ONE_PAIR, DampingFit, fit_damping
 from rovtwin.identification.damping_yaml import DOFS
 from rovtwin.identification.record import Record
 from rovtwin.identification.smoothed_motion import NU, Motion, motion_of
@@ -137,6 +137,8 @@ def free_running(
             notes.append(f"{dof}: {str(error).removeprefix('damping fit: ')}")
             continue
         notes += [f"{dof}: {note}" for note in fits[dof].notes]
+        if len(fits[dof].coefficients) == 2 and len({run.velocity > 0 for run in own}) == 2:
+            notes.append(f"{dof}: {ONE_PAIR}")
         against = [run for run in own if run.force * run.velocity < 0 and abs(run.force) > 3 * run.force_std]
         if against:
             notes.append(

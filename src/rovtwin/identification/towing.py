@@ -13,7 +13,7 @@ import numpy as np
 from scipy import signal
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.damping_fit import DampingFit, fit_damping
+from rovtwin.identification.damping_fit import ONE_PAIR, DampingFit, fit_damping
 from rovtwin.identification.towing_files import TowRun
 from rovtwin.identification.windows import BLOCKS, Window, steady_windows, window_over
 
@@ -153,6 +153,8 @@ def towing(
     notes += said
     pulls, fit = _fitted(pulls, rig, nonnegative)
     notes += [*fit.notes] if rig is not None else [*fit.notes, "drag of the rig was not given: it is in the damping"]
+    if len(fit.coefficients) == 2 and len({p.speed > 0 for p in pulls if p.used}) == 2:
+        notes.append(ONE_PAIR)
     coefficient, said = _drag_coefficient(pulls, across, density)
     notes += said
     turned = tuple(replace(run, force=sign * run.force) for run in runs)

@@ -97,20 +97,14 @@ def free_running_figure(result: Any, dof: str, thesis: Any = None) -> Figure:
     ])  # fmt: skip
     handles = [Line2D([], [], color=BLACK, linewidth=2.0, label="steady window")]
     if thesis is not None:
-        v = np.linspace(*_reach(result.fits[dof], runs), 100)
+        velocities = np.array([0.0] + [run.velocity for run in runs])
+        v = np.linspace(1.08 * velocities.min(), 1.08 * velocities.max(), 100)
         style: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (4, 2)), "linewidth": 1.0}
         curve.plot(v, thesis.force(v), **style)
         handles.append(Line2D([], [], label="the thesis's method", **style))
     dress(curve, "drag [N m]" if unit == "rad/s" else "drag [N]", f"{dof} velocity [{unit}]", ticks=7)
     legend_above(figure, handles + _handles(any(not r.used for r in runs)), 5)
     return figure
-
-
-def _reach(fit: Any, runs: list[Any]) -> tuple[float, float]:
-    fastest = 1.08 * float(fit.speeds.max())
-    both = any(r.velocity < 0 for r in runs) and any(r.velocity > 0 for r in runs)
-    side = 1.0 if any(r.velocity > 0 for r in runs) else -1.0
-    return (-fastest, fastest) if both else (min(0.0, side * fastest), max(0.0, side * fastest))
 
 
 def _curve(axes: Axes, fit: Any, used: list[tuple[float, float, float]], idle: list[tuple[float, float]]) -> None:
