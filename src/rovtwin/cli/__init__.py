@@ -5,6 +5,7 @@ import sys
 import typer
 
 from rovtwin.cli.evidence import evidence_app
+from rovtwin.cli.identify import identify
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.output import report_error
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
@@ -30,6 +31,7 @@ app.command()(fly)
 app.command()(demo)
 app.command()(score)
 app.command()(sea)
+app.command()(identify)
 app.command()(report)
 app.command()(thesis)
 app.add_typer(vehicle_app, name="vehicle")

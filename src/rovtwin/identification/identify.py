@@ -220,7 +220,7 @@ def _parameters_and_prior(
         known = {p.name for p in old.file.identified.estimate.parameters}
         chosen += [p.name for p in everything.free if p.name in known and p.name not in chosen]
     parameters = choose(everything, chosen)
-    start = default_prior(parameters, said)
+    start = default_prior(parameters, vehicle, said)
     if old is not None:
         start = prior_from(old, parameters, start, change)
     return parameters, start

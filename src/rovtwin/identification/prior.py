@@ -15,15 +15,11 @@ from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.estimate import Gaussian
 from rovtwin.identification.parameters import Parameters
+from rovtwin.identification.widths import prior_widths
+from rovtwin.vehicle import Vehicle
 
-# Standard deviation of theta by pattern, the first that fits; see docs/identification/joint.md for where they are from.
+# Standard deviation of theta by pattern, of what `widths` (added mass, damping) does not know.
 WIDTHS: dict[str, float] = {
-    "added_mass.roll": 0.5,
-    "added_mass.pitch": 0.5,
-    "added_mass.yaw": 0.5,
-    "added_mass.*": 0.35,
-    "linear_damping*": 0.8,
-    "quadratic_damping*": 0.5,
     "restoring.metacentric_height": 0.5,
     "restoring.center_of_buoyancy_*": 0.003,  # [m]
     "restoring.net_buoyancy": 2.0,  # [N]
@@ -44,11 +40,12 @@ COMMON: dict[str, float] = {
 _WAYS = ("value", "sd", "factor", "fixed")
 
 
-def default_prior(parameters: Parameters, said: Mapping[str, Any] | None = None) -> Gaussian:
+def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, Any] | None = None) -> Gaussian:
     """Prior around the starting values.
 
     Args:
         parameters: Free ones.
+        vehicle: How good its parts' numbers are, see `widths.prior_widths`.
         said: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of two,
             `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the middle too.
 
@@ -57,7 +54,8 @@ def default_prior(parameters: Parameters, said: Mapping[str, Any] | None = None)
     """
     names = parameters.names
     mean = np.zeros(len(names))
-    width = np.array([_width(name) for name in names])
+    known = prior_widths(vehicle)
+    width = np.array([known.get(name.replace("_astern", ""), 0.0) or _width(name) for name in names])
     kind = np.array([_kind(name) for name in names])
     for pattern, words in (said or {}).items():
         rows = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]

@@ -1,0 +1,269 @@
+"""rovtwin identify: from a vehicle file and test logs to an identified.yaml with covariance, and a report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, table
+from rovtwin.core.errors import ConfigError, IdentificationError
+
+if TYPE_CHECKING:
+    from rovtwin.identification.identify import Identification
+    from rovtwin.identification.record import Record
+
+
+def identify(
+    vehicle: Annotated[
+        str | None, typer.Argument(metavar="[VEHICLE]", help="Library name or vehicle file; else that of the evidence.")
+    ] = None,
+    logs: Annotated[list[Path] | None, typer.Argument(metavar="[LOG]...", help="Test logs to fit.")] = None,
+    evidence: Annotated[
+        Path | None, typer.Option(help="YAML that says which logs, what is in their columns, priors, anchors.")
+    ] = None,
+    prior: Annotated[
+        str | None, typer.Option(metavar="OLD.yaml", help="An earlier identification, of these parts or of others.")
+    ] = None,
+    validate: Annotated[
+        list[Path] | None, typer.Option(metavar="LOG", help="A log to predict, never to fit. Repeatable.")
+    ] = None,
+    fit_share: Annotated[
+        float | None, typer.Option(help="First share of each log that is fitted; default 0.8 without --validate.")
+    ] = None,
+    free: Annotated[
+        list[str] | None, typer.Option(metavar="PATTERN", help="Parameters to estimate: added_mass.*. Repeatable.")
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("identified.yaml"),
+    report: Annotated[bool, typer.Option(help="Write the HTML report beside it.")] = True,
+    trust_logs: Annotated[bool, typer.Option("--trust-logs", help="Go on where checks say a log is wrong.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Estimate a vehicle's parameters from its tests, with covariance, and write them as a vehicle file.
+
+    The file flies at once: [bold]rovtwin fly lawnmower_calm --set vehicle=identified.yaml[/bold]. The report says what
+    was learnt and what was not; what no test could tell stays at the prior and is named.
+
+    From logs of rovtwin itself: [bold]rovtwin identify double_blueye runs/*/log.mcap -o identified.yaml[/bold]
+
+    From other recordings: [bold]rovtwin identify --evidence evidence.yaml[/bold]
+
+    After a change of payload, even before any test: [bold]rovtwin identify new.yaml --prior identified.yaml -o
+    predicted.yaml[/bold]
+    """
+    from rovtwin.identification.evidence_file import read_evidence
+    from rovtwin.identification.identify import identify as estimate
+    from rovtwin.identification.overlay import to_yaml
+    from rovtwin.vehicle import load_vehicle
+
+    screen = console(as_json)
+    said = read_evidence(evidence) if evidence else None
+    name = vehicle or (said.vehicle if said else None)
+    if name is None:
+        raise ConfigError("no vehicle: name one, or an evidence file that does (--evidence FILE)")
+    if said is None and not logs and prior is None:
+        raise ConfigError("no logs: give some, an evidence file (--evidence FILE) or an old result (--prior FILE)")
+    if out.is_dir() or not out.parent.is_dir():
+        raise ConfigError(f"{out}: expected the name of a file to write, in a folder that is there")
+    wanted = load_vehicle(name)
+    fitted, held_out = _records(wanted, said, logs or [], validate or [], fit_share)
+    _warn(screen, wanted, [*fitted, *held_out], trust_logs)
+    with _progress(screen) as told:
+        result = estimate(
+            wanted,
+            fitted,
+            validate=held_out,
+            free=free or (said.file.free if said else []),
+            prior=said.file.prior if said else None,
+            anchors=said.file.anchors if said else (),
+            old=load_vehicle(prior) if prior else None,
+            options=said.file.options if said else None,
+            progress=told,
+        )
+    out.write_text(to_yaml(result.file(), _command_line(vehicle, logs, evidence, prior)), encoding="utf-8")
+    page = _report(result, out) if report and result.solution is not None else None
+    if as_json:
+        emit(as_object(result) | {"file": str(out), "report": None if page is None else str(page)})
+    else:
+        _print(screen, result)
+        screen.print(f"\nwritten: {out}" + (f"   report: {page}" if page else ""), markup=False)
+    settled = result.solution is None or result.solution.converged
+    raise typer.Exit(DONE if settled else FAILED)
+
+
+def _records(
+    vehicle: Any, said: Any, logs: list[Path], validate: list[Path], fit_share: float | None
+) -> tuple[list["Record"], list["Record"]]:
+    """Tests to fit and tests to predict."""
+    from rovtwin.identification.readers import read_record, read_tests
+
+    if fit_share is not None and not 0 < fit_share <= 1:
+        raise IdentificationError(f"--fit-share: found {fit_share:g}, expected more than 0 and at most 1")
+    tests = read_tests(said, vehicle) if said else []
+    fitted = [t.record for t in tests if t.use == "fit"]
+    held_out = [t.record for t in tests if t.use == "validate"]
+    own = [read_record(path, vehicle) for path in logs]
+    held_out += [read_record(path, vehicle) for path in validate]
+    share = fit_share if fit_share is not None else (1.0 if held_out or not own else 0.8)
+    for record in own:
+        if share == 1.0:
+            fitted.append(record)
+            continue
+        split = record.start + share * record.duration
+        fitted.append(record.cut(record.start, split))
+        held_out.append(record.cut(split, record.end))
+    return fitted, held_out
+
+
+def _warn(screen: Console, vehicle: Any, records: list["Record"], trust: bool) -> None:
+    """What looks wrong with the logs, before minutes are spent on them.
+
+    Raises:
+        IdentificationError: A log cannot be what it is said to be: units, axes, signs, clocks.
+    """
+    from rovtwin.identification.checks import check_record
+
+    model, wrong = vehicle.model(), []
+    for record in records:
+        for note in record.notes:
+            screen.print(f"{record.name}: {note}", style="dim", markup=False)
+        for finding in check_record(record, model):
+            text = f"{record.name}: {finding.where}: {finding.message} {finding.fix}"
+            if finding.severity == "error":
+                wrong.append(text)
+            elif finding.severity == "warning":
+                screen.print(text, style="yellow", markup=False)
+    if wrong and not trust:
+        raise IdentificationError("\n".join([*wrong, "if the logs are right after all, add --trust-logs"]))
+    for text in wrong:
+        screen.print(text, style="yellow", markup=False)
+
+
+class _progress:
+    """A line that says what is being done; nothing where nobody looks."""
+
+    def __init__(self, screen: Console):
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+        self._bar = Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
+
+    def __enter__(self) -> Any:
+        self._bar.start()
+        task = self._bar.add_task("reading", total=1.0)
+        return lambda text, share: self._bar.update(task, description=text, completed=min(share, 0.99))
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+
+def _report(result: "Identification", out: Path) -> Path:
+    from rovtwin.report.identification import write_identification_report
+
+    return write_identification_report(result, out.with_suffix(""))
+
+
+def _command_line(vehicle: str | None, logs: list[Path] | None, evidence: Path | None, prior: str | None) -> str:
+    """Without folders: a file that is passed on says nothing of the machine it was made on."""
+    words = ["rovtwin identify", Path(vehicle).name if vehicle else "", *(p.name for p in logs or [])]
+    words += [f"--evidence {evidence.name}"] if evidence else []
+    words += [f"--prior {Path(prior).name}"] if prior else []
+    return " ".join(word for word in words if word)
+
+
+def as_object(result: "Identification") -> dict[str, Any]:
+    """The result in plain types."""
+    rows = []
+    for i, p in enumerate(result.parameters.free):
+        low, high = result.interval(p.name)
+        rows.append(
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "value": result.values[p.name],
+                "interval_95": [low, high],
+                "start": p.base,
+                "verdict": result.verdicts[i],
+            }
+        )
+    scores = [
+        {
+            "record": p.record,
+            "held_out": held,
+            "window_s": p.window,
+            "components": {
+                k: {
+                    "fit_percent": s.fit,
+                    "rms": s.rms,
+                    "rms_hold": s.hold,
+                    "rms_still": s.still,
+                    "excited": p.excited[k],
+                }
+                for k, s in p.scores.items()
+            },
+        }
+        for held, group in ((False, result.fitted), (True, result.held_out))
+        for p in group
+    ]
+    return {
+        "vehicle": result.vehicle.name,
+        "parameters": rows,
+        "blind": [b.text for b in result.blind],
+        "findings": result.findings,
+        "tests": result.records,
+        "predictions": scores,
+        "converged": result.solution is None or result.solution.converged,
+        "seconds": result.seconds,
+    }
+
+
+_COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict")
+
+
+def _print(screen: Console, result: "Identification") -> None:
+    rows = table(
+        f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
+    )
+    styles = {"learnt": "green", "partly": "yellow", "prior only": "red"}
+    for i, p in enumerate(result.parameters.free):
+        low, high = result.interval(p.name)
+        verdict = result.verdicts[i]
+        rows.add_row(
+            p.name,
+            figure(p.base),
+            figure(result.values[p.name]),
+            f"{figure(low)} to {figure(high)}",
+            p.unit,
+            f"[{styles[verdict]}]{verdict}[/]",
+        )
+    screen.print(rows)
+    _print_predictions(screen, result)
+    for heading, lines in (
+        ("What the tests could not tell", [b.text for b in result.blind]),
+        ("Remarks", result.findings),
+    ):
+        if lines:
+            screen.print(f"\n{heading}", style="bold")
+            for line in lines:
+                screen.print(f"- {line}", markup=False)
+    screen.print(f"\n{result.seconds:.0f} s", style="dim")
+
+
+def _print_predictions(screen: Console, result: "Identification") -> None:
+    if not result.held_out:
+        return
+    rows = table("held-out tests, open loop", "test", "restarts", "signal", "fit", "rms", "held", "at rest")
+    for p in result.held_out:
+        for name, score in p.scores.items():
+            if p.excited[name]:
+                still = None if score.still != score.still else score.still
+                rows.add_row(
+                    p.record,
+                    "never" if p.window is None else f"every {p.window:g} s",
+                    name,
+                    f"{score.fit:.0f} %",
+                    figure(score.rms),
+                    figure(score.hold),
+                    figure(still),
+                )
+    screen.print(rows)
