@@ -1,0 +1,241 @@
+"""Which tests to fly: the information that a test would give, and the choice of tests that gives most of it.
+
+The expected covariance of a test is what the joint estimate would report of it: Fisher information of all readings through
+the derivatives of the twin, the state at the start of each segment and the offsets of the sensors being unknown too, and
+a disturbance between segments. It adds up over tests, so that a plan is a choice among candidates (Fedorov 1972, Theory
+of optimal experiments): greedily, the best gain per second first, then by exchanging as long as that helps.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.estimate import Gaussian
+from rovtwin.identification.parameters import Parameters
+from rovtwin.identification.record import Record
+from rovtwin.identification.segments import Grid, cut, nodes_from_data
+from rovtwin.identification.shooting import NODE, Nodes, Shooting
+
+GRID = Grid(step=0.05, steps=100, rate=20.0)
+# What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models.
+DEFECT = np.array([1e-4] * 6 + [5e-3] * 6)
+# Zero errors of sensors, as the joint estimate takes them; others are held.
+OFFSET = {"gyro": (0.01,) * 3, "accelerometer": (0.1,) * 3, "attitude": (0.01, 0.01, 1e-6)}
+HELD = 1e-6
+LEARNT = 0.5  # a parameter counts as identifiable where a test brings its standard deviation below this share
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What tests tell: about theta and the offsets of sensors, which is what adds up.
+
+    Attributes:
+        matrices: Of each test, the states eliminated, shape (tests, n + G, n + G).
+        offsets: Prior information of the offsets, shape (G,).
+        seconds: How long each test takes, shape (tests,).
+    """
+
+    matrices: np.ndarray
+    offsets: np.ndarray
+    seconds: np.ndarray
+
+    def covariance(self, prior: Gaussian, times: np.ndarray) -> np.ndarray:
+        """Expected covariance of theta after each test was flown so many times, shapes (tests,) -> (n, n)."""
+        return _covariance(prior, np.tensordot(times, self.matrices, 1), self.offsets)
+
+
+def information(
+    parameters: Parameters,
+    tests: Sequence[Sequence[Record]],
+    seconds: Sequence[float],
+    theta: np.ndarray | None = None,
+    grid: Grid = GRID,
+    defect: np.ndarray = DEFECT,
+) -> Information:
+    """Of tests that were flown or simulated; what was measured counts only for where the states are.
+
+    Args:
+        parameters: Free ones.
+        tests: The Records of each, all with the same signals, whose noise is declared.
+        seconds: How long each takes, with what leaves no Record.
+        theta: Where the twin is differentiated, shape (n,); None: the starting values.
+        grid: How Records are cut; a state is free at the start of each segment.
+        defect: By how much a segment misses the next state, standard deviations, shape (12,).
+    """
+    records = [record for test in tests for record in test]
+    segments = cut(records, grid)
+    sigma = np.concatenate([segments.sigma[name] for name in segments.levers])
+    if not np.all(np.isfinite(sigma) & (sigma > 0)):
+        raise IdentificationError("expected the noise of every sensor to be declared: without it no test can be judged")
+    at = np.zeros(len(parameters)) if theta is None else theta
+    nodes = Nodes(**nodes_from_data(segments))
+    # Sigma decides only how far out a reading is an outlier: here none is.
+    found = Shooting(parameters, segments).blocks(at, np.zeros(len(sigma)), nodes, 1e6 + 0 * sigma, segments.arrays)
+    readings = np.einsum("g,sgab->sab", sigma**-2.0, np.asarray(found.readings))
+    defects = np.asarray(found.defect_jacobian) / defect[:, None]
+    bounds = [*segments.first, segments.count]
+    of_record = [_reduced(readings[a:b], defects[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
+    counts = np.cumsum([0, *(len(test) for test in tests)])
+    matrices = [np.sum(of_record[a:b], axis=0) for a, b in zip(counts, counts[1:], strict=False)]
+    widths = np.array([OFFSET.get(name, (HELD,) * 3)[i] for name, i in segments.groups])
+    return Information(np.stack(matrices), widths**-2.0, np.asarray(seconds, dtype=float))
+
+
+def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
+    """Information of [theta, offsets] of one record, its states eliminated, shape (n + G, n + G).
+
+    Args:
+        readings: J'WJ by segment, columns node, theta, offsets, shape (S, 12 + n + G, ...).
+        defects: Whitened Jacobian of the defects by node, theta and next node, shape (S, 12, 12 + n + 12).
+    """
+    S, m = len(readings), readings.shape[1]
+    n = defects.shape[2] - 2 * NODE
+    whole = np.zeros((S * NODE + m - NODE,) * 2)
+    rest = np.arange(S * NODE, len(whole))
+    for s in range(S):
+        own = np.arange(s * NODE, (s + 1) * NODE)
+        rows = np.concatenate([own, rest])
+        whole[np.ix_(rows, rows)] += readings[s]
+        if s + 1 < S:
+            rows = np.concatenate([own, rest[:n], own + NODE])
+            whole[np.ix_(rows, rows)] += defects[s].T @ defects[s]
+    states = whole[: S * NODE, : S * NODE]
+    # States that nothing measures would make it singular: what a metre, a radian and their rates are is enough.
+    states[np.diag_indices_from(states)] += 1e-4
+    border = whole[: S * NODE, S * NODE :]
+    return whole[S * NODE :, S * NODE :] - border.T @ np.linalg.solve(states, border)
+
+
+def _covariance(prior: Gaussian, told: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    n = len(prior.mean)
+    total = told + np.diag(np.concatenate([np.zeros(n), offsets]))
+    total[:n, :n] += prior.information
+    # Scaled first: information of a gyro's zero and of a thruster's curve are fifteen orders apart.
+    scale = 1.0 / np.sqrt(np.diag(total))
+    return (np.linalg.inv(total * np.outer(scale, scale)) * np.outer(scale, scale))[:n, :n]
+
+
+def spread(prior: Gaussian, told: Information, times: np.ndarray) -> float:
+    """What a plan makes small: mean logarithm of the variances of theta over those of the prior."""
+    return float(np.mean(np.log(np.diag(told.covariance(prior, times)) / np.diag(prior.covariance))))
+
+
+def choose_tests(prior: Gaussian, told: Information, seconds: float, fixed: Sequence[int] = ()) -> list[int]:
+    """Tests to fly within a time, in the order in which they tell most; one may be flown several times.
+
+    Args:
+        prior: Of theta.
+        told: By the candidates.
+        seconds: There are.
+        fixed: Candidates that are flown in any case, such as a decay test.
+
+    Raises:
+        IdentificationError: Not even the shortest candidate fits.
+    """
+    if seconds < told.seconds.min():
+        raise IdentificationError(
+            f"found {seconds / 60:.3g} minutes, expected at least {told.seconds.min() / 60:.1f}: the shortest manoeuvre"
+        )
+    order: list[int] = list(fixed)
+    while True:
+        left = seconds - told.seconds[order].sum() if order else seconds
+        best = _best(prior, told, order, left)
+        if best is None:
+            break
+        order.append(best)
+    return _exchanged(prior, told, order, seconds)
+
+
+def _times(told: Information, order: Sequence[int]) -> np.ndarray:
+    return np.bincount(np.asarray(order, dtype=int), minlength=len(told.seconds)).astype(float)
+
+
+def _best(prior: Gaussian, told: Information, order: Sequence[int], left: float) -> int | None:
+    """The candidate that fits and gains most per second."""
+    now, times = spread(prior, told, _times(told, order)), _times(told, order)
+    gain = np.full(len(told.seconds), -np.inf)
+    for i in np.flatnonzero(told.seconds <= left + 1e-9):
+        times[i] += 1
+        gain[i] = (now - spread(prior, told, times)) / told.seconds[i]
+        times[i] -= 1
+    best = int(np.argmax(gain))
+    return best if gain[best] > 0 else None
+
+
+def _exchanged(prior: Gaussian, told: Information, order: list[int], seconds: float, rounds: int = 3) -> list[int]:
+    """The plan with each test replaced by a better one, as long as there is one."""
+    for _ in range(rounds):
+        changed = False
+        for place in range(len(order)):
+            others = order[:place] + order[place + 1 :]
+            best = _best(prior, told, others, seconds - told.seconds[others].sum())
+            if best is not None and best != order[place]:
+                new = [*order[:place], best, *order[place + 1 :]]
+                if spread(prior, told, _times(told, new)) < spread(prior, told, _times(told, order)) - 1e-9:
+                    order, changed = new, True
+        if not changed:
+            break
+    return order
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What a plan is expected to tell.
+
+    Attributes:
+        names: Of the parameters.
+        values: Where theta = 0, in their units.
+        relative: Whether standard deviations are shares of the value, else in its unit.
+        prior, plan: Standard deviation before and after, shape (n,).
+        minutes: After each manoeuvre [min], shape (k,).
+        path: Standard deviations after each, shape (k, n).
+    """
+
+    names: list[str]
+    values: np.ndarray
+    relative: np.ndarray
+    prior: np.ndarray
+    plan: np.ndarray
+    minutes: np.ndarray
+    path: np.ndarray
+
+    @property
+    def learnt(self) -> np.ndarray:
+        """Which parameters the plan identifies, shape (n,), bool."""
+        return self.plan < LEARNT * self.prior
+
+    def each_minute(self) -> list[tuple[float, float]]:
+        """After each whole minute: the time [min], and the geometric mean of sd over prior of what the plan identifies."""
+        ratio = np.exp(np.mean(np.log(self.path[:, self.learnt] / self.prior[self.learnt]), axis=1))
+        marks = np.arange(1.0, np.floor(self.minutes[-1] + 1e-9) + 1.0)
+        full = np.concatenate([[0.0], self.minutes]), np.concatenate([[0.0], np.log(ratio)])
+        return [(float(m), float(np.exp(np.interp(m, *full)))) for m in marks]
+
+
+def expected(parameters: Parameters, prior: Gaussian, told: Information, order: Sequence[int]) -> Expected:
+    """Of a plan, manoeuvre by manoeuvre."""
+    path = [
+        np.sqrt(np.diag(told.covariance(prior, _times(told, order[: k + 1])))) for k in range(len(order))
+    ]
+    return Expected(
+        names=parameters.names,
+        values=parameters.values(np.zeros(len(parameters))),
+        relative=np.array([p.positive for p in parameters.free]),
+        prior=np.sqrt(np.diag(prior.covariance)),
+        plan=path[-1],
+        minutes=np.cumsum(told.seconds[list(order)]) / 60.0,
+        path=np.stack(path),
+    )
+
+
+def variance_ratio(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> float:
+    """Geometric mean of our variances over theirs, of the parameters that at least one of both identifies.
+
+    Args:
+        ours, theirs: Standard deviations, shape (n,).
+        prior: Before any test, shape (n,).
+    """
+    known = np.minimum(ours, theirs) < LEARNT * prior
+    return float(np.exp(2.0 * np.mean(np.log(ours[known] / theirs[known]))))
