@@ -8,6 +8,7 @@ from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.output import report_error
+from rovtwin.cli.plan_tests import plan_tests
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
 from rovtwin.cli.sea import sea
 from rovtwin.cli.thesis import thesis
@@ -34,6 +35,7 @@ app.command()(sea)
 app.command()(identify)
 app.command()(report)
 app.command()(thesis)
+app.command("plan-tests")(plan_tests)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(log_app, name="log")

@@ -1,21 +1,24 @@
 """Which tests to fly: the information that a test would give, and the choice of tests that gives most of it.
 
-The expected covariance of a test is what the joint estimate would report of it: Fisher information of all readings through
-the derivatives of the twin, the state at the start of each segment and the offsets of the sensors being unknown too, and
-a disturbance between segments. It adds up over tests, so that a plan is a choice among candidates (Fedorov 1972, Theory
-of optimal experiments): greedily, the best gain per second first, then by exchanging as long as that helps.
+The expected covariance of a test is what the joint estimate would report of it: Fisher information of all readings
+through the derivatives of the twin, with the state at the start of each segment and the offsets of the sensors unknown
+too, and a disturbance between segments. It adds up over tests, so that a plan is a choice among candidates: greedily,
+the best gain per second first, then by exchanging as long as that helps (Fedorov 1972, Theory of optimal experiments).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.anchors import static_evidence
 from rovtwin.identification.estimate import Gaussian
 from rovtwin.identification.parameters import Parameters
 from rovtwin.identification.record import Record
-from rovtwin.identification.segments import Grid, cut, nodes_from_data
+from rovtwin.identification.segments import Grid, Segments, cut
 from rovtwin.identification.shooting import NODE, Nodes, Shooting
 
 GRID = Grid(step=0.05, steps=100, rate=20.0)
@@ -24,6 +27,10 @@ DEFECT = np.array([1e-4] * 6 + [5e-3] * 6)
 # Zero errors of sensors, as the joint estimate takes them; others are held.
 OFFSET = {"gyro": (0.01,) * 3, "accelerometer": (0.1,) * 3, "attitude": (0.01, 0.01, 1e-6)}
 HELD = 1e-6
+# What readings of a real vehicle miss any model by, whatever the data sheet says: a gyro of 0.03 mrad/s would otherwise
+# promise thrust curves to a part in ten thousand.
+MISFIT = {"horizontal": 0.01, "position": 0.01, "depth": 0.005, "attitude": 0.005, "gyro": 0.005, "velocity": 0.01}
+MISFIT["accelerometer"] = 0.1
 LEARNT = 0.5  # a parameter counts as identifiable where a test brings its standard deviation below this share
 
 
@@ -46,41 +53,96 @@ class Information:
         return _covariance(prior, np.tensordot(times, self.matrices, 1), self.offsets)
 
 
-def information(
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Where the vehicle was: t (n,) [s], position (n, 3), attitude (n, 4), nu (n, 6)."""
+
+    t: np.ndarray
+    position: np.ndarray
+    attitude: np.ndarray
+    nu: np.ndarray
+
+    def at(self, t: np.ndarray) -> Nodes:
+        """States at times of the path, shape (k,)."""
+        rows = np.clip(np.searchsorted(self.t, t - 1e-6), 0, len(self.t) - 1)
+        return Nodes(*(np.asarray(x)[rows] for x in (self.position, self.attitude, self.nu)))  # type: ignore[arg-type]  (NumPy)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivities:
+    """Derivatives of everything that tests measure, squared by signal component; what noise there is, is said later.
+
+    Attributes:
+        readings: J'J per segment and component, shape (S, G, 12 + n + G, ...).
+        defects: Jacobian of the defects, shape (S, 12, 12 + n + 12).
+        segments: How the Records were cut.
+        counts: Records of each test.
+        seconds: How long each test takes.
+    """
+
+    readings: np.ndarray
+    defects: np.ndarray
+    segments: Segments
+    counts: tuple[int, ...]
+    seconds: np.ndarray
+
+    def information(self, defect: np.ndarray = DEFECT, misfit: Mapping[str, float] = MISFIT) -> Information:
+        """What the tests tell.
+
+        Args:
+            defect: By how much a segment misses the next state, standard deviations, shape (12,).
+            misfit: What a model misses each signal by, besides the declared noise; {}: nothing.
+
+        Raises:
+            IdentificationError: A sensor's noise is not declared.
+        """
+        groups = self.segments.groups
+        sigma = np.array([self.segments.sigma[name][i] for name, i in groups])
+        if not np.all(np.isfinite(sigma) & (sigma > 0)):
+            raise IdentificationError("the noise of every sensor must be declared: without it no test can be judged")
+        sigma = np.hypot(sigma, [misfit.get(name, 0.0) for name, _ in groups])
+        readings = np.einsum("g,sgab->sab", sigma**-2.0, self.readings)
+        defects = self.defects / defect[:, None]
+        bounds = [*self.segments.first, self.segments.count]
+        of_record = [_reduced(readings[a:b], defects[a:b]) for a, b in pairwise(bounds)]
+        matrices = [np.sum(of_record[a:b], axis=0) for a, b in pairwise(np.cumsum([0, *self.counts]))]
+        widths = np.array([OFFSET.get(name, (HELD,) * 3)[i] for name, i in groups])
+        return Information(np.stack(matrices), widths**-2.0, self.seconds)
+
+
+def sensitivities(
     parameters: Parameters,
     tests: Sequence[Sequence[Record]],
+    paths: Sequence[Path],
     seconds: Sequence[float],
-    theta: np.ndarray | None = None,
     grid: Grid = GRID,
-    defect: np.ndarray = DEFECT,
-) -> Information:
-    """Of tests that were flown or simulated; what was measured counts only for where the states are.
+) -> Sensitivities:
+    """Of tests that were simulated, at the starting values of the parameters.
 
     Args:
         parameters: Free ones.
-        tests: The Records of each, all with the same signals, whose noise is declared.
+        tests: The Records of each, all with the same signals; only commands and times of readings count.
+        paths: Where the vehicle is in each test.
         seconds: How long each takes, with what leaves no Record.
-        theta: Where the twin is differentiated, shape (n,); None: the starting values.
         grid: How Records are cut; a state is free at the start of each segment.
-        defect: By how much a segment misses the next state, standard deviations, shape (12,).
     """
-    records = [record for test in tests for record in test]
-    segments = cut(records, grid)
-    sigma = np.concatenate([segments.sigma[name] for name in segments.levers])
-    if not np.all(np.isfinite(sigma) & (sigma > 0)):
-        raise IdentificationError("expected the noise of every sensor to be declared: without it no test can be judged")
-    at = np.zeros(len(parameters)) if theta is None else theta
-    nodes = Nodes(**nodes_from_data(segments))
+    segments = cut([record for test in tests for record in test], grid)
+    starts = segments.starts()
+    owner = np.repeat(np.arange(len(tests)), [len(test) for test in tests])
+    states = [paths[owner[r]].at(starts[a:b]) for r, (a, b) in enumerate(pairwise([*segments.first, segments.count]))]
+    nodes = Nodes(*(np.concatenate(parts) for parts in zip(*states, strict=True)))  # type: ignore[arg-type]  (NumPy)
+    components = len(segments.groups)
     # Sigma decides only how far out a reading is an outlier: here none is.
-    found = Shooting(parameters, segments).blocks(at, np.zeros(len(sigma)), nodes, 1e6 + 0 * sigma, segments.arrays)
-    readings = np.einsum("g,sgab->sab", sigma**-2.0, np.asarray(found.readings))
-    defects = np.asarray(found.defect_jacobian) / defect[:, None]
-    bounds = [*segments.first, segments.count]
-    of_record = [_reduced(readings[a:b], defects[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
-    counts = np.cumsum([0, *(len(test) for test in tests)])
-    matrices = [np.sum(of_record[a:b], axis=0) for a, b in zip(counts, counts[1:], strict=False)]
-    widths = np.array([OFFSET.get(name, (HELD,) * 3)[i] for name, i in segments.groups])
-    return Information(np.stack(matrices), widths**-2.0, np.asarray(seconds, dtype=float))
+    found = Shooting(parameters, segments).blocks(
+        np.zeros(len(parameters)), np.zeros(components), nodes, np.full(components, 1e6), segments.arrays
+    )
+    return Sensitivities(
+        np.asarray(found.readings),
+        np.asarray(found.defect_jacobian),
+        segments,
+        tuple(len(test) for test in tests),
+        np.asarray(seconds, dtype=float),
+    )
 
 
 def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
@@ -115,6 +177,15 @@ def _covariance(prior: Gaussian, told: np.ndarray, offsets: np.ndarray) -> np.nd
     # Scaled first: information of a gyro's zero and of a thruster's curve are fifteen orders apart.
     scale = 1.0 / np.sqrt(np.diag(total))
     return (np.linalg.inv(total * np.outer(scale, scale)) * np.outer(scale, scale))[:n, :n]
+
+
+def with_anchors(parameters: Parameters, prior: Gaussian, anchors: Sequence[Mapping[str, Any]]) -> Gaussian:
+    """The prior after static evidence such as bollard pulls, to first order about its mean; see `anchors`."""
+    static = static_evidence(parameters, anchors)
+    if static is None:
+        return prior
+    jacobian = static(prior.mean)[1]
+    return Gaussian(prior.mean, np.linalg.inv(prior.information + jacobian.T @ jacobian))
 
 
 def spread(prior: Gaussian, told: Information, times: np.ndarray) -> float:
@@ -207,7 +278,7 @@ class Expected:
         return self.plan < LEARNT * self.prior
 
     def each_minute(self) -> list[tuple[float, float]]:
-        """After each whole minute: the time [min], and the geometric mean of sd over prior of what the plan identifies."""
+        """After each whole minute: [min], and the geometric mean of sd over prior of what the plan identifies."""
         ratio = np.exp(np.mean(np.log(self.path[:, self.learnt] / self.prior[self.learnt]), axis=1))
         marks = np.arange(1.0, np.floor(self.minutes[-1] + 1e-9) + 1.0)
         full = np.concatenate([[0.0], self.minutes]), np.concatenate([[0.0], np.log(ratio)])
@@ -216,9 +287,7 @@ class Expected:
 
 def expected(parameters: Parameters, prior: Gaussian, told: Information, order: Sequence[int]) -> Expected:
     """Of a plan, manoeuvre by manoeuvre."""
-    path = [
-        np.sqrt(np.diag(told.covariance(prior, _times(told, order[: k + 1])))) for k in range(len(order))
-    ]
+    path = [np.sqrt(np.diag(told.covariance(prior, _times(told, order[: k + 1])))) for k in range(len(order))]
     return Expected(
         names=parameters.names,
         values=parameters.values(np.zeros(len(parameters))),
@@ -230,12 +299,18 @@ def expected(parameters: Parameters, prior: Gaussian, told: Information, order: 
     )
 
 
+def identified(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Which parameters at least one of two tests brings below half of the prior's standard deviation, shape (n,)."""
+    return np.minimum(ours, theirs) < LEARNT * prior
+
+
 def variance_ratio(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> float:
     """Geometric mean of our variances over theirs, of the parameters that at least one of both identifies.
 
     Args:
-        ours, theirs: Standard deviations, shape (n,).
+        ours: Standard deviations, shape (n,).
+        theirs: The same.
         prior: Before any test, shape (n,).
     """
-    known = np.minimum(ours, theirs) < LEARNT * prior
+    known = identified(ours, theirs, prior)
     return float(np.exp(2.0 * np.mean(np.log(ours[known] / theirs[known]))))

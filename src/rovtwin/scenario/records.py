@@ -73,7 +73,8 @@ def trial_records(
         kept.append(jax.device_get(given))
         progress(min(1.0, (k + ticks) / total))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1)[:, :total], *kept)
-    return [_records(first, jax.tree.map(lambda leaf, i=i: leaf[i], whole), seed) for i, seed in enumerate(seeds)]
+    flown = [scenario.model_copy(update={"seed": seed}) for seed in seeds]
+    return [records_of(first, one, jax.tree.map(lambda leaf, i=i: leaf[i], whole)) for i, one in enumerate(flown)]
 
 
 def _plant(scenario: Scenario, first: Composed, seed: int) -> Model:
@@ -110,15 +111,24 @@ def _advance(
     return batched(fly_one)(plants, memories)
 
 
-def _records(run: Composed, given: Any, seed: int) -> list[Record]:
-    """The Records of one vehicle from its commands, readings and phases, leading axis ticks."""
+def records_of(run: Composed, scenario: Scenario, given: Any) -> list[Record]:
+    """The Records of one vehicle.
+
+    Args:
+        run: Its sensors and what it is.
+        scenario: The test that it flew.
+        given: Commands, readings, phases and reasons, leading axis ticks.
+
+    Raises:
+        ConfigError: It was aborted.
+    """
     command, measurements, phase, reason = given
-    scenario, dt = run.scenario, run.scenario.control_dt
+    dt = scenario.control_dt
     if (phase == ABORTED).any():
         k = int(np.argmax(phase == ABORTED))
         raise ConfigError(
-            f"{scenario.name}, seed {seed}: aborted after {k * dt:.0f} s ({REASONS[int(reason[k])]}); use smaller "
-            "commands, or other limits in autopilot.supervisor"
+            f"{scenario.name}, seed {scenario.seed}: aborted after {k * dt:.0f} s ({REASONS[int(reason[k])]}); "
+            "use smaller commands, or other limits in autopilot.supervisor"
         )
     water = scenario.world.water
     whole = Record(
@@ -129,7 +139,7 @@ def _records(run: Composed, given: Any, seed: int) -> list[Record]:
         end=len(command) * dt,
         water_density=run.vehicle.assembly.density if water is None else water.kg_per_m3,
         tether_length=run.paid_out,
-        source=f"{scenario.name}, seed {seed}",
+        source=f"{scenario.name}, seed {scenario.seed}",
     )
     return [whole.cut(start, end) for start, end in free_spans(scenario)]
 

@@ -1,0 +1,117 @@
+"""rovtwin plan-tests: which test tells most about a vehicle in the time and the tank that there are."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
+
+if TYPE_CHECKING:
+    from rovtwin.scenario.plan_tests import Plan
+
+
+def plan_tests(
+    vehicle: Annotated[str, typer.Argument(help="A library name or a file; identified.yaml after an earlier test.")],
+    minutes: Annotated[float, typer.Option(min=0.5, max=240, help="Of test, ways home included.")] = 15.0,
+    tank: Annotated[str, typer.Option(help="Length x width x depth of the water [m].")] = "6x3x1.5",
+    bollard: Annotated[
+        float, typer.Option(min=0, max=1, help="Full thrust is known to this share from a pull on a scale; 0: unknown.")
+    ] = 0.02,
+    seed: Annotated[int, typer.Option(min=0, help="Of the multi-sines to choose from.")] = 1,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Scenario to write.")] = Path("planned_test.yaml"),
+    picture: Annotated[Path | None, typer.Option("--figure", help="Write a figure, .png, .svg or .pdf.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Lay out the test that is expected to tell most about a vehicle, and write it as a scenario.
+
+    Multi-sines, doublets and releases are flown by the twin; those that stay within thrusters, tank and depth are
+    judged by the information that they give about the parameters, and the best are put together. Beside it stands what
+    the thesis's steady steps would tell in the same time.
+
+    Example: [bold]rovtwin plan-tests double_blueye --minutes 15 --tank 6x3x1.5 --figure plan.png[/bold]
+
+    Then [bold]rovtwin fly planned_test.yaml[/bold] rehearses it on the twin.
+    """
+    from rovtwin.scenario.plan_tests import Tank, plan_tests, write_plan
+    from rovtwin.vehicle import load_vehicle
+
+    size = Tank.parse(tank)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console(True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task("compiling", total=1.0)
+        plan = plan_tests(
+            load_vehicle(vehicle),
+            vehicle,
+            minutes,
+            size,
+            bollard=bollard or None,
+            seed=seed,
+            progress=lambda what, share: bar.update(task, description=what, completed=share),
+        )
+    write_plan(plan, out)
+    if picture:
+        from rovtwin.scenario.plan_tests import plan_picture
+
+        plan_picture(plan, size).savefig(picture, dpi=150)
+    if as_json:
+        emit(_as_data(plan) | {"scenario": str(out)})
+        raise typer.Exit(DONE)
+    _print(plan, console(False))
+    console(False).print(f"wrote {out}: rovtwin fly {out}", markup=False, soft_wrap=True)
+
+
+def _print(plan: "Plan", screen: Any) -> None:
+    expected = plan.expected
+    rows = table(
+        "expected standard deviations, shares of the value where it is positive",
+        "parameter", "value", "before", "after", "steady steps", "variance ratio",
+    )  # fmt: skip
+    for i, name in enumerate(expected.names):
+        scale = 1.0 if expected.relative[i] else 0.0
+        cells = [_sd(s[i], bool(scale)) for s in (expected.prior, expected.plan, plan.thesis)]
+        ratio = f"{(expected.plan[i] / plan.thesis[i]) ** 2:.2f}" if plan.known[i] else "not learnt"
+        rows.add_row(name, figure(float(expected.values[i])), *cells, ratio)
+    screen.print(rows)
+    minutes = expected.each_minute()
+    shown = [m for m in minutes if m[0] in (1, 2, 3, 5, 7, 10, 15, 20, 30, 45, 60)]
+    line = ", ".join(f"{m:.0f} min: {100 * left:.1f} %" for m, left in shown)
+    screen.print(f"\nlearnt: {int(expected.learnt.sum())} of {len(expected.names)} parameters")
+    if shown:
+        screen.print(f"standard deviation over the one before, geometric mean: {line}")
+    if len(minutes) > 1:
+        screen.print(f"the last minute took another {100 * (1 - minutes[-1][1] / minutes[-2][1]):.1f} % off")
+    screen.print(
+        f"variances over those of the thesis's steady steps in the same time, geometric mean: {plan.ratio:.2f}"
+    )
+    screen.print(f"the hull stays {plan.room:.2f} m clear of walls, floor and surface, by the twin")
+
+
+def _sd(value: float, relative: bool) -> str:
+    return f"{100 * value:.2g} %" if relative else figure(float(value))
+
+
+def _as_data(plan: "Plan") -> dict[str, Any]:
+    expected = plan.expected
+    rows = zip(
+        expected.names, expected.values, expected.relative, expected.prior, expected.plan, plan.thesis, strict=True
+    )
+    keys = ("name", "value", "relative", "sd_before", "sd_after", "sd_after_steady_steps")
+    return {
+        "minutes": float(expected.minutes[-1]),
+        "parameters": [dict(zip(keys, _plain(row), strict=True)) for row in rows],
+        "variance_ratio": plan.ratio,
+        "each_minute": expected.each_minute(),
+        "room_m": plan.room,
+        "manoeuvres": plan.manoeuvres,
+    }
+
+
+def _plain(row: tuple[Any, ...]) -> list[Any]:
+    return [value if isinstance(value, str) else bool(value) if i == 2 else float(value) for i, value in enumerate(row)]

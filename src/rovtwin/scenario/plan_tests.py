@@ -1,0 +1,378 @@
+"""Planning a test: candidates flown by the twin within a tank, the best of them chosen, a scenario written.
+
+The candidates' commands are those of the closed loop (holding, the weak spring to the start), flown by the vehicle as
+it is believed to be. What each would tell about the parameters follows from the derivatives of the twin along its path
+(`identification.experiment`).
+"""
+
+import math
+import pathlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import yaml
+from matplotlib.figure import Figure
+
+from rovtwin.core.config import parse
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import jax
+from rovtwin.gnc.trial import mixing
+from rovtwin.identification.estimate import Gaussian
+from rovtwin.identification.experiment import (
+    Expected,
+    Information,
+    Path,
+    choose_tests,
+    expected,
+    identified,
+    sensitivities,
+    variance_ratio,
+    with_anchors,
+)
+from rovtwin.identification.identify import default_free
+from rovtwin.identification.parameters import Parameters, catalogue, choose
+from rovtwin.identification.prior import default_prior
+from rovtwin.identification.record import Record
+from rovtwin.report.test_plan import PlannedTest, draw_test_plan
+from rovtwin.scenario.compose_trial import pieces_of, spans_of
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.rehearsal import Rehearsed, rehearse
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.schema.trial import AXES
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.reach import wrench_limits
+
+PULL, HOME, HAND, DECAY = 30.0, 10.0, 8.0, 20.0  # of candidates: excitation, way home; hand, decay [s]
+MARGIN = 0.15  # between hull and wall on the predicted path [m]
+BOLLARD = 0.02  # full thrust is known to, before the test
+TOUCHING, ROUNDS = 0.03, 8  # room that is left in the whole plan [m]; how often one is looked for
+HULL_EVERY = 5  # ticks between looks at the hull
+THESIS = "test_steps_thesis"
+SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Tank:
+    """Length (along the start's heading, north), width and depth of the water [m]."""
+
+    length: float
+    width: float
+    depth: float
+
+    @classmethod
+    def parse(cls, text: str) -> "Tank":
+        """Of `6x3x1.5`.
+
+        Raises:
+            ConfigError: Something else.
+        """
+        try:
+            sizes = [float(piece) for piece in text.lower().replace("m", "").split("x")]
+        except ValueError:
+            sizes = []
+        if len(sizes) != 3 or min(sizes) <= 0 or max(sizes) > 1000:
+            raise ConfigError(f"--tank: found {text!r}, expected length x width x depth in metres, such as 6x3x1.5")
+        return cls(*sizes)
+
+    @property
+    def middle(self) -> list[float]:
+        """Where tests start [m]."""
+        return [0.0, 0.0, 0.5 * self.depth]
+
+    def nearest(self, corners: np.ndarray) -> tuple[float, int]:
+        """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""
+        half = 0.5 * np.array([self.length, self.width, self.depth])
+        room = (half - np.abs(corners - np.array(self.middle))).min(axis=(1, 2))
+        return float(room.min()), int(room.argmin())
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A test that is laid out.
+
+    Attributes:
+        scenario: To fly.
+        expected: What it should tell.
+        thesis: Standard deviations after the thesis's steady steps, in open water, in the same time, shape (n,).
+        ratio: Geometric mean of the variances over the thesis's, of what at least one of both identifies.
+        flown: As the twin flies it: times, path, commands.
+        room: Between hull and walls on that path [m].
+        candidates: How many there were, and how many fitted the tank.
+        manoeuvres: Chosen, in words, in order.
+        model: Of the vehicle as it is believed to be.
+    """
+
+    scenario: Scenario
+    expected: Expected
+    thesis: np.ndarray
+    ratio: float
+    flown: Rehearsed
+    room: float
+    candidates: tuple[int, int]
+    manoeuvres: list[str]
+    model: Model
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which parameters the plan or the steady steps identify, shape (n,), bool."""
+        return identified(self.expected.plan, self.thesis, self.expected.prior)
+
+
+def write_plan(plan: Plan, path: pathlib.Path) -> None:
+    """The scenario, and in its head what it was laid out for.
+
+    Raises:
+        ConfigError: It cannot be written.
+    """
+    seconds = sum(len(piece.share) for piece in pieces_of(plan.scenario)) * plan.scenario.control_dt
+    head = [
+        f"# Laid out by rovtwin plan-tests: {seconds / 60:.1f} minutes, {len(plan.manoeuvres)} manoeuvres;",
+        f"# expected variances {plan.ratio:.2f} times those of the thesis's steady steps in the same time.",
+    ]
+    data = {"name": plan.scenario.name, "vehicle": plan.scenario.vehicle}
+    data |= plan.scenario.model_dump(mode="json", exclude_defaults=True)
+    body = yaml.safe_dump(data, sort_keys=False, width=120, default_flow_style=None)
+    try:
+        path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def plan_picture(plan: Plan, tank: Tank) -> Figure:
+    """Commands, path, expected standard deviations."""
+    mix = mixing(plan.model.thrusters.configuration)
+    able = np.abs(mix).max(axis=0) > 0
+    minutes = np.array(plan.expected.each_minute()).reshape(-1, 2)
+    return draw_test_plan(
+        PlannedTest(
+            title=f"{plan.scenario.vehicle}, {plan.expected.minutes[-1]:.1f} minutes",
+            t=plan.flown.t,
+            shares=plan.flown.command @ np.linalg.pinv(mix[:, able]).T,
+            axes=[axis for axis, can in zip(AXES, able, strict=True) if can],
+            position=plan.flown.position,
+            tank=(tank.length, tank.width, tank.depth),
+            names=plan.expected.names,
+            prior=plan.expected.prior,
+            plan=plan.expected.plan,
+            steady=plan.thesis,
+            minutes=minutes[:, 0],
+            left=minutes[:, 1],
+        )
+    )
+
+
+def plan_tests(
+    vehicle: Vehicle,
+    reference: str,
+    minutes: float,
+    tank: Tank,
+    bollard: float | None = BOLLARD,
+    seed: int = 1,
+    progress: Progress = lambda what, share: None,
+) -> Plan:
+    """The test of so many minutes in a tank that is expected to tell most about a vehicle.
+
+    Args:
+        vehicle: As it is believed to be.
+        reference: Its name or file, for the scenario.
+        minutes: Of test, ways home and hands included.
+        tank: It has to fit.
+        bollard: See `what_is_known`.
+        seed: Of the candidates' multi-sines.
+        progress: Told what is being done and how far it is, 0 to 1.
+
+    Raises:
+        ConfigError: The vehicle does not fit the tank, or no candidate does.
+        IdentificationError: Too little time for a single manoeuvre.
+    """
+    wanted = candidates(np.asarray(vehicle.model().thrusters.configuration), seed)
+    pulls = thesis_pulls()
+    progress("flying the candidates", 0.0)
+    open_water = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
+    flown = rehearse(open_water)
+    rooms = [-np.inf if one.aborted else tank.nearest(hull_on(vehicle, one))[0] for one in flown[: len(wanted)]]
+    usable = [i for i, room in enumerate(rooms) if room > MARGIN]
+    if not usable:
+        raise ConfigError(
+            f"--tank: every manoeuvre of {vehicle.name} comes nearer than {MARGIN:g} m to a wall, the surface or the "
+            f"floor (at best {max(rooms):.2f} m): it needs a larger tank"
+        )
+    progress("what each of them tells", 0.2)
+    parameters, prior = what_is_known(vehicle, bollard)
+    told = told_by(parameters, [*(flown[i] for i in usable), *flown[len(wanted) :]])
+    progress("choosing", 0.8)
+    ours, theirs = _split(told, len(usable))
+    # The steady steps, as often as they fit into the same time.
+    steady = np.sqrt(np.diag(theirs.covariance(prior, np.full(len(pulls), 60.0 * minutes / theirs.seconds.sum()))))
+    for left in range(ROUNDS, 0, -1):
+        order = choose_tests(prior, ours, 60.0 * minutes)
+        chosen = [wanted[usable[i]] for i in order]
+        progress("flying the plan", 1.0 - 0.15 * left / ROUNDS)
+        scenario = _scenario(reference, tank, chosen)
+        (whole,) = rehearse([scenario.model_copy(update={"rates": open_water[0].rates})])
+        room, at = tank.nearest(hull_on(vehicle, whole))
+        if room > TOUCHING and not whole.aborted:
+            break
+        # One that begins where the last one ended may come nearer to a wall than alone: it is left out.
+        number = _manoeuvre_at(scenario, whole.t[::HULL_EVERY][at])
+        ours.seconds[order[number]] = np.inf
+    hopes = expected(parameters, prior, ours, order)
+    return Plan(
+        scenario=scenario,
+        expected=hopes,
+        thesis=steady,
+        ratio=variance_ratio(hopes.plan, steady, hopes.prior),
+        flown=whole,
+        room=room,
+        candidates=(len(wanted), len(usable)),
+        manoeuvres=[in_words(one) for one in chosen],
+        model=vehicle.model(),
+    )
+
+
+def _manoeuvre_at(scenario: Scenario, t: float) -> int:
+    return next(span["manoeuvre"] for span in spans_of(scenario) if span["start"] - 1e-9 <= t < span["end"])
+
+
+def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Parameters, Gaussian]:
+    """Parameters that a test could tell, and what is known of them before.
+
+    Args:
+        vehicle: As it is believed to be.
+        bollard: Standard deviation of the full thrust in surge, sway and heave, as a share of it, from a pull on a
+            scale (thesis table 3.1); None: nobody pulled, and no motion tells the scale of all forces.
+    """
+    everything = catalogue(vehicle)
+    parameters = choose(everything, default_free(everything, []))
+    prior = default_prior(parameters)
+    if bollard is None:
+        return parameters, prior
+    full = np.asarray(wrench_limits(parameters.model.thrusters)[1])
+    pulls = [
+        {"bollard": {"direction": axis, "command": 1.0, "force": float(force), "sd": float(bollard * force)}}
+        for axis, force in zip(AXES[:3], full, strict=False)
+        if force > 0
+    ]
+    return parameters, with_anchors(parameters, prior, pulls)
+
+
+def told_by(parameters: Parameters, flown: Sequence[Rehearsed]) -> Information:
+    """What tests tell, by the sensors that identification counts on."""
+    tests = [[_with_signals(record) for record in one.records] for one in flown]
+    paths = [Path(one.t, one.position, one.attitude, one.nu) for one in flown]
+    seconds = [len(one.t) * one.scenario.control_dt for one in flown]
+    return sensitivities(parameters, tests, paths, seconds).information()
+
+
+def _with_signals(record: Record) -> Record:
+    return replace(record, signals={name: record.signals[name] for name in SIGNALS})
+
+
+def _split(told: Information, at: int) -> tuple[Information, Information]:
+    first = Information(told.matrices[:at], told.offsets, told.seconds[:at])
+    return first, Information(told.matrices[at:], told.offsets, told.seconds[at:])
+
+
+def hull_on(vehicle: Vehicle, flown: Rehearsed) -> np.ndarray:
+    """Corners of the hull along a path, n [m], shape (n, m, 3)."""
+    corners = np.asarray(vehicle.model().hull.corners)
+    R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
+    return flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
+
+
+_rotations = jax.jit(jax.vmap(rotation_from_quaternion))
+
+
+def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quick: bool = False) -> Scenario:
+    """A test in a tank; `quick` is for candidates: in open water, physics no faster than they need."""
+    half = [0.5 * tank.length, 0.5 * tank.width]
+    walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
+    data: dict[str, Any] = {
+        "name": "planned_test",
+        "vehicle": reference,
+        "start": {"position": tank.middle},
+        "sensors": {"position": {"noise": 0.03, "rate_hz": 15}},
+        "world": {"surface": False} if quick else walls,
+        "rates": {"physics": 100 if quick else 500},
+        "duration": 86_400,
+        "test": {"name": "planned", "manoeuvres": manoeuvres},
+    }
+    scenario = parse(Scenario, data, "plan")
+    seconds = sum(len(piece.share) for piece in pieces_of(scenario)) * scenario.control_dt
+    return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})
+
+
+def thesis_pulls() -> list[dict[str, Any]]:
+    """The thesis's steady steps and releases, one level each."""
+    test = load_scenario(THESIS).test
+    assert test is not None
+    pulls = []
+    for one in test.manoeuvres:
+        data = one.model_dump(mode="json")
+        pulls += [data | {"levels": [level]} for level in data["levels"]] if "levels" in data else [data]
+    return pulls
+
+
+def candidates(configuration: np.ndarray, seed: int) -> list[dict[str, Any]]:
+    """Manoeuvres to choose from, each with its way home.
+
+    Args:
+        configuration: T of the thrusters, shape (6, n): excited are axes that they push.
+        seed: Of multi-sines.
+    """
+    able = np.abs(mixing(configuration)).max(axis=0, initial=0.0) > 0
+    axes = [axis for axis, can in zip(AXES, able, strict=True) if can]
+    home = {"home": HOME}
+    found: list[dict[str, Any]] = []
+    for axis in axes:
+        for level in (0.3, 0.6, 1.0):
+            for time in (2.5, 5.0, 7.5):
+                repeat = max(1, round(PULL / (2 * time)))
+                found.append(
+                    home | {"manoeuvre": "doublets", "axis": axis, "level": level, "half": time, "repeat": repeat}
+                )
+    rng = np.random.default_rng(seed)
+    found += [home | _multisine(axes, rng) for _ in range(60)]
+    # Long pulls, which tell linear from quadratic drag: as far as the tank lets them go.
+    for axis in axes[:2]:
+        for level in (0.2, 0.4, 0.6, 0.8, 1.0):
+            steps = {"manoeuvre": "steps", "axis": axis, "levels": [level], "duration": PULL / 2, "alternate": True}
+            found.append(home | steps)
+    release = home | {"manoeuvre": "release", "by_hand": HAND, "duration": DECAY}
+    for angle in (15.0, 30.0, 45.0):
+        for tilt in ([angle, 0.0], [-angle, 0.0], [0.0, angle], [0.0, -angle], [0.7 * angle, 0.7 * angle]):
+            found.append(release | {"attitude_deg": tilt})
+    return found
+
+
+def _multisine(axes: list[str], rng: np.random.Generator) -> dict[str, Any]:
+    """Three sines on some axes, full commands at most, frequencies from those of drag to those of inertia."""
+    some = rng.choice(axes, size=rng.integers(1, len(axes) + 1), replace=False)
+    sines = {}
+    for axis in sorted(some.tolist(), key=AXES.index):
+        frequencies = np.sort(np.exp(rng.uniform(np.log(0.04), np.log(0.6), 3)))
+        amplitudes = rng.dirichlet(np.ones(3)) * rng.uniform(0.4, 1.0)
+        sines[axis] = {
+            "frequencies_hz": [round(float(f), 3) for f in frequencies],
+            "amplitudes": [round(float(max(a, 0.01)), 3) for a in amplitudes],
+            "phases_deg": [round(float(p), 1) for p in rng.uniform(-180, 180, 3)],
+        }
+    return {"manoeuvre": "multisine", "duration": PULL, "axes": sines}
+
+
+def in_words(manoeuvre: dict[str, Any]) -> str:
+    """A manoeuvre in a few words."""
+    match manoeuvre["manoeuvre"]:
+        case "doublets":
+            return f"{manoeuvre['axis']} doublets, level {manoeuvre['level']:g}, {manoeuvre['half']:g} s each way"
+        case "steps":
+            return f"{manoeuvre['axis']} steps, level {manoeuvre['levels'][0]:g}, ahead and astern"
+        case "multisine":
+            return f"multi-sine on {', '.join(manoeuvre['axes'])}"
+        case _:
+            roll, pitch = manoeuvre["attitude_deg"]
+            return f"released at roll {roll:g}, pitch {pitch:g} deg"

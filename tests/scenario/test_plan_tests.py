@@ -1,0 +1,84 @@
+"""Planned tests: candidates, tanks, the plan against the thesis's steady steps, and the command."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rovtwin.cli import app
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.compose_trial import spans_of
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.plan_tests import Tank, candidates, in_words, thesis_pulls, what_is_known
+from rovtwin.vehicle import load_vehicle
+
+
+def test_tanks_are_read_from_words():
+    tank = Tank.parse("6x3x1.5")
+    assert (tank.length, tank.width, tank.depth) == (6.0, 3.0, 1.5) and tank.middle == [0, 0, 0.75]
+    for text in ("6x3", "6x3xdeep", "6x-3x1", ""):
+        with pytest.raises(ConfigError, match="length x width x depth"):
+            Tank.parse(text)
+
+
+def test_the_distance_to_walls_counts_every_side():
+    tank, middle = Tank(6.0, 3.0, 1.5), np.array([0, 0, 0.75])
+    path = middle + np.array([[[0.0, 0, 0]], [[2.9, 0, 0]], [[0, -1.45, 0]], [[0, 0, 0.74]], [[0, 0, -0.74]]])
+    assert tank.nearest(path) == (pytest.approx(0.01), 3)
+    assert tank.nearest(path[:3]) == (pytest.approx(0.05), 2)
+    assert tank.nearest(middle + np.array([[[3.5, 0, 0]]]))[0] == pytest.approx(-0.5)
+
+
+def test_candidates_excite_only_what_thrusters_push():
+    pair = candidates(np.asarray(load_vehicle("double_blueye").model().thrusters.configuration), 1)
+    heavy = candidates(np.asarray(load_vehicle("bluerov2_heavy").model().thrusters.configuration), 1)
+
+    def axes(found):
+        return {axis for one in found for axis in [*one.get("axes", {}), *([one["axis"]] if "axis" in one else [])]}
+
+    assert axes(pair) == {"surge", "sway", "heave", "roll", "yaw"}
+    assert axes(heavy) == {"surge", "sway", "heave", "roll", "pitch", "yaw"}
+    assert all(in_words(one) for one in pair)
+    again = candidates(np.asarray(load_vehicle("double_blueye").model().thrusters.configuration), 1)
+    assert pair == again
+
+
+def test_the_steady_steps_are_the_thesis_protocol_pull_by_pull():
+    pulls = thesis_pulls()
+    assert len(pulls) == 6 + 4 + 4 + 5 + 2
+    assert all(len(one["levels"]) == 1 for one in pulls if one["manoeuvre"] == "steps")
+
+
+def test_a_pull_on_a_scale_is_known_before():
+    vehicle = load_vehicle("double_blueye")
+    parameters, prior = what_is_known(vehicle, 0.02)
+    _, unanchored = what_is_known(vehicle, None)
+    i = parameters.names.index("thrusters.surge.force_ahead")
+    assert np.sqrt(prior.covariance[i, i]) == pytest.approx(0.02, rel=0.05)
+    assert np.sqrt(unanchored.covariance[i, i]) == pytest.approx(0.15)
+
+
+@pytest.mark.slow  # half a minute to compile, a quarter of an hour of test flown
+def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
+    out, picture = tmp_path / "plan.yaml", tmp_path / "plan.png"
+    args = ["plan-tests", "double_blueye", "--minutes", "15", "--tank", "6x3x1.5", "-o", str(out)]
+    result = CliRunner().invoke(app, [*args, "--figure", str(picture), "--json"], catch_exceptions=False)
+    assert result.exit_code == 0
+    said = json.loads(result.stdout)
+    assert said["variance_ratio"] < 0.5, "half the variances, geometric mean"
+    assert said["minutes"] <= 15.0 and said["room_m"] > 0.0
+    learnt = [p for p in said["parameters"] if p["sd_after"] < 0.5 * p["sd_before"]]
+    assert len(learnt) >= 30
+    better = [p["name"] for p in learnt if p["sd_after"] < p["sd_after_steady_steps"]]
+    assert len(better) > 0.9 * len(learnt)
+    minutes = np.array(said["each_minute"])
+    assert np.all(np.diff(minutes[:, 1]) <= 0)
+    scenario = load_scenario(out)
+    assert spans_of(scenario)[-1]["end"] <= 900.0 and scenario.world.tank.north == [-3.0, 3.0]
+    assert picture.stat().st_size > 30_000
+
+
+def test_mistakes_of_the_command_are_said():
+    result = CliRunner().invoke(app, ["plan-tests", "double_blueye", "--tank", "6x3"])
+    assert isinstance(result.exception, ConfigError) and "6x3x1.5" in str(result.exception)
