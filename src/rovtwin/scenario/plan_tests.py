@@ -36,7 +36,7 @@ from rovtwin.identification.identify import default_free
 from rovtwin.identification.parameters import Parameters, catalogue, choose
 from rovtwin.identification.prior import default_prior
 from rovtwin.identification.record import Record
-from rovtwin.report.test_plan import PlannedTest, draw_test_plan
+from rovtwin.report.plan import PlannedTest, draw_test_plan
 from rovtwin.scenario.compose_trial import pieces_of, spans_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.rehearsal import Rehearsed, rehearse

@@ -62,7 +62,8 @@ class PlannedTest:
 def draw_test_plan(test: PlannedTest) -> Figure:
     """Commands on top; path from above and from the side; expected standard deviations; what each minute buys."""
     figure = new_figure(9.6)
-    upper, lower = np.atleast_1d(figure.subfigures(2, 1, height_ratios=[1.0, 1.55]))
+    halves = figure.add_gridspec(2, 1, height_ratios=[1.0, 1.55])
+    upper, lower = figure.add_subfigure(halves[0]), figure.add_subfigure(halves[1])
     strips = np.atleast_1d(upper.subplots(len(test.axes), 1, sharex=True))
     for axes, name, share, colour in zip(strips, test.axes, test.shares.T, SERIES, strict=False):
         dress(axes, name, ticks=2)
@@ -70,7 +71,8 @@ def draw_test_plan(test: PlannedTest) -> Figure:
         axes.set_ylim(-1.1, 1.1)
     dress(strips[-1], test.axes[-1], "Time [min]", ticks=2)
     name_panel(strips[0], f"{test.title}: commands, shares of full")
-    left, right = np.atleast_1d(lower.subfigures(1, 2, width_ratios=[1.0, 1.35]))
+    sides = lower.add_gridspec(1, 2, width_ratios=[1.0, 1.35])
+    left, right = lower.add_subfigure(sides[0]), lower.add_subfigure(sides[1])
     above, side, gain = left.subplots(3, 1, height_ratios=[1.2, 0.8, 1.0])
     _path(above, test, 1, 0)
     _path(side, test, 0, 2)
