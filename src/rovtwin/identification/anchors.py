@@ -11,6 +11,7 @@ import numpy as np
 from rovtwin.core.config import Number, Positive, Strict, parse
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.estimate import Static
 from rovtwin.identification.parameters import DIRECTIONS, Parameters
 from rovtwin.vehicle.dynamics import damping_wrench
 from rovtwin.vehicle.model import Model
@@ -47,10 +48,8 @@ class Anchor(Strict):
 Predicted = Callable[[Model], Array]
 
 
-def static_evidence(
-    parameters: Parameters, anchors: Sequence[Mapping[str, Any]]
-) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None:
-    """Whitened residuals and Jacobian of anchors, as functions of theta; None without anchors.
+def static_evidence(parameters: Parameters, anchors: Sequence[Mapping[str, Any]]) -> Static | None:
+    """Whitened residuals of anchors, as a function of theta; None without anchors.
 
     Raises:
         IdentificationError: An anchor is neither a bollard pull nor a towing table, or no thruster pushes that way.
@@ -63,8 +62,7 @@ def static_evidence(
         model, _ = parameters.model_at(theta)
         return jnp.concatenate([(predict(model) - measured) / sd for predict, measured, sd in parts])
 
-    compiled = jax.jit(lambda theta: (residuals(theta), jax.jacfwd(residuals)(theta)))
-    return lambda theta: tuple(np.asarray(x) for x in compiled(jnp.asarray(theta)))  # type: ignore[return-value]  (two)
+    return residuals
 
 
 def _part(parameters: Parameters, data: Mapping[str, Any], number: int) -> tuple[Predicted, np.ndarray, float]:

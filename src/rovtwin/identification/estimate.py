@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.numerics import jax
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.arrow import Arrow
 from rovtwin.identification.segments import nodes_from_data
 from rovtwin.identification.shooting import NODE, Blocks, Nodes, Shooting, difference, moved
@@ -25,7 +25,7 @@ _HELD = 1e-6  # offset of a sensor whose own zero is the reference
 _FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5, "gyro": 1e-5, "velocity": 1e-5}
 _FLOOR["accelerometer"] = 1e-3
 
-_FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
+FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
 _DEFECT = np.array([1e-4] * 6 + [0.02] * 6)  # to start from; those of position and attitude stay: they are kinematics
 _DEFECT_FLOOR = 1e-5
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
@@ -43,8 +43,8 @@ class Gaussian:
         return np.linalg.inv(self.covariance)
 
 
-Static = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Evidence that is not a motion (a bollard pull, a towing table): whitened residuals (k,) and their Jacobian (k, n)."""
+Static = Callable[[Array], Array]
+"""Evidence that is no motion (a bollard pull, a towing table): whitened residuals (k,) at theta; differentiable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +100,12 @@ class Problem:
         """`shooting` may be used for several problems of equal shape; it is compiled once."""
         self.shooting, self.prior, self.static = shooting, prior, static
         self.segments = shooting.segments
+        self.guess = Nodes(**nodes_from_data(self.segments))
         self.groups = self.segments.groups
         self._information = prior.information
-        self._offset_information = np.array([self._offset_width(name, i) for name, i in self.groups]) ** -2.0
+        self.offset_information = np.array([self._offset_width(name, i) for name, i in self.groups]) ** -2.0
         self._starts = np.array(self.segments.first)
+        self._static = None if static is None else jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
 
     def _offset_width(self, name: str, i: int) -> float:
         # Depth next to a full position has a zero of its own; every other position says where the origin is.
@@ -113,13 +115,11 @@ class Problem:
 
     def start(self) -> tuple[Unknowns, Noise]:
         """Prior mean, nodes from smoothed readings, declared or usual noise."""
-        nodes = Nodes(**nodes_from_data(self.segments))
         sigma = [self.segments.sigma[name][i] for name, i in self.groups]
         usual = [_SIGMA[name] for name, _ in self.groups]
         sigma = np.where(np.isfinite(sigma), sigma, usual)
-        return Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), nodes), Noise(
-            _CAUTION * sigma, _DEFECT.copy()
-        )
+        unknowns = Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), self.guess)
+        return unknowns, Noise(_CAUTION * sigma, _DEFECT.copy())
 
     def blocks(self, unknowns: Unknowns, noise: Noise) -> Blocks:
         """Of the readings and defects, as NumPy arrays."""
@@ -128,7 +128,7 @@ class Problem:
         )
         return jax.tree.map(np.asarray, found)
 
-    def assembled(self, blocks: Blocks, unknowns: Unknowns, guess: Nodes, noise: Noise) -> tuple[Arrow, float]:
+    def assembled(self, blocks: Blocks, unknowns: Unknowns, noise: Noise) -> tuple[Arrow, float]:
         """Normal equations of a step, and the cost here."""
         S, n, G = self.segments.count, len(self.prior.mean), len(self.groups)
         weight = noise.sigma**-2.0
@@ -151,23 +151,29 @@ class Problem:
         b_corner[:n] -= np.einsum("sia,si->a", by_theta, d)
         cost += float(np.sum(d**2))
         # Starts, prior, offsets, static evidence.
-        off = np.stack([np.asarray(difference(_at(unknowns.nodes, s), _at(guess, s))) for s in self._starts])
-        own[self._starts] += np.diag(_FIRST_NODE**-2.0)
-        b_node[self._starts] -= off / _FIRST_NODE**2
+        off = self.start_errors(unknowns.nodes)
+        own[self._starts] += np.diag(FIRST_NODE**-2.0)
+        b_node[self._starts] -= off / FIRST_NODE**2
         gap = unknowns.theta - self.prior.mean
         corner[:n, :n] += self._information
         b_corner[:n] -= self._information @ gap
-        corner[n:, n:] += np.diag(self._offset_information)
-        b_corner[n:] -= self._offset_information * unknowns.offsets
-        cost += float(np.sum((off / _FIRST_NODE) ** 2) + gap @ self._information @ gap)
-        cost += float(self._offset_information @ unknowns.offsets**2)
-        if self.static is not None:
-            r, Jr = self.static(unknowns.theta)
+        corner[n:, n:] += np.diag(self.offset_information)
+        b_corner[n:] -= self.offset_information * unknowns.offsets
+        cost += float(np.sum((off / FIRST_NODE) ** 2) + gap @ self._information @ gap)
+        cost += float(self.offset_information @ unknowns.offsets**2)
+        if self._static is not None:
+            r, Jr = (np.asarray(x) for x in self._static(jnp.asarray(unknowns.theta)))
             corner[:n, :n] += Jr.T @ Jr
             b_corner[:n] -= Jr.T @ r
             cost += float(r @ r)
         assert border.shape == (S, NODE, n + G)
         return Arrow(own, _gram(here, there), border, corner, b_node, b_corner), cost
+
+    def start_errors(self, nodes: Nodes) -> np.ndarray:
+        """How far the start of each record is from where the readings put it, shape (records, 12)."""
+        return np.asarray(
+            _differences(*(jax.tree.map(lambda x: np.asarray(x)[self._starts], n) for n in (nodes, self.guess)))
+        )
 
     def noise_from(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> tuple[Noise, np.ndarray]:
         """Variances from squares over redundancies, and the redundancies of the readings."""
@@ -234,9 +240,9 @@ class Problem:
             IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
         """
         here, noise = self.start() if start is None else start
-        guess, damping, steps = here.nodes, 1e-3, 0
+        damping, steps = 1e-3, 0
         blocks = self.blocks(here, noise)
-        arrow, cost = self.assembled(blocks, here, guess, noise)
+        arrow, cost = self.assembled(blocks, here, noise)
         if not np.isfinite(cost):
             raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
         change, redundancy = np.inf, np.ones(len(self.groups))
@@ -248,7 +254,7 @@ class Problem:
             x, corner = arrow.damped(damping).factor().solve()
             trial = self._stepped(here, x, corner)
             new = self.blocks(trial, noise)
-            new_arrow, new_cost = self.assembled(new, trial, guess, noise)
+            new_arrow, new_cost = self.assembled(new, trial, noise)
             steps += 1
             if not np.isfinite(new_cost) or new_cost > cost * (1 + 1e-9):
                 damping = max(damping, 1e-6) * 8
@@ -264,8 +270,8 @@ class Problem:
                 ratio = np.concatenate([updated.sigma / noise.sigma, updated.defect / noise.defect])
                 noise_settled = bool(np.all(np.abs(np.log(ratio)) < settled))
                 noise = updated
-                arrow, _ = self.assembled(blocks, here, guess, noise)
-            cost = self.assembled(blocks, here, guess, noise)[1]
+                arrow, _ = self.assembled(blocks, here, noise)
+            cost = self.assembled(blocks, here, noise)[1]
             if progress:
                 progress(steps, change)
         return self._solution(here, noise, arrow, redundancy, change < 0.01, steps, cost)
@@ -306,8 +312,5 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.swapaxes(a, 1, 2) @ b
 
 
-def _at(nodes: Nodes, s: int) -> Nodes:
-    return Nodes(*(np.asarray(x)[s] for x in nodes))
-
-
 _moved_all = jax.jit(jax.vmap(moved))
+_differences = jax.jit(jax.vmap(difference))
