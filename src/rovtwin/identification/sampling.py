@@ -107,9 +107,7 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
             group += k
         off = theta - problem.prior.mean
         total += off @ information @ off + jnp.asarray(problem.offset_information) @ offsets**2
-        starts = x[n + G :].reshape(-1, NODE)[np.array(problem.segments.first)] + jnp.asarray(
-            problem.start_errors(here.nodes)
-        )
+        starts = x[n + G :].reshape(-1, NODE)[np.array(problem.segments.first)] + start_errors
         total += jnp.sum((starts / FIRST_NODE) ** 2)
         if problem.static is not None:
             total += jnp.sum(problem.static(jnp.asarray(theta)) ** 2)
