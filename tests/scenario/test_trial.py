@@ -12,6 +12,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
 from rovtwin.gnc.trial import mixing
+from rovtwin.identification.readers import read_records
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.verdict import verdict
 from rovtwin.scenario.compose_trial import pieces_of, spans_of
@@ -167,6 +168,23 @@ def test_records_are_what_the_log_holds_without_the_hands(flight, records, scena
             )
         assert record.water_density == 1000.0 and record.tether_length == 0.0
         assert record.signals["horizontal"].sigma == pytest.approx([0.03, 0.03])
+
+
+def test_identification_reads_the_log_and_leaves_out_the_hands(flight, records):
+    read = read_records(flight.folder / "log.mcap", load_vehicle("double_blueye"))
+    assert len(read) == len(records[0]) == 2
+    for own, mine in zip(read, records[0], strict=True):
+        assert own.duration == pytest.approx(mine.duration, abs=0.1)
+        # The reader's clock is zero at the first sample.
+        middle = 0.5 * (mine.start + mine.end)
+        shift = own.end - mine.end
+        assert abs(shift) < 0.1
+        assert own.command_at(np.array([middle + shift])) == pytest.approx(
+            mine.command_at(np.array([middle])), abs=0.05
+        )
+        assert own.signals["horizontal"].sigma == pytest.approx([0.03, 0.03])
+        assert own.water_density == 1000.0 and own.tether_length == 0.0
+    assert np.degrees(read[1].signals["attitude"].value[0, 0]) == pytest.approx(30, abs=1), "from when it was let go"
 
 
 def test_vehicles_side_by_side_have_noise_and_parameters_of_their_own(scenario, records):

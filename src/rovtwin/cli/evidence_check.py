@@ -43,7 +43,7 @@ def check(
 def _checked(files: list[Path], name: str | None, as_json: bool) -> Checked:
     from rovtwin.identification.checks import check_record
     from rovtwin.identification.evidence_file import read_evidence
-    from rovtwin.identification.readers import Test, read_record, read_tests
+    from rovtwin.identification.readers import Test, read_records, read_tests
     from rovtwin.vehicle import load_vehicle
 
     evidence = read_evidence(files[0]) if files[0].suffix in (".yaml", ".yml") else None
@@ -54,7 +54,9 @@ def _checked(files: list[Path], name: str | None, as_json: bool) -> Checked:
         raise IdentificationError("no vehicle; give --vehicle NAME, or 'vehicle' in the evidence file")
     vehicle = load_vehicle(known)
     model = vehicle.model()
-    tests = read_tests(evidence, vehicle) if evidence else [Test(read_record(f, vehicle), "fit") for f in files]
+    tests = (
+        read_tests(evidence, vehicle) if evidence else [Test(r, "fit") for f in files for r in read_records(f, vehicle)]
+    )
     rows: Checked = []
     with console(as_json).status("checking") as status:
         for test in tests:

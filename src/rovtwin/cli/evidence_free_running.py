@@ -68,11 +68,11 @@ def free_running(
 def _records(path: Path, vehicle: "Vehicle") -> "list[Record]":
     """Of a log, or of the logs that an evidence file gives for fitting."""
     from rovtwin.identification.evidence_file import read_evidence
-    from rovtwin.identification.readers import read_record, read_tests
+    from rovtwin.identification.readers import read_records, read_tests
 
     if path.suffix.lower() in (".yaml", ".yml"):
         return [test.record for test in read_tests(read_evidence(path), vehicle) if test.use == "fit"]
-    return [read_record(path, vehicle)]
+    return read_records(path, vehicle)
 
 
 def _baseline(fit: Any, model: Any, records: Any, options: dict[str, Any]) -> "FreeRunning | None":

@@ -95,15 +95,15 @@ def _records(
     vehicle: Any, said: Any, logs: list[Path], validate: list[Path], fit_share: float | None
 ) -> tuple[list["Record"], list["Record"]]:
     """Tests to fit and tests to predict."""
-    from rovtwin.identification.readers import read_record, read_tests
+    from rovtwin.identification.readers import read_records, read_tests
 
     if fit_share is not None and not 0 < fit_share <= 1:
         raise IdentificationError(f"--fit-share: found {fit_share:g}, expected more than 0 and at most 1")
     tests = read_tests(said, vehicle) if said else []
     fitted = [t.record for t in tests if t.use == "fit"]
     held_out = [t.record for t in tests if t.use == "validate"]
-    own = [read_record(path, vehicle) for path in logs]
-    held_out += [read_record(path, vehicle) for path in validate]
+    own = [record for path in logs for record in read_records(path, vehicle)]
+    held_out += [record for path in validate for record in read_records(path, vehicle)]
     share = fit_share if fit_share is not None else (1.0 if held_out or not own else 0.8)
     for record in own:
         if share == 1.0:

@@ -58,6 +58,7 @@ class Raw:
         water_density: Where the file says it [kg/m3].
         tether_length: Paid out, where the file says it [m].
         notes: What was left out while reading.
+        touched: From and to [s], by the file's clock: somebody held the vehicle, which no model knows of.
     """
 
     path: Path
@@ -67,6 +68,7 @@ class Raw:
     water_density: float | None = None
     tether_length: float | None = None
     notes: tuple[str, ...] = ()
+    touched: tuple[tuple[float, float], ...] = ()
 
     def table(self, name: str | None, where: str) -> Table:
         """The table of that name; without a name the only one."""

@@ -21,6 +21,7 @@ from rovtwin.identification.response import commanded_motion
 from rovtwin.identification.timing import ClockFit, align
 from rovtwin.vehicle import Vehicle
 
+SHORTEST = 1.0  # time in nobody's hands that is worth a Record [s]
 SUFFIXES = {
     ".csv": "csv",
     ".txt": "csv",
@@ -94,7 +95,7 @@ def read_raw(path: Path, source: SourceSpec, vehicle: Vehicle) -> Raw:
 
 
 def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None) -> Record:
-    """One test as a Record, its clock zero at the first sample.
+    """One test as a Record, its clock zero at the first sample; see `read_records` where a hand touched the vehicle.
 
     Args:
         path: Of the recording; with a spec of several files, the folder to which their names are relative.
@@ -104,6 +105,23 @@ def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None)
     Raises:
         IdentificationError: What was found, what was expected, the fix.
     """
+    return _read(path, vehicle, spec)[0]
+
+
+def read_records(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None) -> list[Record]:
+    """The same, cut where somebody held the vehicle, as before a decay test: one Record for each time it was let go."""
+    record, touched = _read(path, vehicle, spec)
+    starts = [record.start, *(end for _, end in touched)]
+    ends = [*(start for start, _ in touched), record.end]
+    free = [(max(a, record.start), min(b, record.end)) for a, b in zip(starts, ends, strict=True)]
+    kept = [(a, b) for a, b in free if b - a > SHORTEST]
+    if not touched:
+        return [record]
+    return [replace(record.cut(a, b), name=f"{record.name}, {a:.0f} to {b:.0f} s") for a, b in kept]
+
+
+def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Record, list[tuple[float, float]]]:
+    """The Record, and from when to when it was touched, by its clock."""
     path = Path(path)
     spec = spec or LogSpec.model_validate({"file": path.name})
     located = [path / source.file if spec.files else path for source in spec.sources]
@@ -115,7 +133,8 @@ def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None)
     parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
     merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
     origin = merged.first
-    return _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
+    record = _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
+    return record, [(a - origin, b - origin) for a, b in raws[0].touched]
 
 
 def _on_one_clock(parts: list[Part], sources: list[SourceSpec], vehicle: Vehicle) -> list[Part]:
@@ -211,14 +230,20 @@ def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
     tests = []
     for spec in evidence.file.logs:
         path = evidence.path.parent if spec.files else evidence.locate(spec.file)
-        record = read_record(path, vehicle, spec)
-        if spec.fit_share is None:
-            tests.append(Test(record, spec.use))
-            continue
-        split = record.start + spec.fit_share * record.duration
-        tests.append(Test(replace(record.cut(record.start, split), name=f"{record.name} (fitted part)"), "fit"))
-        tests.append(Test(replace(record.cut(split, record.end), name=f"{record.name} (held out)"), "validate"))
+        for record in read_records(path, vehicle, spec):
+            tests += _for_use(record, spec)
     return tests
 
 
-__all__ = ["Test", "detect", "read_raw", "read_record", "read_tests"]
+def _for_use(record: Record, spec: LogSpec) -> list[Test]:
+    if spec.fit_share is None:
+        return [Test(record, spec.use)]
+    split = record.start + spec.fit_share * record.duration
+    first, rest = record.cut(record.start, split), record.cut(split, record.end)
+    return [
+        Test(replace(first, name=f"{record.name} (fitted part)"), "fit"),
+        Test(replace(rest, name=f"{record.name} (held out)"), "validate"),
+    ]
+
+
+__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]

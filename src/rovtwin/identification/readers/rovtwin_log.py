@@ -57,7 +57,7 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
     if not signals:
         raise IdentificationError(f"{path}: no readings; fly with log.sensors: true")
     told = CommandSpec.model_validate({"from": COMMANDS})
-    return Raw(path, tables, signals, told, _density(log), _tether_length(log), log.notes)
+    return Raw(path, tables, signals, told, _density(log), _tether_length(log), log.notes, _touched(log))
 
 
 def _check_thrusters(path: Path, found: tuple[str, ...], vehicle: Vehicle) -> None:
@@ -93,4 +93,18 @@ def _density(log: Log) -> float | None:
 def _tether_length(log: Log) -> float | None:
     """All that is paid out, on average [m]; a winch would count it."""
     lengths = [log[name]["paid_out"] for name in log if name.startswith("truth/tether/")]
-    return float(sum(np.mean(length) for length in lengths)) if lengths else None
+    if lengths:
+        return float(sum(np.mean(length) for length in lengths))
+    try:
+        return float(log.metadata.get("tether_length", ""))
+    except ValueError:
+        return None
+
+
+def _touched(log: Log) -> tuple[tuple[float, float], ...]:
+    """When a hand tilted the vehicle before a decay test."""
+    try:
+        spans = json.loads(log.metadata.get("test", "") or "[]")
+    except ValueError:
+        return ()
+    return tuple((float(span["start"]), float(span["end"])) for span in spans if span["hand"])
