@@ -99,8 +99,8 @@ def test_information_is_that_of_finite_differences_of_the_plant(parameters, sens
     assert found == pytest.approx(wanted, rel=2e-3, abs=2e-3 * np.abs(wanted).max())
 
 
-def test_what_is_not_excited_stays_as_unknown_as_before(parameters, sensed):
-    prior = default_prior(parameters)
+def test_what_is_not_excited_stays_as_unknown_as_before(vehicle, parameters, sensed):
+    prior = default_prior(parameters, vehicle)
     told = sensed.information()
     after = np.sqrt(np.diag(told.covariance(prior, np.array([100.0, 0, 0]))) / np.diag(prior.covariance))
     by_name = dict(zip(parameters.names, after, strict=True))
@@ -124,7 +124,7 @@ def test_what_a_model_misses_costs_information(sensed):
 
 def test_pulls_on_a_scale_narrow_the_prior_of_thrust(vehicle):
     parameters = chosen(vehicle, "thrusters.surge.force_ahead", "thrusters.sway.force_ahead")
-    before = default_prior(parameters)
+    before = default_prior(parameters, vehicle)
     pull = {"bollard": {"direction": "surge", "force": 20.0, "sd": 0.4}}
     after = with_anchors(parameters, before, [pull])
     assert np.sqrt(after.covariance[0, 0]) == pytest.approx(0.02, rel=0.02)

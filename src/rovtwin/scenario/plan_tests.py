@@ -34,6 +34,7 @@ from rovtwin.identification.experiment import (
 )
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.parameters import Parameters, catalogue, choose
+from rovtwin.identification.payload import prior_from
 from rovtwin.identification.prior import default_prior
 from rovtwin.identification.record import Record
 from rovtwin.report.plan import PlannedTest, draw_test_plan
@@ -248,7 +249,9 @@ def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Pa
     """
     everything = catalogue(vehicle)
     parameters = choose(everything, default_free(everything, []))
-    prior = default_prior(parameters)
+    prior = default_prior(parameters, vehicle)
+    if vehicle.file.identified is not None:
+        prior = prior_from(vehicle, parameters, prior, None)
     if bollard is None:
         return parameters, prior
     full = np.asarray(wrench_limits(parameters.model.thrusters)[1])
