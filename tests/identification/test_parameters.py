@@ -1,0 +1,157 @@
+"""Names, transforms and the way from theta to a Model."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import jax
+from rovtwin.identification.anchors import static_evidence
+from rovtwin.identification.groups import thruster_groups
+from rovtwin.identification.options import Options
+from rovtwin.identification.parameters import catalogue, choose
+from rovtwin.identification.prior import default_prior
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.damping import Damping
+from rovtwin.vehicle.soundness import driving_velocity
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return load_vehicle("double_blueye")
+
+
+@pytest.fixture(scope="module")
+def everything(vehicle):
+    return catalogue(vehicle)
+
+
+@pytest.fixture(scope="module")
+def model_at(everything):
+    return jax.jit(lambda theta: everything.model_at(theta)[0])
+
+
+def test_groups_follow_names_and_directions(vehicle):
+    assert thruster_groups(vehicle) == {"surge": (0, 3), "sway": (1, 4), "heave": (2, 5)}
+    assert list(thruster_groups(load_vehicle("bluerov2_heavy"))) == ["horizontal", "vertical"]
+
+
+def test_zero_theta_is_the_vehicle_itself(vehicle, everything, model_at):
+    model, same = vehicle.model(), model_at(np.zeros(len(everything)))
+    for name in ("mass", "damping", "center_of_buoyancy", "buoyancy"):
+        np.testing.assert_allclose(getattr(same, name), getattr(model, name), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(same.thrusters.force_ahead, model.thrusters.force_ahead)
+
+
+def test_every_parameter_moves_the_model_and_only_it(everything, model_at):
+    base = np.zeros(len(everything))
+    leaves = [np.asarray(x, float) for x in jax.tree.leaves(model_at(base))]
+    for i, p in enumerate(everything.free):
+        if p.name == "tether.drag":
+            continue  # of the test, not of the vehicle
+        moved = base.copy()
+        moved[i] = 0.1
+        changed = [np.asarray(x, float) for x in jax.tree.leaves(model_at(moved))]
+        assert any(not np.array_equal(a, b) for a, b in zip(leaves, changed, strict=True)), p.name
+
+
+@given(seed=st.integers(0, 10_000))
+def test_any_theta_gives_inertia_that_resists_and_damping_that_takes_energy(everything, model_at, seed):
+    theta = np.random.default_rng(seed).normal(scale=0.8, size=len(everything))
+    model = model_at(theta)
+    assert np.linalg.eigvalsh(np.asarray(model.added_mass)).min() > -1e-9
+    parts = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahead", "quadratic_damping_astern")
+    assert driving_velocity(Damping(*(np.asarray(getattr(model, name)) for name in parts)), samples=200) is None
+
+
+def test_values_and_thetas_are_each_others_inverse(everything):
+    theta = np.linspace(-0.4, 0.4, len(everything))
+    values = dict(zip(everything.names, everything.values(theta), strict=True))
+    np.testing.assert_allclose(everything.thetas(values), theta, atol=1e-12)
+
+
+def test_tables_scale_ahead_and_astern_apart():
+    heavy = catalogue(load_vehicle("bluerov2_heavy"))
+    chosen = choose(heavy, ["thrusters.horizontal.force_ahead"])
+    before, after = heavy.model.thrusters, chosen.model_at(np.array([np.log(1.1)]))[0].thrusters
+    table, scaled = np.asarray(before.table_force)[0], np.asarray(after.table_force)[0]
+    np.testing.assert_allclose(scaled[table > 0], 1.1 * table[table > 0])
+    np.testing.assert_allclose(scaled[table < 0], table[table < 0])
+    np.testing.assert_allclose(after.table_force[4:], before.table_force[4:])
+
+
+@pytest.mark.parametrize(
+    ("patterns", "said"),
+    [(["added_mas.surge"], "Did you mean 'added_mass.surge'"), (["thrusters.main.*"], "is no parameter")],
+)
+def test_a_pattern_that_fits_nothing_is_named(everything, patterns, said):
+    with pytest.raises(IdentificationError, match=said):
+        choose(everything, patterns)
+
+
+@pytest.mark.parametrize(
+    ("prior", "said"),
+    [
+        ({"added_mass.serge": {"factor": 2}}, "fits no free parameter"),
+        ({"added_mass.surge": 3}, "expected {factor: 2}"),
+        ({"added_mass.surge": {"factor": 0.5}}, "expected more than 1"),
+        ({"added_mass.surge": {"sd": -1}}, "expected more than 0"),
+        ({"added_mass.surge": {"sd": "big"}}, "expected a number"),
+        ({"added_mass.surge": {"value": -4.0}}, "expected more than 0"),
+    ],
+)
+def test_a_prior_that_makes_no_sense_is_named(vehicle, everything, prior, said):
+    with pytest.raises(IdentificationError, match=said):
+        default_prior(everything, vehicle, prior)
+
+
+def test_a_stated_prior_has_its_width_and_no_common_cause(vehicle, everything):
+    prior = default_prior(everything, vehicle, {"thrusters.surge.force_ahead": {"value": 12.0, "sd": 0.6}})
+    i = everything.names.index("thrusters.surge.force_ahead")
+    assert prior.mean[i] == pytest.approx(np.log(1.2))
+    assert prior.covariance[i, i] == pytest.approx(0.05**2)
+    assert np.count_nonzero(prior.covariance[i]) == 1
+    assert np.linalg.eigvalsh(prior.covariance).min() > 0
+
+
+def test_a_bollard_pull_counts_every_thruster_that_helps(everything):
+    static = static_evidence(everything, [{"bollard": {"direction": "surge", "force": 20.0, "sd": 0.4}}])
+    np.testing.assert_allclose(np.asarray(static(np.zeros(len(everything)))), [0.0], atol=1e-9)
+    wrong = static_evidence(everything, [{"bollard": {"direction": "surge", "force": 20.4, "sd": 0.4}}])
+    np.testing.assert_allclose(np.asarray(wrong(np.zeros(len(everything)))), [-1.0], atol=1e-9)
+
+
+def test_a_towing_table_is_the_damping_force(everything):
+    table = {
+        "direction": "surge",
+        "speed": [0.2, -0.2],
+        "force": [6.48 * 0.2 + 158.86 * 0.04, -(0.07 * 0.2 + 189.75 * 0.04)],
+    }
+    static = static_evidence(everything, [{"towing": table | {"sd": 0.1}}])
+    np.testing.assert_allclose(np.asarray(static(np.zeros(len(everything)))), [0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("anchor", "said"),
+    [
+        ({}, "expected one of bollard, towing"),
+        ({"bollard": {"direction": "pitch", "force": 1.0, "sd": 0.1}}, "no thruster pushes in pitch"),
+        ({"bollard": {"direction": "surge", "force": 1.0, "sd": 0.0}}, "sd"),
+        ({"bollard": {"direction": "surge", "force": 1.0, "sd": 0.1, "command": 20}}, "expected -1 to 1"),
+        ({"towing": {"direction": "surge", "speed": [0.1], "force": [], "sd": 0.1}}, "1 speeds and 0 forces"),
+        ({"bolard": {}}, "no such key"),
+    ],
+)
+def test_an_anchor_that_makes_no_sense_is_named(everything, anchor, said):
+    with pytest.raises(Exception, match=said):
+        static_evidence(everything, [anchor])
+
+
+def test_options_name_their_mistakes(vehicle):
+    with pytest.raises(Exception, match="no such key. Did you mean 'segment'"):
+        Options.read({"segmnet": 2})
+    with pytest.raises(IdentificationError, match="every thruster is in one group"):
+        Options.read({"groups": {"a": ["port.surge"]}}).groups_of(vehicle)
+    with pytest.raises(IdentificationError, match="no thruster 'port.surg'"):
+        Options.read({"groups": {"a": ["port.surg"]}}).groups_of(vehicle)
