@@ -14,6 +14,7 @@ from rovtwin.identification.checks import check_record
 from rovtwin.identification.evidence_file import read_evidence
 from rovtwin.identification.readers import read_tests
 from rovtwin.identification.readers.assemble import flung
+from rovtwin.identification.record import Signal
 from rovtwin.identification.rotations import matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
@@ -148,6 +149,20 @@ def test_clean_records_of_few_sensors_raise_no_alarm(name, kind):
         for sensors in [tuple(SENSORS), *subsets]:
             found = check_record(only(record, *sensors), model_of(name))
             assert not [str(f) for f in found if f.severity != "note"], sensors
+
+
+@pytest.mark.parametrize(
+    ("scale", "what", "fix"),
+    [([1, 1, 1], None, ""), ([1, -1, -1], "z_up", "frame: flu"), ([0.102] * 3, "units", "unit: g")],
+)
+def test_an_accelerometer_shows_gravity(scale, what, fix):
+    record = fly("bluerov2", "gentle", 3)
+    t = np.arange(0.0, 60.0, 0.02)
+    force = np.random.default_rng(1).normal([0.1, 0.2, -9.81], 0.1, (len(t), 3))
+    signals = record.signals | {"accelerometer": Signal(t, force * scale)}
+    found = [f for f in check_record(replace(record, signals=signals), model_of("bluerov2")) if f.severity == "error"]
+    assert [f.what for f in found] == ([what] if what else [])
+    assert all(fix in f.fix for f in found)
 
 
 def test_unexcited_axes_are_notes():

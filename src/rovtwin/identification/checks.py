@@ -13,6 +13,7 @@ from rovtwin.identification.findings import RANK, Finding
 from rovtwin.identification.motion import Motion
 from rovtwin.identification.record import Record, Signal
 from rovtwin.identification.rotations import matrices_from_euler
+from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
 
 FASTEST_TURN, FASTEST = 35.0, 15.0  # [rad/s] full scale of an ROV's gyro, 2000 deg/s; [m/s] no ROV does
@@ -110,6 +111,8 @@ def _impossible(name: str, signal: Signal) -> list[Finding]:
     if name == "gyro" and largest.max() > FASTEST_TURN:
         said = f"body rates reach {largest.max():.4g} rad/s, which looks like degrees per second."
         return [Finding("error", "degrees", name, said, "Write unit: deg/s.")]
+    if name == "accelerometer":
+        return _gravity(signal)
     speed = largest.max() if name == "velocity" else rate.max() if name in ("position", "horizontal", "depth") else 0.0
     if speed > FASTEST and _steady(name, signal) > FASTEST:
         said = f"a speed of {speed:.4g} m/s, which looks like millimetres."
@@ -117,6 +120,20 @@ def _impossible(name: str, signal: Signal) -> list[Finding]:
     if name == "depth" and np.median(signal.value) < -0.3:
         said = f"depth is {np.median(signal.value):.3g} m, above the surface: it looks like z up instead of down."
         return [Finding("error", "z_up", name, said, "Write frame: up.")]
+    return []
+
+
+def _gravity(signal: Signal) -> list[Finding]:
+    """A vehicle under water hardly accelerates: its accelerometer shows gravity, -9.81 m/s2 on z when level."""
+    size, mean = float(np.median(np.linalg.norm(signal.value, axis=1))), signal.value.mean(axis=0)
+    if not 0.7 * GRAVITY < size < 1.4 * GRAVITY:
+        unit = "g" if 0.7 < size < 1.4 else "mm/s2" if 700 < size / GRAVITY < 1400 else None
+        said = f"specific force is {size:.4g} m/s2 in the median, expected about {GRAVITY:g}."
+        fix = f"Write unit: {unit}." if unit else "Check the unit; was gravity taken off? Then leave it out."
+        return [Finding("error", "units", "accelerometer", said, fix)]
+    if mean[2] > 0.7 * size:
+        said = f"specific force is {mean[2]:.3g} m/s2 on z, expected {-GRAVITY:g} when level: z up, or its sign."
+        return [Finding("error", "z_up", "accelerometer", said, "Write frame: flu, or turn the sign.")]
     return []
 
 
