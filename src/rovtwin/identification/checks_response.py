@@ -1,7 +1,7 @@
 """Accelerations against what the thrusters push: clocks, signs, swapped columns, frames, slips of units, clipping."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,17 @@ class Suspect:
 
 
 def check_response(model: Model, motion: Motion) -> list[Finding]:
-    """What does not fit between commands and motion; nothing where the motion is too small to tell."""
+    """What does not fit between commands and motion; nothing where the motion is too small to tell.
+
+    Without both an attitude and a measured rate, restoring moments are taken for thrust now and then: only warnings.
+    """
+    found = _check_response(model, motion)
+    if motion.rotation is not None and {"gyro", "velocity"} & set(motion.record.signals):
+        return found
+    return [replace(f, severity="warning", fix=f"{f.fix} With so few signals this may be wrong.") for f in found]
+
+
+def _check_response(model: Model, motion: Motion) -> list[Finding]:
     regression = Regression.of(model, motion)
     if regression is None:
         return []
