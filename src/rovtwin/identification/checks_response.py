@@ -15,6 +15,7 @@ LATE = 0.25  # [s]; less may be the lag of the thrusters
 BLIND_LATE = 0.7  # [s], where the attitude is not known
 JUDGED = 0.2  # share of an axis' acceleration that thrusters must explain before it is judged
 BETTER = 0.15  # how much more of it a mistake must explain than none
+CONVINCING = 0.7  # share that a mistake must explain at all
 NAMES = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
 
 
@@ -72,7 +73,7 @@ def _late(model: Model, motion: Motion, regression: Regression) -> tuple[float, 
     lag = float(LAGS[best])
     # Without an attitude the restoring moments are not known, and look like thrust that is late.
     blind = motion.rotation is None
-    if abs(lag) < (BLIND_LATE if blind else LATE) or score[best] < max(score[now] + 0.1, 0.5 if blind else 0.0):
+    if abs(lag) < (BLIND_LATE if blind else LATE) or score[best] < max(score[now] + 0.15, 0.5 if blind else 0.0):
         return 0.0, []
     said = (
         f"the motion follows the commands best when these are taken "
@@ -93,7 +94,7 @@ def _mistaken(answer: Response, judged: np.ndarray, thrusters: int) -> list[Find
     now = _total(answer, answer.expected, judged)
     if now > 1.0 - BETTER:
         return []
-    best, most = None, now + BETTER
+    best, most = None, max(now + BETTER, CONVINCING)
     for suspect in _suspects(answer, judged, thrusters):
         share = _total(answer, suspect.rows, judged)
         if share > most + (0.02 if best is not None else 0.0):
