@@ -4,6 +4,7 @@ import sys
 
 import typer
 
+from rovtwin.cli.compare import compare
 from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
 from rovtwin.cli.logs import log_app
@@ -36,6 +37,7 @@ app.command()(identify)
 app.command()(report)
 app.command()(thesis)
 app.command("plan-tests")(plan_tests)
+app.command()(compare)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(log_app, name="log")

@@ -18,7 +18,7 @@ from rovtwin.vehicle.thrusters import static_force
 DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 SPEED_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 FORCE_UNITS = ("N",) * 3 + ("N m",) * 3
-DRAWS = 400
+DRAWS = 2000
 _TAILS = (0.025, 0.975)
 
 
@@ -43,12 +43,14 @@ class Subject:
     tested: Mapping[str, Sequence[float]]
 
     def draws(self, count: int = DRAWS, seed: int = 0) -> np.ndarray:
-        """Theta itself, then draws from its distribution, shape (1 + count, n); (1, n) without a covariance."""
+        """Theta itself, then draws in pairs about it, shape (1 + count, n); (1, n) without a covariance."""
         if self.covariance is None:
             return self.theta[None]
-        rng = np.random.default_rng(seed)
-        factor = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.theta)))
-        return np.concatenate([self.theta[None], self.theta + rng.standard_normal((count, len(self.theta))) @ factor.T])
+        # By eigenvalues: a covariance that was rounded for a file may be a shade from positive definite.
+        spread, axes = np.linalg.eigh(self.covariance)
+        factor = axes * np.sqrt(np.maximum(spread, 0.0))
+        half = np.random.default_rng(seed).standard_normal((count // 2, len(self.theta))) @ factor.T
+        return np.concatenate([self.theta[None], self.theta + half, self.theta - half])
 
 
 @dataclass(frozen=True, eq=False)

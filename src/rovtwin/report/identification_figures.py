@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves
 from rovtwin.report.identification_tests import component_name
@@ -44,6 +45,7 @@ def damping_figure(now: Curves, before: Curves) -> Figure:
         dress(axes, f"Damping [{FORCE_UNITS[i]}]" if i % 3 == 0 else "", f"Speed [{SPEED_UNITS[i]}]" if row else "")
         if not row:
             axes.set_xlabel(f"[{SPEED_UNITS[i]}]", fontsize=FONT)
+        axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         name_panel(axes, name)
         wide = _at_fastest(now.damping[name])
         note(axes, f"±{100 * wide:.2g} % at the fastest" if np.isfinite(wide) else "")
@@ -143,7 +145,9 @@ def correlation_figure(names: Sequence[str], covariance: np.ndarray) -> Figure:
     n = len(names)
     figure = new_figure(1.1 + min(5.4, 0.5 + 0.16 * n))
     axes = figure.subplots()
-    image = axes.imshow(covariance / np.outer(std, std), cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
+    image = axes.imshow(
+        covariance / np.outer(std, std), cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest", aspect="auto"
+    )
     size = min(TINY, 72 * 5.4 / max(n, 1) / 1.25)
     axes.xaxis.tick_top()
     axes.set_xticks(range(n), [str(i + 1) for i in range(n)], fontsize=min(size, 160 / max(n, 1) + 1.5))

@@ -33,9 +33,8 @@ def prediction_figure(predictions: Sequence[Any]) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
     for k, (axes, name) in enumerate(zip(grid, names, strict=False)):
         _component(axes, predictions, name)
-        last = len(names) - k <= columns
-        dress(axes, f"[{unit_of(name)}]", "Time [s]" if last else "", ticks=4)
-        axes.tick_params(labelbottom=last)
+        dress(axes, f"[{unit_of(name)}]", "Time [s]" if k // columns == rows - 1 else "", ticks=4)
+        axes.tick_params(labelbottom=len(names) - k <= columns)
         name_panel(axes, component_name(name))
         score = first.scores[name]
         said = f"fit {score.fit:.0f} %" if first.excited[name] else f"hardly moved; rms {_shown(name, score.rms)}"
