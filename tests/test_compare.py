@@ -9,9 +9,9 @@ import pytest
 import rovtwin.cli
 from rovtwin.cli.compare import labels
 from rovtwin.identification.differences import as_a_whole, difference
+from rovtwin.identification.estimate import Gaussian
 from rovtwin.identification.overlay import identified_file, to_yaml
 from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.prior import default_prior
 from rovtwin.identification.stated import Value, stated
 from rovtwin.report.vehicle_comparison import agreement, compare_files, said_difference, said_relative
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -29,7 +29,7 @@ def identified(shift=0.0, std=0.05, correlation=0.0, groups=None, free=FREE):
     i, j = (parameters.names.index(f"{k}_damping.surge") for k in ("linear", "quadratic"))
     theta[[i, j]] = shift
     C[i, j] = C[j, i] = correlation * std**2
-    prior = default_prior(parameters)
+    prior = Gaussian(np.zeros(len(parameters)), 0.25 * np.eye(len(parameters)))
     verdicts = ["learnt"] * len(parameters)
     return identified_file(vehicle, parameters, theta, C, prior, verdicts, ["tank_1 (fit, 60 s)"], [], TESTED)
 

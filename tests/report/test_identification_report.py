@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovtwin.identification.estimate import Noise
+from rovtwin.identification.estimate import Gaussian, Noise
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.prior import default_prior
 from rovtwin.identification.validation import Prediction, Score
 from rovtwin.identification.verdict import Blind, verdicts
 from rovtwin.identification.whiteness import Residuals, autocorrelation
@@ -49,8 +48,8 @@ def vehicle():
 def result(vehicle):
     """Surge is told, but linear and quadratic damping only as a sum; roll was never moved."""
     parameters = choose(catalogue(vehicle), FREE)
-    prior = default_prior(parameters)
     n, names = len(parameters), parameters.names
+    prior = Gaussian(np.zeros(n), 0.25 * np.eye(n))
     information = 1e4 * np.eye(n)
     wanted = ("linear_damping.surge", "quadratic_damping.surge", "quadratic_damping.roll")
     i, j, roll = (names.index(name) for name in wanted)
