@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.anchors import static_evidence
 from rovtwin.identification.estimate import Gaussian
 from rovtwin.identification.parameters import Parameters
@@ -184,7 +185,7 @@ def with_anchors(parameters: Parameters, prior: Gaussian, anchors: Sequence[Mapp
     static = static_evidence(parameters, anchors)
     if static is None:
         return prior
-    jacobian = static(prior.mean)[1]
+    jacobian = np.asarray(jax.jacfwd(static)(jnp.asarray(prior.mean)))
     return Gaussian(prior.mean, np.linalg.inv(prior.information + jacobian.T @ jacobian))
 
 
