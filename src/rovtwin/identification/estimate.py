@@ -26,8 +26,10 @@ _FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5,
 _FLOOR["accelerometer"] = 1e-3
 
 FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
-_DEFECT = np.array([1e-4] * 6 + [0.02] * 6)  # to start from; those of position and attitude stay: they are kinematics
+# To start from. That of the position stays, it is kinematics; that of the attitude takes up resets of its filter.
+_DEFECT = np.array([1e-4] * 6 + [0.02] * 6)
 _DEFECT_FLOOR = 1e-5
+_SEES_VELOCITY, _SEES_RATE = {"position", "horizontal", "velocity"}, {"attitude", "gyro"}
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
 
 
@@ -218,7 +220,10 @@ class Problem:
         redundancy = np.maximum(len(links) - variance / noise.defect**2, 0.02 * len(links))
         wanted = np.clip(np.sqrt(squares / redundancy), noise.defect / 5, noise.defect * 5)
         defect = noise.defect.copy()
-        defect[6:] = np.maximum(wanted[6:], _DEFECT_FLOOR)
+        # A disturbance of what nothing measures would only serve to explain the rest away.
+        moves, turns = (bool(kind & set(self.segments.levers)) for kind in (_SEES_VELOCITY, _SEES_RATE))
+        seen = np.array([False] * 3 + [turns] * 3 + [moves] * 3 + [turns] * 3)
+        defect[seen] = np.maximum(wanted, _DEFECT_FLOOR)[seen]
         return defect
 
     def solve(
