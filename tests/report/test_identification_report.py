@@ -64,7 +64,7 @@ def result(vehicle):
     )  # fmt: skip
     segments: Any = SimpleNamespace(
         groups=[("gyro", k) for k in range(3)], sigma={"gyro": np.array([0.01, 0.01, np.nan])},
-        grid=SimpleNamespace(step=0.02, steps=250),
+        grid=SimpleNamespace(step=0.02, steps=250, rate=20.0),
     )  # fmt: skip
     problem: Any = SimpleNamespace(segments=segments)
     records = [
@@ -121,7 +121,12 @@ def test_the_verdict_comes_first_and_says_what_was_learnt_and_what_not(page, res
 def test_what_did_not_settle_or_was_not_held_out_is_bad_news(result):
     now = curves_of(result)[0]
     unsettled: Any = SimpleNamespace(**vars(result.solution) | {"converged": False})
-    assert verdict(replace(result, solution=unsettled), now).good is False
+    bad = verdict(replace(result, solution=unsettled), now)
+    assert bad.good is False and "has not settled" in bad.headline
+    loud: Any = SimpleNamespace(**vars(result.solution) | {"noise": Noise(np.array([0.01, 0.06, 9.0]), np.ones(12))})
+    assert "misses gyro.q by more than 5 times" in verdict(replace(result, solution=loud), now).headline
+    astray = replace(result, held_out=[prediction("two", fit=-20.0)])
+    assert "worse than their mean" in verdict(astray, now).headline
     assert any("No test was held out" in s for s in verdict(replace(result, held_out=[]), now).sentences)
     still = replace(result, held_out=[prediction("two", excited=False)])
     assert any("they validate nothing" in s for s in verdict(still, now).sentences)

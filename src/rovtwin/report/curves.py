@@ -115,6 +115,8 @@ def _curve(x: np.ndarray, values: np.ndarray) -> Curve:
         nothing = np.full(values.shape[1], np.nan)
         return Curve(x, values[0], nothing, nothing)
     low, high = np.quantile(values[1:], _TAILS, axis=0)
+    if np.all(high - low <= 1e-9 * np.abs(values[0])):  # not estimated: nothing is said of its width
+        low = high = np.full(values.shape[1], np.nan)
     return Curve(x, values[0], low, high)
 
 

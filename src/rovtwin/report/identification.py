@@ -48,6 +48,7 @@ def write_identification_report(result: Any, folder: Path) -> Path:
     folder = Path(folder)
     now, before = curves_of(result)
     parts = [
+        Section("findings", "Findings", points=result.findings) if result.findings else None,
         _forces(result, now, before, folder),
         _parameters(result, now, before, folder),
         _blind(result, folder),

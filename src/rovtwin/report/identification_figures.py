@@ -48,7 +48,7 @@ def damping_figure(now: Curves, before: Curves) -> Figure:
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         name_panel(axes, name)
         wide = _at_fastest(now.damping[name])
-        note(axes, f"±{100 * wide:.2g} % at the fastest" if np.isfinite(wide) else "")
+        note(axes, f"±{100 * wide:.2g} % at the fastest" if np.isfinite(wide) else "not estimated")
     legend_above(figure, _before_after_handles(), 4)
     return figure
 
@@ -64,6 +64,7 @@ def thrust_figure(now: Curves, before: Curves, tested: Ranges) -> Figure:
         _before_and_after(axes, before.thrust[group], now.thrust[group])
         dress(axes, "Thrust [N]" if axes.get_subplotspec().is_first_col() else "", "Command u")
         axes.set_xlim(-1.0, 1.0)
+        axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 5, 10]))
         name_panel(axes, group.replace("_", " "))
         _shade_untested(axes, tested.get(f"thrusters.{group}"))
     for axes in grid[len(groups) :]:
@@ -144,6 +145,7 @@ def correlation_figure(names: Sequence[str], covariance: np.ndarray) -> Figure:
     std = np.sqrt(np.diag(covariance))
     n = len(names)
     figure = new_figure(1.1 + min(5.4, 0.5 + 0.16 * n))
+    figure.get_layout_engine().set(w_pad=0.2)  # type: ignore[union-attr]  (long labels, hinted differently when saved)
     axes = figure.subplots()
     image = axes.imshow(
         covariance / np.outer(std, std), cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest", aspect="auto"
@@ -183,7 +185,7 @@ def whiteness_figure(residuals: Mapping[str, Any]) -> Figure:
     rows = -(-len(names) // columns)
     figure = new_figure(1.35 * rows + 0.5)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    largest = max(float(np.max(np.abs(r.autocorrelation), initial=0.0)) for r in residuals.values())
+    every = np.concatenate([r.autocorrelation for r in residuals.values()])
     for axes, name in zip(grid, names, strict=False):
         r = residuals[name]
         band = 1.96 / np.sqrt(max(len(r.t), 1))
@@ -192,13 +194,14 @@ def whiteness_figure(residuals: Mapping[str, Any]) -> Figure:
         outside = np.abs(r.autocorrelation) > band
         axes.vlines(lags, 0, r.autocorrelation, color=np.where(outside, ORANGE, BLUE), linewidth=1.6)
         axes.axhline(0, color="#666666", linewidth=0.5)
-        dress(axes, "", "Lag [readings]" if len(names) - names.index(name) <= columns else "", ticks=3)
+        k = names.index(name)
+        dress(axes, "", "Lag [readings]" if k // columns == rows - 1 else "", ticks=3)
+        axes.tick_params(labelbottom=len(names) - k <= columns)
         name_panel(axes, component_name(name))
         note(axes, f"{len(r.t)} readings")
     for axes in grid[len(names) :]:
         axes.set_visible(False)
-    reach = max(1.15 * largest, 0.12)
-    grid[0].set_ylim(-reach, reach)
+    grid[0].set_ylim(min(1.15 * float(every.min()), -0.12), max(1.15 * float(every.max()), 0.12))
     figure.supylabel("Autocorrelation", fontsize=FONT)
     legend_above(figure, [
         Patch(facecolor=BLUE, alpha=0.18, label="95 % band of white noise"),

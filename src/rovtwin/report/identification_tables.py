@@ -108,7 +108,8 @@ def record_table(result: Any) -> Table:
         for r in result.records
     ]  # fmt: skip
     head = ["Test", "Use", "Duration [s]", "Readings", "Water [kg/m³]", "Tether [m]", "Notes"]
-    return Table("", head, rows, "A dash: nobody said.")
+    used = "" if result.problem is None else f" The fit takes at most {result.problem.segments.grid.rate:g} a second."
+    return Table("", head, rows, f"Readings: as logged.{used} A dash: nobody said.")
 
 
 def _given(value: float | None) -> str:
@@ -122,7 +123,7 @@ def validation_table(predictions: Any) -> Table:
         for component, s in p.scores.items():
             better = "nothing moved" if not p.excited[component] else "yes" if s.rms < naive(s) else "no"
             rows.append([
-                p.record, how(p), component_name(component), f"{s.fit:.0f} %",
+                p.record, how(p), component_name(component), f"{round(s.fit)} %",
                 *(number(scaled(component, x), 3) for x in (s.rms, s.hold, s.still)), unit_of(component), better,
             ])  # fmt: skip
     head = ["Test", "Predicted", "Component", "Fit", "rms", "rms, holding", "rms, at rest", "Unit", "Better"]

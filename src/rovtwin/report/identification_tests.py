@@ -37,7 +37,7 @@ def prediction_figure(predictions: Sequence[Any]) -> Figure:
         axes.tick_params(labelbottom=len(names) - k <= columns)
         name_panel(axes, component_name(name))
         score = first.scores[name]
-        said = f"fit {score.fit:.0f} %" if first.excited[name] else f"hardly moved; rms {_shown(name, score.rms)}"
+        said = f"fit {round(score.fit)} %" if first.excited[name] else f"hardly moved; rms {_shown(name, score.rms)}"
         note(axes, said)
     for axes in grid[len(names) :]:
         axes.set_visible(False)
@@ -80,6 +80,8 @@ def _component(axes: Axes, predictions: Sequence[Any], name: str) -> None:
         t, read, said = (np.asarray(x) for x in prediction.readings[signal])
         y = read[:, own]
         gap = said[:, own] - y
+        if prediction.window is None and signal == "attitude":
+            gap = np.unwrap(gap)
         y = np.unwrap(y) if signal == "attitude" else y
         t = t - t[0]
         if k == 0:

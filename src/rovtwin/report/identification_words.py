@@ -11,6 +11,8 @@ from rovtwin.report.verdict import Verdict
 
 TELLING = 1.0  # information over the prior's from which a parameter was excited
 _LABELS = {"learnt": "Learnt", "partly": "Learnt in part", "prior only": "Known from the prior only"}
+_TOO_NOISY = 5.0  # noise found over declared, beyond which the model does not describe the tests
+_SHOWN = 4  # findings in the box; all of them are listed below it
 PRIOR_ONLY, LEARNT = 0.9, 0.5  # standard deviation after over before, as the verdicts of the estimate
 
 
@@ -21,14 +23,44 @@ def verdict(result: Any, curves: Curves) -> Verdict:
     if result.solution is None:
         headline = f"No tests: {n} parameters predicted from what was known before"
         return Verdict(None, headline, [*result.findings], [])
+    learnt = f"{count['learnt']} of {n} parameters learnt from {_minutes(result)}"
     sentences = [f"{label}: {_families(result, kind)}." for kind, label in _LABELS.items() if count[kind]]
     if forces := _forces(result, curves):
         sentences.append(f"Damping force at the fastest speed tested, 95 %: {forces}.")
     sentences += _held_out(result)
-    sentences += [f"Finding: {text}." for text in result.findings]
-    good = False if not result.solution.converged else None if result.findings or count["learnt"] < n / 2 else True
-    settled = "" if result.solution.converged else "; the estimate has not settled, so trust no width"
-    return Verdict(good, f"{count['learnt']} of {n} parameters learnt from {_minutes(result)}{settled}", sentences, [])
+    sentences += [f"Finding: {text}." for text in result.findings[:_SHOWN]]
+    if len(result.findings) > _SHOWN:
+        sentences.append(f"{len(result.findings) - _SHOWN} more findings are listed below.")
+    if doubts := doubts_about(result):
+        told = f"By their widths alone, {learnt}."
+        return Verdict(False, f"Not to be relied on: {'; '.join(doubts)}", [told, *sentences], [])
+    good = None if result.findings or count["learnt"] < n / 2 else True
+    return Verdict(good, learnt, sentences, [])
+
+
+def doubts_about(result: Any) -> list[str]:
+    """Why the result as a whole should not be used, whatever the widths say."""
+    said = []
+    if not result.solution.converged:
+        said.append("the estimate has not settled, so no width means anything")
+    noisy = [name for name, (found, declared) in _noise(result).items() if found > _TOO_NOISY * declared]
+    if noisy:
+        said.append(f"the model misses {', '.join(noisy)} by more than {_TOO_NOISY:g} times the declared noise")
+    fits = [p.scores[c].fit for p in result.held_out if p.window is None for c in p.scores if p.excited[c]]
+    if fits and np.median(fits) < 0:
+        said.append("it predicts held-out tests worse than their mean does")
+    return said
+
+
+def _noise(result: Any) -> dict[str, tuple[float, float]]:
+    """Noise found and declared by component, where it was declared."""
+    found, segments = result.solution.noise.sigma, result.problem.segments
+    out = {}
+    for g, (signal, i) in enumerate(segments.groups):
+        name = [n for n in result.residuals if n.startswith(f"{signal}.")][i]
+        if np.isfinite(segments.sigma[signal][i]):
+            out[name] = (float(found[g]), float(segments.sigma[signal][i]))
+    return out
 
 
 def _minutes(result: Any) -> str:
@@ -96,7 +128,8 @@ def _held_out(result: Any) -> list[str]:
     )
     if not worse:
         return [f"{said}; every one is better than holding the first reading or predicting rest."]
-    return [f"{said}; no better than holding the first reading or predicting rest: {', '.join(worse)}."]
+    which = ", ".join(worse) if len(worse) <= _SHOWN else f"{len(worse)} of {len(fits)} components, see below"
+    return [f"{said}; no better than holding the first reading or predicting rest: {which}."]
 
 
 def naive(score: Any) -> float:
