@@ -94,7 +94,9 @@ def _print(plan: "Plan", screen: Any) -> None:
 
 
 def _sd(value: float, relative: bool) -> str:
-    return f"{100 * value:.2g} %" if relative else figure(float(value))
+    if not relative:
+        return figure(float(value))
+    return f"{100 * value:.0f} %" if value >= 0.995 else f"{100 * value:.2g} %"
 
 
 def _as_data(plan: "Plan") -> dict[str, Any]:
