@@ -1,0 +1,96 @@
+"""Do the intervals hold the truth? Many synthetic campaigns, each with a truth of its own drawn from the prior.
+
+    python -m tests.identification.calibration --campaigns 200 --jobs 2 --out coverage.json
+
+A campaign: 90 s of random held commands on all thrusters of the Double Blueye, read with the thesis's noise and positions
+of 3 cm at 15 Hz, and one pull on a scale, 2 % wide. Everything is compiled once per process.
+"""
+
+import argparse
+import json
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+from tests.identification.synthetic import record, steps_command
+
+from rovtwin.identification.anchors import static_evidence
+from rovtwin.identification.estimate import Problem
+from rovtwin.identification.identify import default_free
+from rovtwin.identification.parameters import catalogue, choose
+from rovtwin.identification.prior import default_prior
+from rovtwin.identification.segments import Grid, cut
+from rovtwin.identification.shooting import Shooting
+from rovtwin.vehicle import load_vehicle
+
+DURATION, PULL = 90.0, 0.02
+GRID = Grid(0.04, 125, 20.0)
+
+
+def campaigns(seeds):
+    """z = (estimate - truth) / standard deviation of every parameter, shape (campaigns, n), and their names."""
+    vehicle = load_vehicle("double_blueye")
+    everything = catalogue(vehicle)
+    parameters = choose(everything, default_free(everything, []))
+    prior = default_prior(parameters, vehicle)
+    L = np.linalg.cholesky(prior.covariance)
+    shooting, rows = None, []
+    for seed in seeds:
+        rng = np.random.default_rng(10_000 + seed)
+        truth = L @ rng.standard_normal(len(parameters))
+        model, _ = parameters.model_at(truth)
+        t, u = steps_command(vehicle, seed, DURATION)
+        segments = cut([record(model, t, u, DURATION, seed)], GRID)
+        if shooting is None:
+            shooting = Shooting(parameters, segments)
+        shooting.segments = segments
+        full = 2 * float(model.thrusters.force_ahead[0])
+        pull = {"direction": "surge", "force": full * (1 + PULL * rng.standard_normal()), "sd": PULL * full}
+        solution = Problem(shooting, prior, static_evidence(parameters, [{"bollard": pull}])).solve()
+        std = np.sqrt(np.diag(solution.covariance))
+        rows.append((solution.unknowns.theta - truth) / std)
+        print(f"campaign {seed}: {solution.steps} steps, rms z {np.sqrt(np.mean(rows[-1] ** 2)):.2f}", flush=True)
+    return np.array(rows), parameters.names
+
+
+def coverage(z, names):
+    """Share of 95 % intervals that hold the truth: pooled, and per parameter."""
+    held = np.abs(z) < 1.96
+    return {
+        "campaigns": len(z),
+        "pooled": float(held.mean()),
+        "rms_z": float(np.sqrt(np.mean(z**2))),
+        "parameters": {n: float(h) for n, h in zip(names, held.mean(axis=0), strict=True)},
+        "bias": {n: float(b) for n, b in zip(names, z.mean(axis=0), strict=True)},
+        "spread": {n: float(b) for n, b in zip(names, np.sqrt(np.mean(z**2, axis=0)), strict=True)},
+    }
+
+
+def run(count, jobs=2):
+    """Coverage over `count` campaigns on `jobs` processes."""
+    seeds = [range(job, count, jobs) for job in range(jobs)]
+    if jobs == 1:
+        parts = [campaigns(seeds[0])]
+    else:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            parts = list(pool.map(campaigns, seeds))
+    return coverage(np.concatenate([z for z, _ in parts]), parts[0][1])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", default="")
+    args = parser.parse_args()
+    begin = time.perf_counter()
+    found = run(args.campaigns, args.jobs) | {"minutes": (time.perf_counter() - begin) / 60}
+    print(json.dumps(found, indent=1))
+    if args.out:
+        with open(args.out, "w", encoding="utf-8") as file:
+            json.dump(found, file, indent=1)
+
+
+if __name__ == "__main__":
+    main()
