@@ -124,8 +124,8 @@ def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
             f"{record.source}: lasts {record.duration:.3g} s, expected at least {2 * grid.step} s"
         )
     count = -(-steps // grid.steps)
-    times = record.start + grid.step * (np.arange(count * grid.steps) + 0.5)
-    command = record.command_at(np.minimum(times, record.end - 1e-6)).reshape(count, grid.steps, -1)
+    edges = record.start + grid.step * np.arange(count * grid.steps + 1)
+    command = _mean_command(record, edges).reshape(count, grid.steps, -1)
     fresh = np.zeros((count, grid.steps))
     fresh[0, 0] = 1.0
     linked = np.ones(count)
@@ -135,6 +135,15 @@ def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
     for name in names:
         out.rows[name] = {"segments": _rows(record.signals.get(name), record.start, last, count, grid, name)}
     return out
+
+
+def _mean_command(record: Record, edges: np.ndarray) -> np.ndarray:
+    """Commands averaged over steps, shape (len(edges) - 1, n): they need not change where a step begins."""
+    t, u = record.t_command, record.command
+    integral = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(np.diff(t)[:, None] * u[:-1], axis=0)])
+    row = np.clip(np.searchsorted(t, edges + 1e-9, side="right") - 1, 0, len(t) - 1)
+    upto = integral[row] + (edges - t[row])[:, None] * u[row]
+    return np.diff(upto, axis=0) / np.diff(edges)[:, None]
 
 
 def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Grid, name: str) -> list[tuple]:

@@ -37,7 +37,11 @@ def prediction_figure(predictions: Sequence[Any]) -> Figure:
         axes.tick_params(labelbottom=len(names) - k <= columns)
         name_panel(axes, component_name(name))
         score = first.scores[name]
-        said = f"fit {round(score.fit)} %" if first.excited[name] else f"hardly moved; rms {_shown(name, score.rms)}"
+        said = (
+            f"fit {round(score.fit)} %"
+            if first.excited[name]
+            else f"little above its noise; rms {_shown(name, score.rms)}"
+        )
         note(axes, said)
     for axes in grid[len(names) :]:
         axes.set_visible(False)

@@ -1,0 +1,46 @@
+"""Records cut into segments: commands keep their time, whatever the phase of the grid."""
+
+import numpy as np
+import pytest
+
+from rovtwin.identification.record import Record, Signal
+from rovtwin.identification.segments import Grid, cut
+
+STEP = 0.02
+
+
+def driven(start=0.0, period=STEP, seconds=1.0):
+    t = np.arange(0.0, seconds, period)
+    u = np.sin(3 * t)[:, None] * np.array([1.0, -0.5])
+    read = np.arange(start, seconds, 0.05)
+    whole = Record("x", t, u, {"depth": Signal(read, np.ones((len(read), 1)))}, seconds)
+    return whole.cut(start, seconds) if start else whole
+
+
+def commands(record, steps=10):
+    segments = cut([record], Grid(STEP, steps))
+    return segments.arrays["command"].reshape(-1, 2)
+
+
+def test_commands_on_the_grid_are_taken_as_they_are():
+    record = driven()
+    assert np.allclose(commands(record)[: len(record.t_command)], record.command, atol=1e-12)
+
+
+@pytest.mark.parametrize("start", [0.01, 0.004, 0.013])
+def test_commands_off_the_grid_come_neither_early_nor_late(start):
+    """Taken in the middle of a step, all commands of a record that starts half a step off came half a step early."""
+    found = commands(driven(start))[:40]
+    share = (STEP - start % STEP) / STEP
+    u = np.sin(3 * STEP * np.arange(42))[:, None] * np.array([1.0, -0.5])
+    assert np.allclose(found, share * u[:40] + (1 - share) * u[1:41], atol=1e-12)
+    middle = start + STEP * (np.arange(40) + 0.5)
+    late = np.sin(3 * (middle - STEP / 2))  # a held command is half a period behind what it holds
+    assert np.abs(found[:, 0] - late).max() < 1e-3
+
+
+def test_commands_slower_and_faster_than_the_grid():
+    slow = driven(period=0.5)
+    assert np.allclose(commands(slow)[:25], slow.command[0]) and np.allclose(commands(slow)[25:50], slow.command[1])
+    fast = driven(period=0.005)
+    assert np.allclose(commands(fast)[0], fast.command[:4].mean(axis=0))
