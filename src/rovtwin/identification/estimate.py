@@ -10,12 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.arrow import Arrow
 from rovtwin.identification.segments import nodes_from_data
-from rovtwin.identification.shooting import NODE, Blocks, Nodes, Shooting, difference, moved
+from rovtwin.identification.shooting import HUBER, NODE, Blocks, Nodes, Shooting, difference, moved
 
 # Where nobody declared it: noise of a reading to start from, and how far a sensor may be off throughout.
 _SIGMA = {"position": 0.03, "horizontal": 0.03, "depth": 0.01, "attitude": 0.005, "gyro": 0.005, "velocity": 0.02}
@@ -27,10 +28,14 @@ _FLOOR["accelerometer"] = 1e-3
 
 FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
 # To start from. That of the position stays, it is kinematics; that of the attitude takes up resets of its filter.
-_DEFECT = np.array([1e-4] * 6 + [0.02] * 6)
-_DEFECT_FLOOR = 1e-5
+_DEFECT = np.array([1e-2] * 6 + [0.2] * 6)
+_DEFECT_FLOOR = np.array([1e-4] * 6 + [1e-5] * 6)
+_UNSEEN = 0.02  # of velocities that nothing measures
 _SEES_VELOCITY, _SEES_RATE = {"position", "horizontal", "velocity"}, {"attitude", "gyro"}
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
+_PATIENCE = 4.0  # largest factor by which a noise changes at once
+_NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
+_SMALL = 0.01  # change in standard deviations at which the estimate is done
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +124,10 @@ class Problem:
         """Prior mean, nodes from smoothed readings, declared or usual noise."""
         sigma = [self.segments.sigma[name][i] for name, i in self.groups]
         usual = [_SIGMA[name] for name, _ in self.groups]
-        sigma = np.where(np.isfinite(sigma), sigma, usual)
+        # A gyro of 1e-5 rad/s makes a valley too narrow to be walked from afar.
+        sigma = np.where(np.isfinite(sigma), np.maximum(_CAUTION * np.asarray(sigma), usual), usual)
         unknowns = Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), self.guess)
-        return unknowns, Noise(_CAUTION * sigma, _DEFECT.copy())
+        return unknowns, Noise(sigma, _DEFECT.copy())
 
     def blocks(self, unknowns: Unknowns, noise: Noise) -> Blocks:
         """Of the readings and defects, as NumPy arrays."""
@@ -218,12 +224,13 @@ class Problem:
         variance = np.einsum("sia,sab,sib->i", J, C, J)
         squares = np.sum(blocks.defect[links] ** 2, axis=0)
         redundancy = np.maximum(len(links) - variance / noise.defect**2, 0.02 * len(links))
-        wanted = np.clip(np.sqrt(squares / redundancy), noise.defect / 5, noise.defect * 5)
-        defect = noise.defect.copy()
+        wanted = np.maximum(np.sqrt(squares / redundancy), _DEFECT_FLOOR)
+        defect = _DEFECT_FLOOR.copy()
+        defect[6:] = _UNSEEN
         # A disturbance of what nothing measures would only serve to explain the rest away.
         moves, turns = (bool(kind & set(self.segments.levers)) for kind in (_SEES_VELOCITY, _SEES_RATE))
         seen = np.array([False] * 3 + [turns] * 3 + [moves] * 3 + [turns] * 3)
-        defect[seen] = np.maximum(wanted, _DEFECT_FLOOR)[seen]
+        defect[seen] = wanted[seen]
         return defect
 
     def solve(
@@ -245,41 +252,92 @@ class Problem:
             IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
         """
         here, noise = self.start() if start is None else start
-        damping, steps = 1e-3, 0
+        damping, change, steps, settled = 1e-3, np.inf, 0, fixed_noise
+        redundancy = np.ones(len(self.groups))
         blocks = self.blocks(here, noise)
-        arrow, cost = self.assembled(blocks, here, noise)
+        arrow, _ = self.assembled(blocks, here, noise)
+        cost = self.cost(here, noise)
         if not np.isfinite(cost):
             raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
-        change, redundancy = np.inf, np.ones(len(self.groups))
-        noise_settled = fixed_noise
-        settled = np.concatenate(
-            [np.full(len(self.groups), 0.03), np.full(NODE, 0.2)]
-        )  # defects fade slowly to nothing
-        while steps < max_steps and not (change < 0.01 and noise_settled and damping < 1e-5):
-            x, corner = arrow.damped(damping).factor().solve()
-            trial = self._stepped(here, x, corner)
-            new = self.blocks(trial, noise)
-            new_arrow, new_cost = self.assembled(new, trial, noise)
+        while steps < max_steps and not (change < _SMALL and settled):
             steps += 1
-            if not np.isfinite(new_cost) or new_cost > cost * (1 + 1e-9):
-                damping = max(damping, 1e-6) * 8
-                if damping > 1e8:
-                    break
-                continue
-            # A direction that readings hardly see is reached by undamped steps only.
-            here, blocks, arrow, damping = trial, new, new_arrow, damping / 8 if damping > 1e-5 else 0.0
-            std = np.sqrt(np.diag(arrow.factor().covariance()[3]))
-            change = float(np.max(np.abs(corner) / std))
+            found = self._better(here, noise, arrow, cost, damping)
+            if found is None:
+                break
+            here, damping, change = found
+            here = self._rescaled(here, noise)
+            blocks = self.blocks(here, noise)
+            arrow, _ = self.assembled(blocks, here, noise)
             if not fixed_noise:
-                updated, redundancy = self.noise_from(blocks, arrow, noise)
-                ratio = np.concatenate([updated.sigma / noise.sigma, updated.defect / noise.defect])
-                noise_settled = bool(np.all(np.abs(np.log(ratio)) < settled))
-                noise = updated
+                near = self.cost(here, noise) > (1.0 - _NEAR) * cost
+                noise, redundancy, settled = self._noise_step(blocks, arrow, noise, near)
                 arrow, _ = self.assembled(blocks, here, noise)
-            cost = self.assembled(blocks, here, noise)[1]
+            cost = self.cost(here, noise)
             if progress:
                 progress(steps, change)
-        return self._solution(here, noise, arrow, redundancy, change < 0.01, steps, cost)
+        return self._solution(here, noise, arrow, redundancy, change < _SMALL and settled, steps, cost)
+
+    def _better(
+        self, here: Unknowns, noise: Noise, arrow: Arrow, cost: float, damping: float
+    ) -> tuple[Unknowns, float, float] | None:
+        """Unknowns of lower cost, the damping to go on with, and the largest change in standard deviations."""
+        std = np.sqrt(np.diag(arrow.factor().covariance()[3]))
+        while damping < 1e8:
+            x, corner = arrow.damped(damping).factor().solve()
+            trial = self._stepped(here, x, corner)
+            new = self.cost(trial, noise)
+            change = float(np.max(np.abs(corner) / std))
+            if np.isfinite(new) and new <= cost * (1 + 1e-9):
+                # A direction that readings hardly see is reached by undamped steps only.
+                return trial, damping / 8 if damping > 1e-6 else 0.0, change if damping < 1e-4 else np.inf
+            if damping == 0.0 and change < _SMALL:
+                return here, 0.0, change  # nothing is left but rounding
+            damping = max(damping, 1e-7) * 8
+        return None
+
+    def _noise_step(self, blocks: Blocks, arrow: Arrow, noise: Noise, near: bool) -> tuple[Noise, np.ndarray, bool]:
+        """Noise as the residuals say, not too far at once, and no less while the estimate still moves.
+
+        A narrow valley is entered at its wide end.
+        """
+        wanted, redundancy = self.noise_from(blocks, arrow, noise)
+        least = 1.0 / _PATIENCE if near else 1.0
+        sigma = np.clip(wanted.sigma, least * noise.sigma, _PATIENCE * noise.sigma)
+        defect = np.clip(wanted.defect, least * noise.defect, _PATIENCE * noise.defect)
+        ratio = np.concatenate([sigma / noise.sigma, defect / noise.defect])
+        # Defects fade slowly to nothing, and what is left of them no longer matters.
+        limit = np.concatenate([np.full(len(sigma), 0.03), np.full(NODE, 0.2)])
+        return Noise(sigma, defect), redundancy, near and bool(np.all(np.abs(np.log(ratio)) < limit))
+
+    def cost(self, unknowns: Unknowns, noise: Noise) -> float:
+        """The sum of squares alone, without derivatives."""
+        gaps, defects = self.shooting.residuals(unknowns.theta, unknowns.offsets, unknowns.nodes, self.segments.arrays)
+        total, group = float(np.sum((np.asarray(defects) / noise.defect) ** 2)), 0
+        for name in self.segments.levers:
+            gap = np.abs(np.asarray(gaps[name]))
+            k = gap.shape[-1]
+            r = gap / noise.sigma[group : group + k] * self.segments.arrays[name]["used"][..., None]
+            total += float(np.sum(np.where(r > HUBER, 2.0 * HUBER * r - HUBER**2, r * r)))
+            group += k
+        total += float(np.sum((self.start_errors(unknowns.nodes) / FIRST_NODE) ** 2))
+        return total + float(self.offset_information @ unknowns.offsets**2) + self._static_cost(unknowns.theta)
+
+    def _static_cost(self, theta: np.ndarray) -> float:
+        """Of the prior and of static evidence."""
+        gap = theta - self.prior.mean
+        r = np.zeros(0) if self._static is None else np.asarray(self._static(jnp.asarray(theta))[0])
+        return float(gap @ self._information @ gap + r @ r)
+
+    def _rescaled(self, here: Unknowns, noise: Noise) -> Unknowns:
+        """The same motion at the common scale of all forces that prior and static evidence like best.
+
+        Along that scale the readings say nothing, and it is a curve in theta: steps along its tangent leave the narrow
+        valley and would be refused one after the other.
+        """
+        scaled = self.shooting.parameters.scaled
+        best = minimize_scalar(lambda s: self._static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded")
+        trial = replace(here, theta=scaled(here.theta, float(best.x)))
+        return trial if self.cost(trial, noise) < self.cost(here, noise) else here
 
     def _stepped(self, here: Unknowns, x: np.ndarray, corner: np.ndarray) -> Unknowns:
         n = len(here.theta)

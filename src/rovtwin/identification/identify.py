@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -158,6 +158,8 @@ def identify(
     if not records:
         raise IdentificationError(f"{vehicle.name}: anchors alone: found no test log; give at least one")
     told("preparing", 0.0)
+    if not settings.accelerometer:
+        records, validate = _without(records, "accelerometer"), _without(validate, "accelerometer")
     grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
     problem = Problem(Shooting(parameters, cut(records, grid)), start, static_evidence(parameters, anchors))
     solution = problem.solve(
@@ -224,6 +226,14 @@ def _parameters_and_prior(
     if old is not None:
         start = prior_from(old, parameters, start, change)
     return parameters, start
+
+
+def _without(records: Sequence[Record], name: str) -> list[Record]:
+    """The same tests without a signal; one that has no other keeps it."""
+    return [
+        replace(r, signals={k: s for k, s in r.signals.items() if k != name}) if set(r.signals) - {name} else r
+        for r in records
+    ]
 
 
 def _listed(records: Sequence[Record], use: str) -> list[dict[str, Any]]:

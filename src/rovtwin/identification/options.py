@@ -18,6 +18,7 @@ class Options(Strict):
     segment: Positive = Field(5.0, description="between nodes of the multiple shooting [s]")
     rate: Positive = Field(20.0, description="highest rate of readings that is used [1/s]")
     window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")
+    accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")
     max_steps: int = Field(80, ge=1, description="of Gauss and Newton")
     groups: dict[str, list[str]] | None = Field(None, description="thrusters that share a curve, by name of the group")
 

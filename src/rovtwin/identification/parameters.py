@@ -103,6 +103,23 @@ class Parameters:
         """Coordinates of values by name; what is not given stays at its starting value."""
         return np.array([p.theta(values[p.name]) if p.name in values else 0.0 for p in self.free])
 
+    def scaled(self, theta: np.ndarray, s: float) -> np.ndarray:
+        """theta with thrust, inertia, damping and restoring times exp(s): the same motion, if all of them are free."""
+        out = np.array(theta, dtype=float)
+        rigid = np.asarray(self.model.rigid_body_mass).diagonal()
+        for i, p in enumerate(self.free):
+            family, _, where = p.name.partition(".")
+            if family == "added_mass":
+                own = rigid[DIRECTIONS.index(where)]
+                out[i] = np.log(max((own + p.value(out[i])) * np.exp(s) - own, 1e-3 * p.base) / p.base)
+            elif family == "thrusters" and not where.split(".")[1].startswith("force"):
+                continue
+            elif p.positive:
+                out[i] += s
+            else:
+                out[i] = p.value(out[i]) * np.exp(s) - p.base
+        return out
+
     def model_at(self, theta: Any) -> tuple[Model, Extras]:
         """The model and the test's own parameters at theta, shape (n,); differentiable."""
         theta = jnp.asarray(theta)
@@ -252,7 +269,7 @@ def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> I
             if name == "time_constant":
                 base = max(base, _TIME_CONSTANT_FLOOR)
             if name == "dead_band":
-                base = max(base, 0.02)
+                base = max(base, 0.01)
             if base > 0:
                 yield Parameter(f"thrusters.{group}.{name}", unit, base, True)
 

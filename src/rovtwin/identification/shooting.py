@@ -348,7 +348,7 @@ def _chunked(function: Any, segments: Any) -> Any:
     return jax.tree.map(lambda x: x.reshape(chunks * _CHUNK, *x.shape[2:])[:count], out)
 
 
-_HUBER = 3.0  # residuals beyond so many sigma count linearly
+HUBER = 3.0  # residuals beyond so many sigma count linearly
 
 
 def _squared(
@@ -367,13 +367,13 @@ def _squared(
         for i in range(residual.shape[-1]):
             r = residual[:, i]
             far = jnp.abs(r) / sigma[group]
-            w = own[name]["used"] * jnp.where(far > _HUBER, _HUBER / jnp.where(far > 0, far, 1.0), 1.0)
+            w = own[name]["used"] * jnp.where(far > HUBER, HUBER / jnp.where(far > 0, far, 1.0), 1.0)
             J = columns[name][:, i, :]
             one_hot = jnp.zeros((J.shape[0], total)).at[:, group].set(1.0)
             J = jnp.concatenate([J, one_hot], axis=1)
             weighted = w[:, None] * J
-            edge = _HUBER * sigma[group]
-            loss = own[name]["used"] * jnp.where(far > _HUBER, 2.0 * edge * jnp.abs(r) - edge**2, r * r)
+            edge = HUBER * sigma[group]
+            loss = own[name]["used"] * jnp.where(far > HUBER, 2.0 * edge * jnp.abs(r) - edge**2, r * r)
             parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(loss), jnp.sum(w)))
             group += 1
     return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (five of them)
