@@ -8,6 +8,7 @@ in linear models, sec. 3.6). Nothing is tuned by hand.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -335,7 +336,7 @@ class Problem:
         valley and would be refused one after the other.
         """
         scaled = self.shooting.parameters.scaled
-        best = minimize_scalar(lambda s: self._static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded")
+        best: Any = minimize_scalar(lambda s: self._static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded")
         trial = replace(here, theta=scaled(here.theta, float(best.x)))
         return trial if self.cost(trial, noise) < self.cost(here, noise) else here
 

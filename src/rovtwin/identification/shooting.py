@@ -276,8 +276,8 @@ def _place_between(path: Nodes, row: Array, share: Array, step: float) -> Array:
         along = s * s * (3.0 - 2.0 * s)
         return p0 + along * (p1 - p0) + step * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1)
 
-    ends = (x[k] for k in (row, row + 1) for x in path)
-    return jax.vmap(one)(*ends, share)
+    a, b = (jax.tree.map(lambda x, k=k: x[k], path) for k in (row, row + 1))
+    return jax.vmap(one)(a.position, a.attitude, a.nu, b.position, b.attitude, b.nu, share)
 
 
 def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array) -> Array:
