@@ -27,6 +27,7 @@ _HELD = 1e-6  # offset of a sensor whose own zero is the reference
 _FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5, "gyro": 1e-5, "velocity": 1e-5}
 _FLOOR["accelerometer"] = 1e-3
 
+_NODE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "gyro": 9}  # where a reading is a part of the state itself
 FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
 # To start from. That of the position stays, it is kinematics; that of the attitude takes up resets of its filter.
 _DEFECT = np.array([1e-2] * 6 + [0.2] * 6)
@@ -104,15 +105,21 @@ class Solution:
 class Problem:
     """One estimation: compiled residuals, prior and static evidence."""
 
-    def __init__(self, shooting: Shooting, prior: Gaussian, static: Static | None = None):
-        """`shooting` may be used for several problems of equal shape; it is compiled once."""
+    def __init__(
+        self, shooting: Shooting, prior: Gaussian, static: Static | None = None, measured_starts: bool = False
+    ):
+        """`shooting` may be used for several problems of equal shape; it is compiled once.
+
+        With `measured_starts` every segment begins at its readings, within their declared noise: starts that are free
+        take up part of what a model lacks, and parameters then come out too small.
+        """
         self.shooting, self.prior, self.static = shooting, prior, static
         self.segments = shooting.segments
-        self.guess = Nodes(**nodes_from_data(self.segments))
+        self.guess = Nodes(**nodes_from_data(self.segments, exact=measured_starts))
         self.groups = self.segments.groups
         self._information = prior.information
         self.offset_information = np.array([self._offset_width(name, i) for name, i in self.groups]) ** -2.0
-        self._starts = np.array(self.segments.first)
+        self.start_information = self._start_widths(measured_starts) ** -2.0
         self._static = None if static is None else jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
 
     def _offset_width(self, name: str, i: int) -> float:
@@ -121,12 +128,27 @@ class Problem:
             return 0.1
         return max(_OFFSET.get(name, [0.0] * 3)[i], _HELD)
 
+    def _start_widths(self, measured: bool) -> np.ndarray:
+        """How well the guess of each node is known apart from the readings that follow, shape (S, 12)."""
+        width = np.full((self.segments.count, NODE), np.inf)
+        if measured:
+            for name, i in self.groups:
+                if name in _NODE_ROWS:
+                    width[:, _NODE_ROWS[name] + i] = self._declared(name, i)
+        first = np.array(self.segments.first)
+        width[first] = np.minimum(width[first], FIRST_NODE)
+        return width
+
+    def _declared(self, name: str, i: int) -> float:
+        sigma = self.segments.sigma[name][i]
+        return float(sigma) if np.isfinite(sigma) else _SIGMA[name]
+
     def start(self) -> tuple[Unknowns, Noise]:
         """Prior mean, nodes from smoothed readings, declared or usual noise."""
-        sigma = [self.segments.sigma[name][i] for name, i in self.groups]
-        usual = [_SIGMA[name] for name, _ in self.groups]
+        declared = np.array([self._declared(name, i) for name, i in self.groups])
+        usual = np.array([_SIGMA[name] for name, _ in self.groups])
         # A gyro of 1e-5 rad/s makes a valley too narrow to be walked from afar.
-        sigma = np.where(np.isfinite(sigma), np.maximum(_CAUTION * np.asarray(sigma), usual), usual)
+        sigma = np.maximum(_CAUTION * declared, usual)
         unknowns = Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), self.guess)
         return unknowns, Noise(sigma, _DEFECT.copy())
 
@@ -160,15 +182,15 @@ class Problem:
         b_corner[:n] -= np.einsum("sia,si->a", by_theta, d)
         cost += float(np.sum(d**2))
         # Starts, prior, offsets, static evidence.
-        off = self.start_errors(unknowns.nodes)
-        own[self._starts] += np.diag(FIRST_NODE**-2.0)
-        b_node[self._starts] -= off / FIRST_NODE**2
+        off = np.asarray(_differences(unknowns.nodes, self.guess))
+        own[:, range(NODE), range(NODE)] += self.start_information
+        b_node -= self.start_information * off
         gap = unknowns.theta - self.prior.mean
         corner[:n, :n] += self._information
         b_corner[:n] -= self._information @ gap
         corner[n:, n:] += np.diag(self.offset_information)
         b_corner[n:] -= self.offset_information * unknowns.offsets
-        cost += float(np.sum((off / FIRST_NODE) ** 2) + gap @ self._information @ gap)
+        cost += float(np.sum(self.start_information * off**2) + gap @ self._information @ gap)
         cost += float(self.offset_information @ unknowns.offsets**2)
         if self._static is not None:
             r, Jr = (np.asarray(x) for x in self._static(jnp.asarray(unknowns.theta)))
@@ -177,12 +199,6 @@ class Problem:
             cost += float(r @ r)
         assert border.shape == (S, NODE, n + G)
         return Arrow(own, _gram(here, there), border, corner, b_node, b_corner), cost
-
-    def start_errors(self, nodes: Nodes) -> np.ndarray:
-        """How far the start of each record is from where the readings put it, shape (records, 12)."""
-        return np.asarray(
-            _differences(*(jax.tree.map(lambda x: np.asarray(x)[self._starts], n) for n in (nodes, self.guess)))
-        )
 
     def noise_from(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> tuple[Noise, np.ndarray]:
         """Variances from squares over redundancies, and the redundancies of the readings."""

@@ -161,7 +161,12 @@ def identify(
     if not settings.accelerometer:
         records, validate = _without(records, "accelerometer"), _without(validate, "accelerometer")
     grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
-    problem = Problem(Shooting(parameters, cut(records, grid)), start, static_evidence(parameters, anchors))
+    problem = Problem(
+        Shooting(parameters, cut(records, grid)),
+        start,
+        static_evidence(parameters, anchors),
+        measured_starts=settings.starts == "measured",
+    )
     solution = problem.solve(
         max_steps=settings.max_steps,
         progress=lambda k, change: told(f"step {k}, largest change {change:.2g} standard deviations", k / 40),

@@ -1,7 +1,7 @@
 """Options of the joint estimate, as an evidence file may set them."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -16,6 +16,9 @@ class Options(Strict):
 
     step: Positive = Field(0.02, description="of the integration [s]; commands are held over a step")
     segment: Positive = Field(5.0, description="between nodes of the multiple shooting [s]")
+    starts: Literal["estimated", "measured"] = Field(
+        "estimated", description="of segments; measured: at the readings, where the model is known to lack something"
+    )
     rate: Positive = Field(20.0, description="highest rate of readings that is used [1/s]")
     window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")
     accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")

@@ -11,8 +11,8 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.identification.estimate import FIRST_NODE, Problem, Solution
-from rovtwin.identification.shooting import NODE, Nodes, moved
+from rovtwin.identification.estimate import Problem, Solution
+from rovtwin.identification.shooting import NODE, Nodes, difference, moved
 
 _LARGEST = 1500  # unknowns; beyond, a dense factor and the sampler take too long
 
@@ -91,8 +91,9 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
     n, G = len(problem.prior.mean), len(problem.groups)
     sigma, defect = jnp.asarray(noise.sigma), jnp.asarray(noise.defect)
     nodes = Nodes(*(jnp.asarray(x) for x in here.nodes))
+    guess = Nodes(*(jnp.asarray(x) for x in problem.guess))
     information = jnp.asarray(problem.prior.information)
-    start_errors = jnp.asarray(problem.start_errors(here.nodes))
+    start_information = jnp.asarray(problem.start_information)
 
     def potential(z: Array) -> Array:
         x = jnp.asarray(spread) @ z
@@ -107,8 +108,8 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
             group += k
         off = theta - problem.prior.mean
         total += off @ information @ off + jnp.asarray(problem.offset_information) @ offsets**2
-        starts = x[n + G :].reshape(-1, NODE)[np.array(problem.segments.first)] + start_errors
-        total += jnp.sum((starts / FIRST_NODE) ** 2)
+        starts = jax.vmap(difference)(at, guess)
+        total += jnp.sum(start_information * starts**2)
         if problem.static is not None:
             total += jnp.sum(problem.static(jnp.asarray(theta)) ** 2)
         return 0.5 * total
