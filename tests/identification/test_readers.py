@@ -252,7 +252,7 @@ def test_shipped_evidence_of_the_linkoping_bluerov():
     # K, M, N of the published geometry.
     T_ = np.asarray(vehicle.model().thrusters.configuration)
     np.testing.assert_allclose(T_[3], [0.11, -0.11, 0, 0, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(T_[4], [0.16, 0.16, -0.016, -0.016, -0.2, 0], atol=1e-12)
+    np.testing.assert_allclose(T_[4], [0.16, 0.16, -0.044, -0.044, -0.2, 0], atol=1e-12)
     np.testing.assert_allclose(T_[5], [0, 0, 0.11, -0.11, 0, 0], atol=1e-12)
 
 

@@ -37,7 +37,7 @@ COMMON: dict[str, float] = {
     "thrusters.*.force_*": 0.7,
     "thrusters.*.exponent": 0.5,
 }
-_WAYS = ("value", "sd", "factor", "fixed")
+_WAYS = ("value", "sd", "factor", "common")
 
 
 def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, Any] | None = None) -> Gaussian:
@@ -47,7 +47,8 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
         parameters: Free ones.
         vehicle: How good its parts' numbers are, see `widths.prior_widths`.
         said: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of two,
-            `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the middle too.
+            `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the middle too; `common: 0.9` beside
+            them is the share of their variance that the parameters of the pattern have in common.
 
     Raises:
         IdentificationError: A pattern fits nothing, or a width is not positive.
@@ -56,16 +57,18 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
     mean = np.zeros(len(names))
     known = prior_widths(vehicle)
     width = np.array([known.get(name.replace("_astern", ""), 0.0) or _width(name) for name in names])
-    kind = np.array([_kind(name) for name in names])
+    kind = np.array([_kind(name) for name in names], dtype=object)
+    shares = dict(COMMON)
     for pattern, words in (said or {}).items():
         rows = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not rows:
             raise IdentificationError(f"prior: '{pattern}' fits no free parameter.{near(pattern, names)}")
         for i in rows:
             mean[i], width[i] = _said(parameters.free[i], pattern, words, width[i])
-            kind[i] = ""  # what somebody states has errors of its own
+            kind[i] = pattern  # what somebody states has errors of its own
+        shares[pattern] = words.get("common", 0.0)
     correlation = np.eye(len(names))
-    for pattern, share in COMMON.items():
+    for pattern, share in shares.items():
         same = np.flatnonzero(kind == pattern)
         correlation[np.ix_(same, same)] = share
     np.fill_diagonal(correlation, 1.0)
@@ -89,6 +92,8 @@ def _said(parameter: Any, pattern: str, words: Any, width: float) -> tuple[float
     for key, value in words.items():
         if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
             raise IdentificationError(f"{where}.{key}: found {value!r}, expected a number")
+    if not 0 <= words.get("common", 0.0) < 1:
+        raise IdentificationError(f"{where}.common: found {words['common']:g}, expected a share from 0 to below 1")
     value = float(words.get("value", parameter.base))
     mean = parameter.theta(value)
     if "factor" in words:
