@@ -145,10 +145,10 @@ class Problem:
 
     def start(self) -> tuple[Unknowns, Noise]:
         """Prior mean, nodes from smoothed readings, declared or usual noise."""
-        declared = np.array([self._declared(name, i) for name, i in self.groups])
-        usual = np.array([_SIGMA[name] for name, _ in self.groups])
+        sigma = [self.segments.sigma[name][i] for name, i in self.groups]
+        usual = [_SIGMA[name] for name, _ in self.groups]
         # A gyro of 1e-5 rad/s makes a valley too narrow to be walked from afar.
-        sigma = np.maximum(_CAUTION * declared, usual)
+        sigma = np.where(np.isfinite(sigma), np.maximum(_CAUTION * np.asarray(sigma), usual), usual)
         unknowns = Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), self.guess)
         return unknowns, Noise(sigma, _DEFECT.copy())
 
