@@ -190,7 +190,7 @@ class Problem:
         b_corner[:n] -= self._information @ gap
         corner[n:, n:] += np.diag(self.offset_information)
         b_corner[n:] -= self.offset_information * unknowns.offsets
-        cost += float(np.sum(self.start_information * off**2) + gap @ self._information @ gap)
+        cost += self.start_cost(unknowns.nodes) + float(gap @ self._information @ gap)
         cost += float(self.offset_information @ unknowns.offsets**2)
         if self._static is not None:
             r, Jr = (np.asarray(x) for x in self._static(jnp.asarray(unknowns.theta)))
@@ -199,6 +199,10 @@ class Problem:
             cost += float(r @ r)
         assert border.shape == (S, NODE, n + G)
         return Arrow(own, _gram(here, there), border, corner, b_node, b_corner), cost
+
+    def start_cost(self, nodes: Nodes) -> float:
+        """Squares of how far nodes are from where the readings put them, where that counts."""
+        return float(np.sum(self.start_information * np.asarray(_differences(nodes, self.guess)) ** 2))
 
     def noise_from(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> tuple[Noise, np.ndarray]:
         """Variances from squares over redundancies, and the redundancies of the readings."""
