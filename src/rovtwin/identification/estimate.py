@@ -340,7 +340,7 @@ class Problem:
             r = gap / noise.sigma[group : group + k] * self.segments.arrays[name]["used"][..., None]
             total += float(np.sum(np.where(r > HUBER, 2.0 * HUBER * r - HUBER**2, r * r)))
             group += k
-        total += float(np.sum((self.start_errors(unknowns.nodes) / FIRST_NODE) ** 2))
+        total += self.start_cost(unknowns.nodes)
         return total + float(self.offset_information @ unknowns.offsets**2) + self._static_cost(unknowns.theta)
 
     def _static_cost(self, theta: np.ndarray) -> float:
@@ -356,7 +356,9 @@ class Problem:
         valley and would be refused one after the other.
         """
         scaled = self.shooting.parameters.scaled
-        best: Any = minimize_scalar(lambda s: self._static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded")
+        best: Any = minimize_scalar(
+            lambda s: self._static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded"
+        )
         trial = replace(here, theta=scaled(here.theta, float(best.x)))
         return trial if self.cost(trial, noise) < self.cost(here, noise) else here
 

@@ -37,7 +37,7 @@ def with_identified(total: Assembly, file: schema.VehicleFile, where: str) -> As
     if found.made_with != now:
         raise ConfigError(
             f"{where}: identified.made_with: found {found.made_with}, but these parts are {now}: they were changed "
-            "after the identification. Keep the old file and run: rovtwin identify NEW_VEHICLE --prior OLD_FILE -o NEW_FILE"
+            "after the identification. Keep the old file and run: rovtwin identify NEW --prior OLD_FILE -o NEW_FILE"
         )
     names = [t.name for t in total.thrusters]
     unknown = [name for name in found.thrusters if name not in names]
