@@ -16,7 +16,7 @@ from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.findings import check
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def commands(page: Path) -> list[str]:
@@ -38,7 +38,7 @@ def test_every_command_shown_exists_with_its_options(page, capsys):
     """`--help` behind each command: click checks names of commands and options before it answers."""
     for line in commands(page):
         words = shlex.split(line.split(" > ")[0].split(" | ")[0])[1:]
-        depth = 2 if words and words[0] in ("vehicle", "scenario", "log") else 1
+        depth = 2 if words and words[0] in ("vehicle", "scenario", "log", "evidence") else 1
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", ["rovtwin", *words[:depth], "--help"])
             with pytest.raises(SystemExit) as stopped:

@@ -1,0 +1,143 @@
+"""The joint estimate: a known vehicle is found again, what cannot be known is named, the result flies."""
+
+import jax
+import numpy as np
+import pytest
+from tests.identification.synthetic import record, steps_command
+
+from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.identification.identify import default_free, identify
+from rovtwin.identification.overlay import to_yaml
+from rovtwin.identification.parameters import catalogue, choose
+from rovtwin.identification.payload import predicted_change
+from rovtwin.identification.prior import default_prior
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+
+DURATION = 40.0
+ADDED = {
+    "name": "extra",
+    "mass": 2.5,
+    "shape": {"box": [0.2, 0.1, 0.1]},
+    "pose": {"position": [0.1, 0.05, 0.1]},
+}
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return load_vehicle("double_blueye")
+
+
+@pytest.fixture(scope="module")
+def truth(vehicle):
+    """A vehicle drawn from the prior."""
+    parameters = choose(catalogue(vehicle), default_free(catalogue(vehicle), []))
+    prior = default_prior(parameters, vehicle)
+    theta = np.linalg.cholesky(prior.covariance) @ np.random.default_rng(3).standard_normal(len(parameters))
+    return theta, parameters.model_at(theta)[0]
+
+
+@pytest.fixture(scope="module")
+def found(vehicle, truth):
+    """Identified from one record, without any anchor."""
+    t, u = steps_command(vehicle, 0, DURATION)
+    return identify(vehicle, [record(truth[1], t, u, DURATION)])
+
+
+def test_it_settles_and_finds_the_noise(found):
+    assert found.solution.converged
+    declared = np.concatenate([found.problem.segments.sigma[name] for name in found.problem.segments.levers])
+    np.testing.assert_allclose(found.solution.noise.sigma, declared, rtol=0.12)
+
+
+def test_the_truth_lies_within_the_widths(found, truth):
+    z = (found.theta - truth[0]) / found.std
+    assert np.max(np.abs(z)) < 4.5
+    assert np.sqrt(np.mean(z**2)) < 1.8
+
+
+def test_motion_alone_does_not_tell_the_scale_of_forces(found, truth):
+    """Thrust, masses, drag and restoring times a factor give the same motion: named, and wide."""
+    assert found.blind and "the scale of all forces" in found.blind[0].text
+    assert found.blind[0].information < 1e-3
+    rows = [i for i, n in enumerate(found.parameters.names) if ".force_" in n]
+    assert found.std[rows].min() > 0.05
+    assert any("common scale" in finding for finding in found.findings)
+
+
+def test_ratios_are_known_much_better_than_the_scale(found, truth):
+    names = found.parameters.names
+    i, j = names.index("quadratic_damping.surge"), names.index("thrusters.surge.force_ahead")
+    a = np.zeros(len(names))
+    a[i], a[j] = 1.0, -1.0
+    std = float(np.sqrt(a @ found.covariance @ a))
+    assert std < 0.02
+    assert abs(a @ (found.theta - truth[0])) < 4 * std
+
+
+def test_the_file_loads_and_is_the_estimate(found, tmp_path):
+    path = tmp_path / "identified.yaml"
+    path.write_text(to_yaml(found.file(), "rovtwin identify double_blueye log.mcap"))
+    again = load_vehicle(path)
+    for name in ("added_mass", "linear_damping_ahead", "quadratic_damping_astern", "center_of_buoyancy", "buoyancy"):
+        np.testing.assert_allclose(
+            np.asarray(getattr(again.model(), name)), np.asarray(getattr(found.model(), name)), rtol=1e-6, atol=1e-7
+        )
+    np.testing.assert_allclose(again.model().thrusters.exponent, found.model().thrusters.exponent, rtol=1e-6)
+    same = identify(again, [], old=again)
+    np.testing.assert_allclose(same.covariance, found.covariance, rtol=1e-5, atol=1e-10)
+
+
+def test_a_file_whose_parts_were_changed_is_refused(found):
+    data = found.file()
+    data["parts"][3]["mass"] = 9.0
+    with pytest.raises(ConfigError, match=r"identified.made_with: found .*rovtwin identify NEW --prior"):
+        vehicle_from_dict(data, "identified.yaml").model()
+
+
+def test_a_new_part_gives_a_prediction_with_wider_intervals(found, vehicle):
+    old = vehicle_from_dict(found.file(), "identified.yaml")
+    data = vehicle.to_dict()
+    data["parts"].append(ADDED)
+    new = vehicle_from_dict(data, "with_extra.yaml")
+    change = predicted_change(old, new)
+    assert change.net_buoyancy == pytest.approx(9.81 * (1000 * 0.002 - 2.5))
+    result = identify(new, [], old=old)
+    assert np.all(result.std >= found.std * 0.5)
+    surge = result.parameters.names.index("added_mass.surge")
+    assert result.std[surge] > found.std[surge]
+    assert result.model().weight == pytest.approx(old.model().weight + 2.5 * 9.81)
+    assert result.values["added_mass.surge"] > found.values["added_mass.surge"]
+
+
+def test_other_thrusters_are_no_change_of_parts(found):
+    old = vehicle_from_dict(found.file(), "identified.yaml")
+    with pytest.raises(IdentificationError, match="same vehicle with other parts"):
+        identify(load_vehicle("bluerov2"), [], old=old)
+
+
+def test_gradients_agree_with_differences(found):
+    """Columns of the normal equations: the slope of the cost along a random direction."""
+    problem, noise = found.problem, found.solution.noise
+    here = found.solution.unknowns
+    rng = np.random.default_rng(0)
+    direction = found.std * rng.standard_normal(len(found.theta))
+    from dataclasses import replace
+
+    def cost(h):
+        return problem.cost(replace(here, theta=here.theta + h * direction), noise)
+
+    arrow, _ = problem.assembled(problem.blocks(here, noise), here, noise)
+    slope = -2.0 * arrow.b_corner[: len(direction)] @ direction
+    h = 1e-4
+    assert slope == pytest.approx((cost(h) - cost(-h)) / (2 * h), rel=2e-2, abs=1e-3)
+
+
+def test_records_of_another_vehicle_are_refused(vehicle, found):
+    wrong = load_vehicle("bluerov2_heavy")
+    with pytest.raises(IdentificationError, match="another number of thrusters"):
+        identify(wrong, [found.problem.segments.records[0]])
+
+
+def test_the_model_is_a_pytree_of_finite_numbers(found):
+    for leaf in jax.tree.leaves(found.model()):
+        assert not np.any(np.isnan(np.asarray(leaf, dtype=float)))
