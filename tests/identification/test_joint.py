@@ -13,7 +13,7 @@ from rovtwin.identification.payload import predicted_change
 from rovtwin.identification.prior import default_prior
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
-DURATION = 40.0
+DURATION = 30.0
 ADDED = {
     "name": "extra",
     "mass": 2.5,

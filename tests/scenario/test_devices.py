@@ -136,6 +136,7 @@ def test_instruments_that_cannot_be_are_refused(said, setting):
 # -- tethers
 
 
+@pytest.mark.slow
 def test_a_snagged_tether_holds_the_vehicle_back():
     """Going north with the tether of one unit caught behind it at 10 s, it gets less far than without."""
     common = ["world.tethers={}", "start.position=[0, 0, 3]", "duration=40", "name=caught", "log.sensors=false"]

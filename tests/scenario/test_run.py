@@ -88,6 +88,7 @@ def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
     np.testing.assert_array_equal(compiled.measurements["gyro"].valid, ticked.measurements["gyro"].valid)
 
 
+@pytest.mark.slow
 def test_a_batch_agrees_with_single_runs_to_1e9_over_a_minute_of_calm_water():
     scenario = load_scenario("lawnmower_calm")
     dt, ticks, n = scenario.control_dt, 50, 60
