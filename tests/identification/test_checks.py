@@ -10,11 +10,11 @@ from tests.conftest import shared_folder
 from tests.identification.flown import EXCITATIONS, SENSORS, fly, model_of
 
 import rovtwin.cli
-from rovtwin.identification.checks import check_record
+from rovtwin.identification.checks import check_commands, check_record
 from rovtwin.identification.evidence_file import read_evidence
 from rovtwin.identification.readers import read_tests
 from rovtwin.identification.readers.assemble import flung
-from rovtwin.identification.record import Signal
+from rovtwin.identification.record import Record, Signal
 from rovtwin.identification.rotations import matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
@@ -225,3 +225,16 @@ def test_flung_readings_are_only_those():
     assert not flung(euler).any()
     euler[40, 2] -= 3.0
     assert np.flatnonzero(flung(euler)).tolist() == [40]
+
+
+def test_a_release_is_no_mistake():
+    """Thrusters off and the vehicle swinging is a decay test; off and still is a log of nothing."""
+    t = np.arange(0.0, 10.0, 0.02)
+    swing = np.stack([0.5 * np.exp(-0.3 * t) * np.cos(t), 0 * t, 0 * t], axis=1)
+    model = load_vehicle("double_blueye").model()
+
+    def record(value):
+        return Record("release", np.zeros(1), np.zeros((1, 6)), {"attitude": Signal(t, value)}, 10.0)
+
+    assert [f.what for f in check_commands(record(swing), model)] == ["release"]
+    assert [f.what for f in check_commands(record(0.001 * swing), model)] == ["no_excitation"]

@@ -56,6 +56,11 @@ def check_commands(record: Record, model: Model) -> list[Finding]:
     weight = np.diff(np.append(record.t_command, record.end))
     mean = (weight @ u) / weight.sum()
     moved = np.sqrt(weight @ (u - mean) ** 2 / weight.sum())
+    if np.abs(u).max() < 0.01 and _swings(record):
+        said = (
+            "thrusters rest and the vehicle swings: a release; it tells inertia, damping and restoring by their ratios."
+        )
+        return [Finding("note", "release", "commands", said, "Fit it together with a test in which thrusters push.")]
     if moved.max() < 0.01:
         said = f"no excitation: no command moves by more than {moved.max():.2g} of its range."
         fix = "Fly a test in which thrusters push; a decay test goes to `rovtwin evidence decay`."
@@ -67,6 +72,12 @@ def check_commands(record: Record, model: Model) -> list[Finding]:
         said = "not excited: its own parameters cannot be known from this record."
         found.append(Finding("note", "unexcited", AXIS_NAMES[axis], said, "Fly a test that pushes there too."))
     return found + _flat_tops(record, weight)
+
+
+def _swings(record: Record) -> bool:
+    """Whether roll or pitch moves by more than 6 degrees."""
+    attitude = record.signals.get("attitude")
+    return attitude is not None and float(np.ptp(attitude.value[:, :2], axis=0).max()) > 0.1
 
 
 def _flat_tops(record: Record, weight: np.ndarray) -> list[Finding]:
