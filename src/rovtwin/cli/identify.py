@@ -66,8 +66,8 @@ def identify(
     if out.is_dir() or not out.parent.is_dir():
         raise ConfigError(f"{out}: expected the name of a file to write, in a folder that is there")
     wanted = load_vehicle(name)
-    fitted, held_out = _records(wanted, said, logs or [], validate or [], fit_share)
-    _warn(screen, wanted, [*fitted, *held_out], trust_logs)
+    fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
+    _warn(screen, wanted, whole, trust_logs)
     with _progress(screen) as told:
         result = estimate(
             wanted,
@@ -93,8 +93,8 @@ def identify(
 
 def _records(
     vehicle: Any, said: Any, logs: list[Path], validate: list[Path], fit_share: float | None
-) -> tuple[list["Record"], list["Record"]]:
-    """Tests to fit and tests to predict."""
+) -> tuple[list["Record"], list["Record"], list["Record"]]:
+    """Tests to fit, tests to predict, and all of them before any was split."""
     from rovtwin.identification.readers import read_records, read_tests
 
     if fit_share is not None and not 0 < fit_share <= 1:
@@ -104,6 +104,7 @@ def _records(
     held_out = [t.record for t in tests if t.use == "validate"]
     own = [record for path in logs for record in read_records(path, vehicle)]
     held_out += [record for path in validate for record in read_records(path, vehicle)]
+    whole = [*fitted, *held_out, *own]
     share = fit_share if fit_share is not None else (1.0 if held_out or not own else 0.8)
     for record in own:
         if share == 1.0:
@@ -112,7 +113,7 @@ def _records(
         split = record.start + share * record.duration
         fitted.append(record.cut(record.start, split))
         held_out.append(record.cut(split, record.end))
-    return fitted, held_out
+    return fitted, held_out, whole
 
 
 def _warn(screen: Console, vehicle: Any, records: list["Record"], trust: bool) -> None:

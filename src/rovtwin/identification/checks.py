@@ -57,9 +57,7 @@ def check_commands(record: Record, model: Model) -> list[Finding]:
     mean = (weight @ u) / weight.sum()
     moved = np.sqrt(weight @ (u - mean) ** 2 / weight.sum())
     if np.abs(u).max() < 0.01 and _swings(record):
-        said = (
-            "thrusters rest and the vehicle swings: a release; it tells ratios of inertia, damping, restoring."
-        )
+        said = "thrusters rest and the vehicle swings: a release; it tells ratios of inertia, damping, restoring."
         return [Finding("note", "release", "commands", said, "Fit it together with a test in which thrusters push.")]
     if moved.max() < 0.01:
         said = f"no excitation: no command moves by more than {moved.max():.2g} of its range."
