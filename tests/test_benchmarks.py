@@ -8,6 +8,7 @@ from benchmarks import run
 from benchmarks.closed_loop import same_flight
 
 
+@pytest.mark.slow
 def test_compiled_loop_flies_like_plain_numpy():
     """Dive, turn, go, reach and turn again: 30 s apart by less than 0.1 mm, in truth and in estimate.
 

@@ -21,6 +21,7 @@ SET = (
 )
 
 
+@pytest.mark.slow
 def test_from_the_surface_and_back():
     flight = fly(load_scenario("square", SET, seed=2))
     assert flight.completed, flight.summary["reason"]

@@ -82,6 +82,7 @@ def test_no_tether_like_that(overrides, expected):
         tethers(*overrides)
 
 
+@pytest.mark.slow
 def test_the_log_says_how_it_pulls_and_where_it_lies():
     """In a current of 0.3 m/s to the east, 20 m paid out, the boat 10 m to the south."""
     scenario = load_scenario(
