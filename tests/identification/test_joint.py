@@ -1,5 +1,7 @@
 """The joint estimate: a known vehicle is found again, what cannot be known is named, the result flies."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -121,7 +123,6 @@ def test_gradients_agree_with_differences(found):
     here = found.solution.unknowns
     rng = np.random.default_rng(0)
     direction = found.std * rng.standard_normal(len(found.theta))
-    from dataclasses import replace
 
     def cost(h):
         return problem.cost(replace(here, theta=here.theta + h * direction), noise)
