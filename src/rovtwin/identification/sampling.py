@@ -3,7 +3,7 @@
 All unknowns are sampled, parameters, offsets and nodes, in coordinates in which the Gaussian of the estimate is round;
 the noise stays as estimated. Reference: Hoffman and Gelman (2014), J. Mach. Learn. Res. 15. Needs numpyro.
 
-Slow: every draw runs the whole test forward and back many times. Not yet shown to finish on more than half a minute.
+Slow: every draw runs the whole test forward and back many times. Not yet seen to finish, even on 30 s.
 """
 
 from dataclasses import dataclass
