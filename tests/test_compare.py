@@ -9,7 +9,7 @@ import pytest
 import rovtwin.cli
 from rovtwin.cli.compare import labels
 from rovtwin.identification.differences import as_a_whole, difference
-from rovtwin.identification.estimate import Gaussian
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.overlay import identified_file, to_yaml
 from rovtwin.identification.parameters import catalogue, choose
 from rovtwin.identification.stated import Value, stated

@@ -10,7 +10,6 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.estimate import Gaussian
 from rovtwin.identification.experiment import (
     Information,
     Path,
@@ -21,6 +20,7 @@ from rovtwin.identification.experiment import (
     variance_ratio,
     with_anchors,
 )
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.parameters import catalogue, choose
 from rovtwin.identification.prior import default_prior
 from rovtwin.identification.record import Record, Signal

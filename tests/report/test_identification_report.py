@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovtwin.identification.estimate import Gaussian, Noise
+from rovtwin.identification.estimate import Noise
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.parameters import catalogue, choose
 from rovtwin.identification.validation import Prediction, Score

@@ -30,14 +30,6 @@ class Arrow:
     b: np.ndarray
     b_corner: np.ndarray
 
-    def damped(self, strength: float) -> "Arrow":
-        """The same with its diagonal raised (Levenberg-Marquardt)."""
-        own, corner = self.own.copy(), self.corner.copy()
-        d, n = np.arange(own.shape[1]), np.arange(corner.shape[0])
-        own[:, d, d] *= 1.0 + strength
-        corner[n, n] *= 1.0 + strength
-        return Arrow(own, self.next, self.border, corner, self.b, self.b_corner)
-
     def factor(self) -> "Factored":
         """Raises LinAlgError where H is not positive definite."""
         S, d = self.b.shape
@@ -69,16 +61,20 @@ class Factored:
     corner: np.ndarray
     b_corner: np.ndarray
 
-    def solve(self) -> tuple[np.ndarray, np.ndarray]:
-        """x, shape (S, d), and theta, shape (n,)."""
+    def border(self, damping: np.ndarray | None = None) -> np.ndarray:
+        """theta, shape (n,), with something added to the diagonal of what is known of it (Levenberg-Marquardt)."""
+        corner = self.corner if damping is None else self.corner + np.diag(damping)
+        return cho_solve(cho_factor(corner), self.b_corner)
+
+    def nodes(self, theta: np.ndarray) -> np.ndarray:
+        """x at a theta, shape (S, d)."""
         S, d, _ = self.gains.shape
-        theta = cho_solve(cho_factor(self.corner), self.b_corner)
         x = np.zeros((S, d))
         for s in reversed(range(S)):
             x[s] = self.gains[s, :, -1] - self.gains[s, :, d:-1] @ theta
             if s + 1 < S:
                 x[s] -= self.gains[s, :, :d] @ x[s + 1]
-        return x, theta
+        return x
 
     def covariance(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Blocks of H^-1: nodes (S, d, d), node and next (S, d, d), node and theta (S, d, n), theta (n, n)."""

@@ -15,9 +15,12 @@ from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.identification.arrow import Arrow
+from rovtwin.identification.arrow import Arrow, Factored
+from rovtwin.identification.balance import balanced
+from rovtwin.identification.gaussian import Gaussian
+from rovtwin.identification.nodes import NODE, Nodes, difference, moved
 from rovtwin.identification.segments import nodes_from_data
-from rovtwin.identification.shooting import HUBER, NODE, Blocks, Nodes, Shooting, difference, moved
+from rovtwin.identification.shooting import HUBER, Blocks, Shooting
 
 # Where nobody declared it: noise of a reading to start from, and how far a sensor may be off throughout.
 _SIGMA = {"position": 0.03, "horizontal": 0.03, "depth": 0.01, "attitude": 0.005, "gyro": 0.005, "velocity": 0.02}
@@ -37,19 +40,10 @@ _SEES_VELOCITY, _SEES_RATE = {"position", "horizontal", "velocity"}, {"attitude"
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
 _PATIENCE = 4.0  # largest factor by which a noise changes at once
 _NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
+_REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
+_NODES = 1e4  # damping of theta from which nodes are held back too
 _SMALL = 0.01  # change in standard deviations at which the estimate is done
-
-
-@dataclass(frozen=True, eq=False)
-class Gaussian:
-    """What is known of theta: mean (n,) and covariance (n, n)."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
-
-    @property
-    def information(self) -> np.ndarray:
-        return np.linalg.inv(self.covariance)
+_GAIN = 0.01  # of the cost by two steps in a row, below which it is done too: a standard deviation costs 1
 
 
 Static = Callable[[Array], Array]
@@ -85,7 +79,7 @@ class Solution:
         offset_std: Standard deviation of the offsets, shape (G,).
         nodes_covariance: Of the nodes, shape (S, 12, 12).
         redundancy: Readings less what they were fitted with, shape (G,).
-        converged: Whether the last step was below a hundredth of a standard deviation.
+        converged: Whether the last step was below a hundredth of a standard deviation, or gained nothing.
         steps: Gauss-Newton steps taken.
         cost: Sum of squares at the end.
     """
@@ -117,9 +111,11 @@ class Problem:
         self.segments = shooting.segments
         self.guess = Nodes(**nodes_from_data(self.segments, exact=measured_starts))
         self.groups = self.segments.groups
-        self._information = prior.information
+        self._information, self._width = prior.information, np.sqrt(np.diag(prior.covariance))
         self.offset_information = np.array([self._offset_width(name, i) for name, i in self.groups]) ** -2.0
         self.start_information = self._start_widths(measured_starts) ** -2.0
+        self._floor = np.concatenate([[_FLOOR[name] for name, _ in self.groups], _DEFECT_FLOOR])
+        self._last = np.zeros(len(self._floor))
         self._static = None if static is None else jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
 
     def _offset_width(self, name: str, i: int) -> float:
@@ -144,12 +140,13 @@ class Problem:
         return float(sigma) if np.isfinite(sigma) else _SIGMA[name]
 
     def start(self) -> tuple[Unknowns, Noise]:
-        """Prior mean, nodes from smoothed readings, declared or usual noise."""
+        """Parameters at which the forces balance, nodes from smoothed readings, declared or usual noise."""
         sigma = [self.segments.sigma[name][i] for name, i in self.groups]
         usual = [_SIGMA[name] for name, _ in self.groups]
         # A gyro of 1e-5 rad/s makes a valley too narrow to be walked from afar.
         sigma = np.where(np.isfinite(sigma), np.maximum(_CAUTION * np.asarray(sigma), usual), usual)
-        unknowns = Unknowns(self.prior.mean.copy(), np.zeros(len(self.groups)), self.guess)
+        theta = balanced(self.shooting.balance, self.segments, self.prior, self._static)
+        unknowns = Unknowns(theta, np.zeros(len(self.groups)), self.guess)
         return unknowns, Noise(sigma, _DEFECT.copy())
 
     def blocks(self, unknowns: Unknowns, noise: Noise) -> Blocks:
@@ -273,62 +270,92 @@ class Problem:
             IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
         """
         here, noise = self.start() if start is None else start
-        damping, change, steps, settled = 1e-3, np.inf, 0, fixed_noise
-        redundancy = np.ones(len(self.groups))
+        damping, change, steps, settled, idle = 1.0, np.inf, 0, fixed_noise, 0
+        redundancy, fresh = np.ones(len(self.groups)), True
         blocks = self.blocks(here, noise)
         arrow, _ = self.assembled(blocks, here, noise)
         cost = self.cost(here, noise)
         if not np.isfinite(cost):
             raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
-        while steps < max_steps and not (change < _SMALL and settled):
+        while steps < max_steps and not (settled and (change < _SMALL or idle >= 2)):
             steps += 1
             found = self._better(here, noise, arrow, cost, damping)
             if found is None:
-                break
-            here, damping, change = found
-            here = self._rescaled(here, noise)
+                if fresh:
+                    break
+                # What counts as an outlier was still that of the noise before.
+                blocks, fresh = self.blocks(here, noise), True
+                arrow, _ = self.assembled(blocks, here, noise)
+                damping = 1.0
+                continue
+            before, (here, cost, damping, change) = cost, found
+            here, cost = self._rescaled(here, noise, cost)
+            idle = idle + 1 if before - cost < _GAIN else 0
             blocks = self.blocks(here, noise)
             arrow, _ = self.assembled(blocks, here, noise)
             if not fixed_noise:
-                near = self.cost(here, noise) > (1.0 - _NEAR) * cost
-                noise, redundancy, settled = self._noise_step(blocks, arrow, noise, near)
+                fresh = False
+                noise, redundancy, settled = self._noise_step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
                 arrow, _ = self.assembled(blocks, here, noise)
-            cost = self.cost(here, noise)
+                cost = self.cost(here, noise)
             if progress:
                 progress(steps, change)
-        return self._solution(here, noise, arrow, redundancy, change < _SMALL and settled, steps, cost)
+        done = settled and (change < _SMALL or idle >= 2)
+        return self._solution(here, noise, arrow, redundancy, done, steps, cost)
 
     def _better(
         self, here: Unknowns, noise: Noise, arrow: Arrow, cost: float, damping: float
-    ) -> tuple[Unknowns, float, float] | None:
-        """Unknowns of lower cost, the damping to go on with, and the largest change in standard deviations."""
-        std = np.sqrt(np.diag(arrow.factor().covariance()[3]))
-        while damping < 1e8:
-            x, corner = arrow.damped(damping).factor().solve()
-            trial = self._stepped(here, x, corner)
+    ) -> tuple[Unknowns, float, float, float] | None:
+        """Unknowns of lower cost, that cost, the damping to go on with, and the largest change in standard deviations.
+
+        Steps are damped in the measure of the prior: what the readings hardly see stays where it is.
+        """
+        factored = arrow.factor()
+        std = np.sqrt(np.diag(factored.covariance()[3]))
+        while damping < 1e9:
+            corner, held_back = self._within_reach(factored, damping)
+            # Nodes follow; where theta hardly moves any more, they are what went too far.
+            trial = self._stepped(here, min(1.0, _NODES / max(damping, 1e-9)) * factored.nodes(corner), corner)
             new = self.cost(trial, noise)
             change = float(np.max(np.abs(corner) / std))
             if np.isfinite(new) and new <= cost * (1 + 1e-9):
-                # A direction that readings hardly see is reached by undamped steps only.
-                return trial, damping / 8 if damping > 1e-6 else 0.0, change if damping < 1e-4 else np.inf
+                change = np.inf if held_back or damping > 1e-2 else change
+                return trial, new, damping / 10 if damping > 1e-3 else 0.0, change
             if damping == 0.0 and change < _SMALL:
-                return here, 0.0, change  # nothing is left but rounding
-            damping = max(damping, 1e-7) * 8
+                return here, cost, 0.0, change  # nothing is left but rounding
+            damping = max(10 * damping, 0.1)
         return None
+
+    def _within_reach(self, factored: Factored, damping: float) -> tuple[np.ndarray, bool]:
+        """Step of theta and offsets, and whether one of them had to be held back more than the others."""
+        n = len(self._width)
+        more = np.concatenate([damping * self._width**-2.0, np.zeros(len(self.groups))])
+        corner, held_back = factored.border(more), False
+        while (far := np.abs(corner[:n]) > _REACH * self._width).any():
+            more[:n][far] = np.maximum(3.0 * more[:n][far], 0.1 * self._width[far] ** -2.0)
+            corner, held_back = factored.border(more), True
+        return corner, held_back
 
     def _noise_step(self, blocks: Blocks, arrow: Arrow, noise: Noise, near: bool) -> tuple[Noise, np.ndarray, bool]:
         """Noise as the residuals say, not too far at once, and no less while the estimate still moves.
 
-        A narrow valley is entered at its wide end.
+        A narrow valley is entered at its wide end. Variances that go to zero creep there, by a like factor each time
+        (as any EM does: Dempster, Laird and Rubin 1977); Aitken's rule says where they are going.
         """
         wanted, redundancy = self.noise_from(blocks, arrow, noise)
-        least = 1.0 / _PATIENCE if near else 1.0
-        sigma = np.clip(wanted.sigma, least * noise.sigma, _PATIENCE * noise.sigma)
-        defect = np.clip(wanted.defect, least * noise.defect, _PATIENCE * noise.defect)
-        ratio = np.concatenate([sigma / noise.sigma, defect / noise.defect])
+        G = len(noise.sigma)
+        now = np.concatenate([noise.sigma, noise.defect])
+        step = np.log(np.concatenate([wanted.sigma, wanted.defect]) / now)
+        least = -np.log(_PATIENCE) if near else 0.0
+        before, self._last = self._last, step if near else np.zeros_like(step)
+        rate = np.where(before != 0.0, step / np.where(before != 0.0, before, 1.0), 0.0)
+        rate[:G] = 0.0
+        going = step / (1.0 - np.clip(rate, 0.0, 0.9))
+        new = np.maximum(now * np.exp(np.clip(going, least, np.log(_PATIENCE))), self._floor)
+        moved = np.abs(np.log(new / now))
         # Defects fade slowly to nothing, and what is left of them no longer matters.
-        limit = np.concatenate([np.full(len(sigma), 0.03), np.full(NODE, 0.2)])
-        return Noise(sigma, defect), redundancy, near and bool(np.all(np.abs(np.log(ratio)) < limit))
+        settled = near and bool(np.all(moved[:G] < 0.03) and np.all(moved[G:] < 0.2))
+        return Noise(new[:G], new[G:]), redundancy, settled
 
     def cost(self, unknowns: Unknowns, noise: Noise) -> float:
         """The sum of squares alone, without derivatives."""
@@ -349,7 +376,7 @@ class Problem:
         r = np.zeros(0) if self._static is None else np.asarray(self._static(jnp.asarray(theta))[0])
         return float(gap @ self._information @ gap + r @ r)
 
-    def _rescaled(self, here: Unknowns, noise: Noise) -> Unknowns:
+    def _rescaled(self, here: Unknowns, noise: Noise, cost: float) -> tuple[Unknowns, float]:
         """The same motion at the common scale of all forces that prior and static evidence like best.
 
         Along that scale the readings say nothing, and it is a curve in theta: steps along its tangent leave the narrow
@@ -360,16 +387,13 @@ class Problem:
             lambda s: self._static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded"
         )
         trial = replace(here, theta=scaled(here.theta, float(best.x)))
-        return trial if self.cost(trial, noise) < self.cost(here, noise) else here
+        new = self.cost(trial, noise)
+        return (trial, new) if new < cost else (here, cost)
 
     def _stepped(self, here: Unknowns, x: np.ndarray, corner: np.ndarray) -> Unknowns:
         n = len(here.theta)
-        # No parameter moves by more than a factor of two at once: the far side of a logarithm is no place to look.
-        scale = min(1.0, 0.7 / max(float(np.max(np.abs(corner[:n]), initial=0.0)), 1e-12))
-        nodes = jax.tree.map(np.asarray, _moved_all(here.nodes, scale * x))
-        return replace(
-            here, theta=here.theta + scale * corner[:n], offsets=here.offsets + scale * corner[n:], nodes=nodes
-        )
+        nodes = jax.tree.map(np.asarray, _moved_all(here.nodes, x))
+        return replace(here, theta=here.theta + corner[:n], offsets=here.offsets + corner[n:], nodes=nodes)
 
     def _solution(
         self,

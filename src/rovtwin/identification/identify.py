@@ -9,7 +9,8 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.anchors import static_evidence
-from rovtwin.identification.estimate import Gaussian, Problem, Solution
+from rovtwin.identification.estimate import Problem, Solution
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.options import Options
 from rovtwin.identification.overlay import identified_file
 from rovtwin.identification.parameters import DIRECTIONS, Parameters, catalogue, choose

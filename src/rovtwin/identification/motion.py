@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve
 
-from rovtwin.identification.record import Record
+from rovtwin.identification.record import Record, Signal
 from rovtwin.identification.rotations import matrices_from_euler
 
 STEP, WIDTH = 0.02, 0.12  # of the grid, of the kernel [s]
@@ -71,6 +71,27 @@ def held(t: np.ndarray, value: np.ndarray, grid: np.ndarray) -> np.ndarray:
     return value[np.clip(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0, len(t) - 1)]
 
 
+def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> tuple[np.ndarray, np.ndarray]:
+    """R_nb of an attitude on an even grid and its rate, (m, 3, 3): smoothed as matrices and made orthogonal again.
+
+    No wrap and no singularity, whatever the angles do.
+    """
+    entries = matrices_from_euler(signal.value).reshape(-1, 9)
+    smooth, rate = (x.reshape(-1, 3, 3) for x in on_grid(signal.t, entries, grid, width))
+    good = np.isfinite(smooth).all(axis=(1, 2))
+    R = np.full_like(smooth, np.nan)
+    if good.any():
+        u, _, vt = np.linalg.svd(smooth[good])
+        R[good] = u @ vt
+    return R, rate
+
+
+def body_rates(R: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """omega [rad/s] of R_nb and its rate, (m, 3, 3): S(omega) = R' R_dot, shape (m, 3)."""
+    S = np.einsum("nji,njk->nik", R, rate)
+    return 0.5 * np.stack([S[:, 2, 1] - S[:, 1, 2], S[:, 0, 2] - S[:, 2, 0], S[:, 1, 0] - S[:, 0, 1]], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A Record's signals on one grid; whatever the record lacks is None, what is missing for a while NaN.
@@ -105,25 +126,15 @@ class Motion:
     @cached_property
     def _rotation_and_rate(self) -> tuple[np.ndarray, np.ndarray] | None:
         signal = self.record.signals.get("attitude")
-        if signal is None or len(signal.t) < 5:
-            return None
-        entries = matrices_from_euler(signal.value).reshape(-1, 9)
-        smooth, rate = (x.reshape(-1, 3, 3) for x in on_grid(signal.t, entries, self.t))
-        good = np.isfinite(smooth).all(axis=(1, 2))
-        R = np.full_like(smooth, np.nan)
-        if good.any():
-            u, _, vt = np.linalg.svd(smooth[good])
-            R[good] = u @ vt
-        return R, rate
+        return None if signal is None or len(signal.t) < 5 else rotation_on_grid(signal, self.t)
 
     @cached_property
     def rate_of_attitude(self) -> np.ndarray | None:
-        """Body rates that the attitude implies [rad/s], shape (m, 3): S(omega) = R' R_dot. No wrap, no singularity."""
+        """Body rates that the attitude implies [rad/s], shape (m, 3)."""
         found = self._rotation_and_rate
         if found is None:
             return None
-        S = np.einsum("nji,njk->nik", found[0], found[1])
-        return 0.5 * np.stack([S[:, 2, 1] - S[:, 1, 2], S[:, 0, 2] - S[:, 2, 0], S[:, 1, 0] - S[:, 0, 1]], axis=1)
+        return body_rates(*found)
 
     @cached_property
     def omega(self) -> np.ndarray | None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rovtwin.identification.estimate import Gaussian
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.parameters import Parameters
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.identified import fingerprint

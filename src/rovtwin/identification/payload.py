@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.estimate import Gaussian
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.parameters import DAMPINGS, DIRECTIONS, Parameters
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.assembly import Assembly, assemble, bodies

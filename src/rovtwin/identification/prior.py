@@ -13,7 +13,7 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.estimate import Gaussian
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.parameters import Parameters
 from rovtwin.identification.widths import prior_widths
 from rovtwin.vehicle import Vehicle

@@ -14,7 +14,7 @@ import numpy as np
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.estimate import Problem, Solution
-from rovtwin.identification.shooting import NODE, Nodes, difference, moved
+from rovtwin.identification.nodes import NODE, Nodes, difference, moved
 
 _LARGEST = 1500  # unknowns; beyond, a dense factor and the sampler take too long
 

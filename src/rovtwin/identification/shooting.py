@@ -15,31 +15,22 @@ import equinox as eqx
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import (
     cross,
-    quaternion_conjugate,
-    quaternion_multiply,
     quaternion_normalise,
     quaternion_rate,
     rotation_from_quaternion,
 )
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.balance import Balance
+from rovtwin.identification.loads import test_wrench, thrust_history
+from rovtwin.identification.nodes import NODE, Nodes, difference, moved, rotation_between
 from rovtwin.identification.parameters import Extras, Parameters
 from rovtwin.identification.segments import Segments
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import Thrusters, lag, static_force
 
-NODE = 12  # size of a node's error
 _CHUNK = 8  # segments that are simulated side by side, with all their derivatives: what fits into the cache
-
-
-class Nodes(NamedTuple):
-    """State at the start of every segment: position (S, 3), attitude (S, 4), nu (S, 6)."""
-
-    position: Any
-    attitude: Any
-    nu: Any
 
 
 class Blocks(NamedTuple):
@@ -70,6 +61,7 @@ class Shooting:
     def __init__(self, parameters: Parameters, segments: Segments):
         """Nothing is compiled before the first call."""
         self.parameters, self.segments = parameters, segments
+        self.balance = Balance(parameters, segments.grid)
         _, self._static = eqx.partition(parameters.model, eqx.is_inexact_array)
         self._names = list(segments.levers)
         self.blocks = jax.jit(self._blocks)
@@ -126,7 +118,7 @@ class Shooting:
         step = self.segments.grid.step
 
         def rate(x: Nodes, wrench: Array) -> Array:
-            extra = _test_wrench(x, own, extras)
+            extra = test_wrench(x, own, extras)
             return acceleration(model, x.position, x.attitude, x.nu, wrench + extra, calm)
 
         def advance(x: Nodes, wrenches: Array) -> tuple[Nodes, Nodes]:
@@ -158,7 +150,6 @@ class Shooting:
         """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
         flexible, d_flexible, tau, d_tau = self._linearised(theta, arrays)
         following, own = self._per_segment(nodes, arrays)
-        n = len(self.parameters)
 
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
@@ -176,7 +167,6 @@ class Shooting:
             squared = _squared(self._names, value[0], columns[0], own, offsets, sigma)
             return Blocks(*squared, own["linked"] * value[1], defect_jacobian)
 
-        assert n == theta.shape[0]
         return _chunked(one, (nodes, following, tau, d_tau, own))
 
     def _residuals(
@@ -204,58 +194,6 @@ class Shooting:
         flexible, _, tau, _ = self._without_derivatives(theta, arrays)
         _, own = self._per_segment(nodes, arrays)
         return _chunked(lambda s: self._path(jnp.zeros(NODE), flexible, s[1], s[0], s[2])[0], (nodes, tau, own))
-
-
-def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: float) -> Array:
-    """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6).
-
-    Args:
-        thrusters: With their lag.
-        command: Held over each step, shape (S, K, n).
-        fresh: 1 at steps where a record begins, with thrusters settled at its first command, shape (S, K).
-        step: [s].
-    """
-    target = jax.vmap(jax.vmap(lambda u: static_force(thrusters, u)))(command)
-    flat, begin = target.reshape(-1, target.shape[-1]), fresh.reshape(-1)
-
-    def one(force: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-        goal, begins = now
-        before = jnp.where(begins > 0, goal, force)
-        half = lag(thrusters, before, goal, 0.5 * step)
-        after = lag(thrusters, half, goal, 0.5 * step)
-        return after, jnp.stack([before, half, after])
-
-    _, history = jax.lax.scan(one, flat[0], (flat, begin))
-    return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
-
-
-def moved(node: Nodes, error: Array) -> Nodes:
-    """A state off by an error (12,): position and nu by sums, attitude by a small rotation in b."""
-    angle = error[3:6]
-    square = angle @ angle
-    # sin(x/2)/x and cos(x/2) by their series: errors of nodes are small, and derivatives stay finite at zero.
-    turn = jnp.concatenate([(1.0 - square / 8.0 + square**2 / 384.0)[None], angle * (0.5 - square / 48.0)])
-    attitude = quaternion_normalise(quaternion_multiply(node.attitude, turn))
-    return Nodes(node.position + error[:3], attitude, node.nu + error[6:])
-
-
-def difference(a: Nodes, b: Nodes) -> Array:
-    """The error (12,) of a state a against b: `moved` by it, b is a to first order."""
-    angle = rotation_between(a.attitude, b.attitude)
-    return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu])
-
-
-def _test_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
-    """Wrench of what belongs to the test: known ballast, and the tether's drag, b at CO."""
-    R_bn = rotation_from_quaternion(x.attitude).T
-    through = x.nu[:3] - R_bn @ own["current"]
-    drag = -extras.tether_drag * own["tether"] * jnp.sqrt(through @ through + 1e-12) * through
-    wrench = jnp.concatenate([drag, jnp.zeros(3)])
-    if "ballast" in own:
-        for piece in own["ballast"]:
-            force = R_bn[:, 2] * piece[0]
-            wrench = wrench + jnp.concatenate([force, cross(piece[1:], force)])
-    return wrench
 
 
 def _between(x: Array, row: Array, share: Array) -> Array:
@@ -307,12 +245,6 @@ def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array) -
     else:
         reading = jax.vmap(predicted)(x.position, x.attitude, x.nu, rates)
     return jax.vmap(rotation_between)(reading, value) if name == "attitude" else reading - value
-
-
-def rotation_between(a: Array, b: Array) -> Array:
-    """The small rotation in b that turns quaternion b into a [rad], shape (3,)."""
-    q = quaternion_multiply(quaternion_conjugate(b), a)
-    return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
 
 
 def _offsets_by_signal(names: list[str], gaps: dict[str, Array], offsets: Array) -> dict[str, Array]:

@@ -11,10 +11,11 @@ import numpy as np
 
 from rovtwin.core.frames import euler_from_quaternion, quaternion_multiply, wrap
 from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.identification.nodes import Nodes
 from rovtwin.identification.parameters import Parameters
 from rovtwin.identification.record import SIGNALS, Record
 from rovtwin.identification.segments import Grid, Segments, cut, nodes_from_data
-from rovtwin.identification.shooting import Nodes, Shooting
+from rovtwin.identification.shooting import Shooting
 
 _PASSES = 12  # what no sensor measures travels from window to window, one window a pass
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.identification.estimate import Gaussian, Solution
+from rovtwin.identification.estimate import Solution
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.parameters import Parameters
 
 # Standard deviation after over before: below the first a parameter was learnt, above the second only the prior speaks.

@@ -20,7 +20,6 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import jax
 from rovtwin.gnc.trial import mixing
-from rovtwin.identification.estimate import Gaussian
 from rovtwin.identification.experiment import (
     Expected,
     Information,
@@ -32,6 +31,7 @@ from rovtwin.identification.experiment import (
     variance_ratio,
     with_anchors,
 )
+from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.parameters import Parameters, catalogue, choose
 from rovtwin.identification.payload import prior_from

@@ -1,0 +1,38 @@
+"""States at the start of segments, and errors of such states: what the shooting moves."""
+
+from typing import Any, NamedTuple
+
+from rovtwin.core.frames import quaternion_conjugate, quaternion_multiply, quaternion_normalise
+from rovtwin.core.numerics import Array, jnp
+
+NODE = 12  # size of a node's error
+
+
+class Nodes(NamedTuple):
+    """State at the start of every segment: position (S, 3), attitude (S, 4), nu (S, 6)."""
+
+    position: Any
+    attitude: Any
+    nu: Any
+
+
+def moved(node: Nodes, error: Array) -> Nodes:
+    """A state off by an error (12,): position and nu by sums, attitude by a small rotation in b."""
+    angle = error[3:6]
+    square = angle @ angle
+    # sin(x/2)/x and cos(x/2) by their series: errors of nodes are small, and derivatives stay finite at zero.
+    turn = jnp.concatenate([(1.0 - square / 8.0 + square**2 / 384.0)[None], angle * (0.5 - square / 48.0)])
+    attitude = quaternion_normalise(quaternion_multiply(node.attitude, turn))
+    return Nodes(node.position + error[:3], attitude, node.nu + error[6:])
+
+
+def difference(a: Nodes, b: Nodes) -> Array:
+    """The error (12,) of a state a against b: `moved` by it, b is a to first order."""
+    angle = rotation_between(a.attitude, b.attitude)
+    return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu])
+
+
+def rotation_between(a: Array, b: Array) -> Array:
+    """The small rotation in b that turns quaternion b into a [rad], shape (3,)."""
+    q = quaternion_multiply(quaternion_conjugate(b), a)
+    return 2.0 * q[1:] * jnp.where(q[0] < 0, -1.0, 1.0)
