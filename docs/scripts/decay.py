@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.identification.decay_motion import swing
+from rovtwin.identification.decay.motion import swing
 
 J, K, LINEAR, QUADRATIC = 5.17, 7.36, 3.04, 4.04
 ADDED_STIFFNESS = 1.0 * (1 - 1000 / 11340) * 9.81 * 0.30

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.identification.evidence_file import read_evidence
-from rovtwin.identification.motion import Motion
-from rovtwin.identification.readers import read_tests
-from rovtwin.identification.response import Regression, thruster_forces
+from rovtwin.identification.logs.evidence_file import read_evidence
+from rovtwin.identification.logs.motion import Motion
+from rovtwin.identification.logs.readers import read_tests
+from rovtwin.identification.logs.response import Regression, thruster_forces
 from rovtwin.report.style import BLACK, BLUE, GREY, ORANGE, SMALL, WIDTH, dress, name_panel
 from rovtwin.vehicle import load_vehicle
 

@@ -1,4 +1,4 @@
-"""The figures of docs/identification/priors.md, and the comparisons behind the widths of rovtwin.identification.widths.
+"""The figures of docs/identification/priors.md, and the comparisons behind the widths of rovtwin.identification.priors.widths.
 
 python docs/scripts/priors.py
 """
@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from rovtwin.identification.empirical import DOUBLE_BLUEYE, estimate
-from rovtwin.identification.outline import Outline, full_box
-from rovtwin.identification.panel import mesher_of, panel_added_mass
-from rovtwin.identification.surface import solids
-from rovtwin.identification.widths import UNITS, prior_widths
+from rovtwin.identification.priors.empirical import DOUBLE_BLUEYE, estimate
+from rovtwin.identification.priors.outline import Outline, full_box
+from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
+from rovtwin.identification.priors.surface import solids
+from rovtwin.identification.priors.widths import UNITS, prior_widths
 from rovtwin.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SMALL, dress, legend_above, new_figure
 from rovtwin.report.surface import surface_figure
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict

@@ -22,13 +22,14 @@ import numpy as np
 from scipy.stats import norm
 from tests.identification.synthetic import record, steps_command
 
-from rovtwin.identification.anchors import static_evidence
-from rovtwin.identification.estimate import Problem
 from rovtwin.identification.identify import default_free
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.prior import default_prior
-from rovtwin.identification.segments import Grid, cut
-from rovtwin.identification.shooting import Shooting
+from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.vehicle import load_vehicle
 
 DURATION, PULL = 60.0, 0.02
@@ -75,7 +76,7 @@ def campaigns(seeds, errors):
         shooting.segments = segments
         full = 2 * float(model.thrusters.force_ahead[0])
         pull = {"direction": "surge", "force": full * (1 + PULL * errors[seed]), "sd": PULL * full}
-        solution = Problem(shooting, prior, static_evidence(parameters, [{"bollard": pull}])).solve()
+        solution = estimate(Problem(shooting, prior, static_evidence(parameters, [{"bollard": pull}])))
         std = np.sqrt(np.diag(solution.covariance))
         rows.append((solution.unknowns.theta - truth) / std)
         print(f"campaign {seed}: {solution.steps} steps, rms z {np.sqrt(np.mean(rows[-1] ** 2)):.2f}", flush=True)

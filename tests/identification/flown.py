@@ -6,8 +6,8 @@ import numpy as np
 
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.identification.record import Record, Signal
-from rovtwin.identification.rotations import euler_from_matrices
+from rovtwin.identification.logs.record import Record, Signal
+from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.dynamics import State, rollout
 

@@ -13,9 +13,9 @@ import time
 
 import numpy as np
 
-from rovtwin.identification.free_running import NU, free_running
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.parameters import DIRECTIONS, catalogue, choose
+from rovtwin.identification.joint.parameters import DIRECTIONS, catalogue, choose
+from rovtwin.identification.steady.free_running import NU, free_running
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.loop import stack
 from rovtwin.scenario.records import trial_records

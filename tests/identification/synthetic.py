@@ -6,7 +6,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.record import Record, Signal
+from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle.dynamics import State, rollout
 
 STEP = 0.01

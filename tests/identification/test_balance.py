@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from tests.identification.synthetic import record, steps_command
 
-from rovtwin.identification.anchors import static_evidence
-from rovtwin.identification.balance import Balance, balanced
 from rovtwin.identification.identify import default_free
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.path import smoothed_path
-from rovtwin.identification.prior import default_prior
-from rovtwin.identification.segments import Grid, cut
+from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.balance import Balance, balanced
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.path import smoothed_path
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.vehicle import load_vehicle
 
 GRID, DURATION = Grid(0.02, 250, 20.0), 60.0

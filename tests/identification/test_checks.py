@@ -10,12 +10,12 @@ from tests.conftest import shared_folder
 from tests.identification.flown import EXCITATIONS, SENSORS, fly, model_of
 
 import rovtwin.cli
-from rovtwin.identification.checks import check_commands, check_record
-from rovtwin.identification.evidence_file import read_evidence
-from rovtwin.identification.readers import read_tests
-from rovtwin.identification.readers.assemble import flung
-from rovtwin.identification.record import Record, Signal
-from rovtwin.identification.rotations import matrices_from_euler
+from rovtwin.identification.checks.check import check_commands, check_record
+from rovtwin.identification.logs.evidence_file import read_evidence
+from rovtwin.identification.logs.readers import read_tests
+from rovtwin.identification.logs.readers.assemble import flung
+from rovtwin.identification.logs.record import Record, Signal
+from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.damping_fit import fit_damping
+from rovtwin.identification.steady.damping_fit import fit_damping
 
 SPEED = np.array([-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.4])
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.decay import fit_decay
-from rovtwin.identification.decay_linear import fit_cosine, from_rest, inertia_and_damping
-from rovtwin.identification.decay_motion import releases, swing
-from rovtwin.identification.decay_scale import from_ballast, pooled
+from rovtwin.identification.decay.linear import fit_cosine, from_rest, inertia_and_damping
+from rovtwin.identification.decay.motion import releases, swing
+from rovtwin.identification.decay.nonlinear import fit_decay
+from rovtwin.identification.decay.scale import from_ballast, pooled
 from rovtwin.identification.known import Known
 
 J, K, D_L, D_Q = 5.17, 7.36, 3.04, 3.0  # roll of the Double Blueye, near enough

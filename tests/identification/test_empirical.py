@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.empirical import DOUBLE_BLUEYE, SINGLE_BLUEYE, against_thesis, estimate
-from rovtwin.identification.outline import Outline, full_box, outline_of
-from rovtwin.identification.widths import LogNormal, prior_widths
+from rovtwin.identification.priors.empirical import DOUBLE_BLUEYE, SINGLE_BLUEYE, against_thesis, estimate
+from rovtwin.identification.priors.outline import Outline, full_box, outline_of
+from rovtwin.identification.priors.widths import LogNormal, prior_widths
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.constants import AXES
 

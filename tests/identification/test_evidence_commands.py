@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 import rovtwin.cli
-from rovtwin.identification.decay_motion import swing
-from rovtwin.identification.decay_read import read_angle
+from rovtwin.identification.decay.motion import swing
+from rovtwin.identification.decay.read import read_angle
 from rovtwin.vehicle import load_vehicle
 
 J, K, D_L, D_Q = 5.17, 7.36, 3.04, 4.04

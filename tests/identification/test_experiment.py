@@ -20,11 +20,11 @@ from rovtwin.identification.experiment import (
     variance_ratio,
     with_anchors,
 )
-from rovtwin.identification.gaussian import Gaussian
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.prior import default_prior
-from rovtwin.identification.record import Record, Signal
-from rovtwin.identification.segments import Grid
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.segments import Grid
+from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.dynamics import State, rollout
 

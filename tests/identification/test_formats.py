@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 from tests.conftest import shared_folder
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.evidence_file import LogSpec, SourceSpec
-from rovtwin.identification.readers import detect, read_record
-from rovtwin.identification.readers.c3d import rigid_fit
-from rovtwin.identification.readers.qtm import read_qtm
-from rovtwin.identification.readers.reading import read_raw
-from rovtwin.identification.rotations import euler_from_matrices, matrices_from_euler
+from rovtwin.identification.logs.evidence_file import LogSpec, SourceSpec
+from rovtwin.identification.logs.readers import detect, read_record
+from rovtwin.identification.logs.readers.c3d import rigid_fit
+from rovtwin.identification.logs.readers.qtm import read_qtm
+from rovtwin.identification.logs.readers.reading import read_raw
+from rovtwin.identification.logs.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 T = np.arange(0.0, 3.0, 0.05)

@@ -17,11 +17,11 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.log import Channel, Log
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.identification.free_running import FreeRunning, free_running
-from rovtwin.identification.record import Ballast, Record, Signal
-from rovtwin.identification.smoothed_motion import motion_of
-from rovtwin.identification.start_up import start_up, start_up_residual
-from rovtwin.identification.steady_forces import forces
+from rovtwin.identification.logs.record import Ballast, Record, Signal
+from rovtwin.identification.steady.forces import forces
+from rovtwin.identification.steady.free_running import FreeRunning, free_running
+from rovtwin.identification.steady.smoothed_motion import motion_of
+from rovtwin.identification.steady.start_up import start_up, start_up_residual
 from rovtwin.vehicle import Model, load_vehicle
 from rovtwin.vehicle.dynamics import State, rollout
 

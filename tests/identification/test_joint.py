@@ -9,10 +9,10 @@ from tests.identification.synthetic import record, steps_command
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.overlay import to_yaml
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.payload import predicted_change
-from rovtwin.identification.prior import default_prior
+from rovtwin.identification.joint.overlay import to_yaml
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.payload import predicted_change
+from rovtwin.identification.joint.prior import default_prior
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION = 30.0

@@ -8,8 +8,8 @@ import pytest
 
 import rovtwin.cli
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.mesh_file import mesher_of_file
-from rovtwin.identification.panel import panel_added_mass
+from rovtwin.identification.priors.mesh_file import mesher_of_file
+from rovtwin.identification.priors.panel import panel_added_mass
 
 trimesh = pytest.importorskip("trimesh", reason="needs the extra 'panel'")
 pytest.importorskip("capytaine", reason="needs the extra 'panel'")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.nsga import OneDirection, fit_nsga, simulate
+from rovtwin.identification.steady.nsga import OneDirection, fit_nsga, simulate
 
 T = np.arange(0.0, 10.0, 0.1)
 

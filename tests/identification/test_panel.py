@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification import panel
-from rovtwin.identification.panel import mesher_of, panel_added_mass
-from rovtwin.identification.surface import solids, surface_of
+from rovtwin.identification.priors import panel
+from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
+from rovtwin.identification.priors.surface import solids, surface_of
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.hydrodynamics import added_mass
 

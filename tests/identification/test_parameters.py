@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
-from rovtwin.identification.anchors import static_evidence
-from rovtwin.identification.groups import thruster_groups
-from rovtwin.identification.options import Options
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.prior import default_prior
+from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.groups import thruster_groups
+from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.prior import default_prior
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.damping import Damping
 from rovtwin.vehicle.soundness import driving_velocity

@@ -10,9 +10,9 @@ from tests.conftest import shared_folder
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.log import Channel, Log
-from rovtwin.identification.evidence_file import LogSpec, read_evidence
-from rovtwin.identification.readers import read_record, read_tests
-from rovtwin.identification.rotations import euler_from_matrices, matrices_from_euler
+from rovtwin.identification.logs.evidence_file import LogSpec, read_evidence
+from rovtwin.identification.logs.readers import read_record, read_tests
+from rovtwin.identification.logs.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.thrust_curve import read_points
 

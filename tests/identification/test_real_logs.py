@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from tests.conftest import shared_folder
 
-from rovtwin.identification.evidence_file import read_evidence
 from rovtwin.identification.identify import Identification, identify
-from rovtwin.identification.options import Options
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.prior import default_prior
-from rovtwin.identification.readers import read_tests
+from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.logs.evidence_file import read_evidence
+from rovtwin.identification.logs.readers import read_tests
 from rovtwin.vehicle import load_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rovtwin.identification.record import Record, Signal
-from rovtwin.identification.segments import Grid, cut
+from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.logs.record import Record, Signal
 
 STEP = 0.02
 

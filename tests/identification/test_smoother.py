@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.smoother import smooth
+from rovtwin.identification.steady.smoother import smooth
 
 
 def start_up(t: np.ndarray, tau: float = 2.0, speed: float = 0.2) -> tuple[np.ndarray, np.ndarray]:

@@ -7,8 +7,8 @@ import pytest
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.known import Known
-from rovtwin.identification.thrust import fit_bollard, read_thrust, shape
-from rovtwin.identification.thrust_damping import ThrustPrior, fit_thrust_and_damping
+from rovtwin.identification.steady.thrust import fit_bollard, read_thrust, shape
+from rovtwin.identification.steady.thrust_damping import ThrustPrior, fit_thrust_and_damping
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 T200, LIU = DATA / "t200", DATA / "bluerov_liu" / "measured_thrust.txt"

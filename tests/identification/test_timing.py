@@ -7,9 +7,9 @@ import pytest
 from tests.identification.flown import fly
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.evidence_file import LogSpec
-from rovtwin.identification.readers import read_record
-from rovtwin.identification.timing import align, align_series
+from rovtwin.identification.logs.evidence_file import LogSpec
+from rovtwin.identification.logs.readers import read_record
+from rovtwin.identification.logs.timing import align, align_series
 from rovtwin.vehicle import load_vehicle
 
 FINE = np.arange(0.0, 120.0, 1e-3)

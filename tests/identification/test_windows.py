@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.windows import steady_windows
+from rovtwin.identification.steady.windows import steady_windows
 
 T = np.arange(0, 60, 0.02)
 ENDS, LEVELS = (5.0, 15.0, 20.0, 30.0, 35.0, 45.0), (0.0, 0.1, 0.0, 0.25, 0.0, -0.3, 0.0)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovtwin.identification.estimate import Noise
-from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.identify import Identification, identify
-from rovtwin.identification.parameters import catalogue, choose
-from rovtwin.identification.validation import Prediction, Score
-from rovtwin.identification.verdict import Blind, verdicts
-from rovtwin.identification.whiteness import Residuals, autocorrelation
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.problem import Noise
+from rovtwin.identification.judgement.validation import Prediction, Score
+from rovtwin.identification.judgement.verdict import Blind, verdicts
+from rovtwin.identification.judgement.whiteness import Residuals, autocorrelation
 from rovtwin.report.curves import Subject, curves, speed_grid
 from rovtwin.report.identification import curves_of, write_identification_report
 from rovtwin.report.identification_tables import between, correlated_table, parameter_table, percent

@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
 from rovtwin.gnc.trial import mixing
-from rovtwin.identification.readers import read_records
+from rovtwin.identification.logs.readers import read_records
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.verdict import verdict
 from rovtwin.scenario.compose_trial import pieces_of, spans_of

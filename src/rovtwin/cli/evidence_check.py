@@ -10,8 +10,8 @@ from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, tabl
 from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
-    from rovtwin.identification.findings import Finding
-    from rovtwin.identification.record import Record
+    from rovtwin.identification.checks.findings import Finding
+    from rovtwin.identification.logs.record import Record
 
 Checked = list[tuple["Record", str, list["Finding"]]]
 
@@ -41,9 +41,9 @@ def check(
 
 
 def _checked(files: list[Path], name: str | None, as_json: bool) -> Checked:
-    from rovtwin.identification.checks import check_record
-    from rovtwin.identification.evidence_file import read_evidence
-    from rovtwin.identification.readers import Test, read_records, read_tests
+    from rovtwin.identification.checks.check import check_record
+    from rovtwin.identification.logs.evidence_file import read_evidence
+    from rovtwin.identification.logs.readers import Test, read_records, read_tests
     from rovtwin.vehicle import load_vehicle
 
     evidence = read_evidence(files[0]) if files[0].suffix in (".yaml", ".yml") else None

@@ -9,7 +9,7 @@ from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
-    from rovtwin.identification.decay_scale import Decay
+    from rovtwin.identification.decay.scale import Decay
 
 UNITS = ("kg m2", "N m/rad", "N m s/rad", "N m s2/rad2")
 NAMES = ("inertia with added mass", "stiffness W BG", "linear damping", "quadratic damping")
@@ -48,10 +48,10 @@ def decay(
     [bold]rovtwin evidence decay roll.csv --vehicle double_blueye --stiffness 7.4:0.7 -o roll.yaml[/bold],
     [bold]rovtwin evidence decay roll.csv --ballasted roll_1kg.csv --weight 2.1 0.06[/bold]
     """
-    from rovtwin.identification.decay import fit_decay
-    from rovtwin.identification.decay_motion import releases
-    from rovtwin.identification.decay_read import read_angle
-    from rovtwin.identification.decay_scale import together
+    from rovtwin.identification.decay.motion import releases
+    from rovtwin.identification.decay.nonlinear import fit_decay
+    from rovtwin.identification.decay.read import read_angle
+    from rovtwin.identification.decay.scale import together
     from rovtwin.vehicle import load_vehicle
 
     loaded = load_vehicle(vehicle) if vehicle else None

@@ -44,8 +44,8 @@ def empirical(
     """
     import numpy as np
 
-    from rovtwin.identification.empirical import estimate
-    from rovtwin.identification.outline import Outline, full_box, outline_of
+    from rovtwin.identification.priors.empirical import estimate
+    from rovtwin.identification.priors.outline import Outline, full_box, outline_of
     from rovtwin.vehicle import load_vehicle
     from rovtwin.vehicle.constants import GRAVITY
     from rovtwin.vehicle.water import density_of

@@ -10,8 +10,8 @@ from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
-    from rovtwin.identification.free_running import FreeRunning
-    from rovtwin.identification.record import Record
+    from rovtwin.identification.logs.record import Record
+    from rovtwin.identification.steady.free_running import FreeRunning
     from rovtwin.vehicle import Vehicle
 
 LOG_HELP = "Whole test logs, or an evidence file (.yaml) that says what is in them; of it what is for fitting."
@@ -36,8 +36,8 @@ def free_running(
 
     Example: [bold]rovtwin evidence free-running double_blueye runs/*/log.mcap -o damping.yaml[/bold]
     """
-    from rovtwin.identification.damping_yaml import damping_yaml
-    from rovtwin.identification.free_running import free_running as fit
+    from rovtwin.identification.steady.damping_yaml import damping_yaml
+    from rovtwin.identification.steady.free_running import free_running as fit
     from rovtwin.vehicle import load_vehicle
 
     if method not in ("steady", "thesis"):
@@ -67,8 +67,8 @@ def free_running(
 
 def _records(path: Path, vehicle: "Vehicle") -> "list[Record]":
     """Of a log, or of the logs that an evidence file gives for fitting."""
-    from rovtwin.identification.evidence_file import read_evidence
-    from rovtwin.identification.readers import read_records, read_tests
+    from rovtwin.identification.logs.evidence_file import read_evidence
+    from rovtwin.identification.logs.readers import read_records, read_tests
 
     if path.suffix.lower() in (".yaml", ".yml"):
         return [test.record for test in read_tests(read_evidence(path), vehicle) if test.use == "fit"]

@@ -48,8 +48,8 @@ def panel(
         rovtwin evidence panel hull.stl --scale 0.001 --frame x,-y,-z -o hull.yaml
     """
     from rovtwin.core.quantity import LENGTH, positive, quantity
-    from rovtwin.identification.panel import panel_added_mass
-    from rovtwin.identification.widths import openness_of
+    from rovtwin.identification.priors.panel import panel_added_mass
+    from rovtwin.identification.priors.widths import openness_of
     from rovtwin.vehicle.water import density_of
 
     screen = console(as_json)
@@ -87,8 +87,8 @@ def panel(
 def _mesher(body: str, scale: float, frame: str, origin: str) -> tuple[Any, Any]:
     """And the vehicle, None of a mesh."""
     from rovtwin.core.errors import ConfigError
-    from rovtwin.identification.mesh_file import SUFFIXES, mesher_of_file
-    from rovtwin.identification.panel import mesher_of
+    from rovtwin.identification.priors.mesh_file import SUFFIXES, mesher_of_file
+    from rovtwin.identification.priors.panel import mesher_of
     from rovtwin.vehicle import load_vehicle
 
     if Path(body).suffix.lower() not in SUFFIXES:

@@ -9,8 +9,8 @@ from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
-    from rovtwin.identification.thrust import Bollard
-    from rovtwin.identification.thrust_damping import JointFit, ThrustPrior
+    from rovtwin.identification.steady.thrust import Bollard
+    from rovtwin.identification.steady.thrust_damping import JointFit, ThrustPrior
 
 
 def thrust(
@@ -44,7 +44,7 @@ def thrust(
     Examples: [bold]rovtwin evidence thrust 12V.csv 16V.csv --figure t200.png[/bold],
     [bold]rovtwin evidence thrust --speeds surge.csv --full 20:0.4 --exponent 1.75:0.125[/bold]
     """
-    from rovtwin.identification.thrust import fit_bollard, read_thrust
+    from rovtwin.identification.steady.thrust import fit_bollard, read_thrust
 
     tests = []
     for path in files or []:
@@ -54,7 +54,7 @@ def thrust(
         raise IdentificationError("thrust: found no file, expected bollard tests, or --speeds FILE")
     joint, drawn = None, None
     if speeds is not None:
-        from rovtwin.identification.thrust_damping import fit_thrust_and_damping, read_speeds
+        from rovtwin.identification.steady.thrust_damping import fit_thrust_and_damping, read_speeds
 
         command, velocity = read_speeds(speeds)
         joint = fit_thrust_and_damping(command, velocity, _prior(tests, full, exponent), source=str(speeds))
@@ -83,7 +83,7 @@ def thrust(
 def _prior(tests: "list[Bollard]", full: str | None, exponent: str | None) -> "ThrustPrior":
     from rovtwin.cli.evidence_decay import known
     from rovtwin.identification.known import Known
-    from rovtwin.identification.thrust_damping import ThrustPrior
+    from rovtwin.identification.steady.thrust_damping import ThrustPrior
 
     most = known(full, "--full")
     if most is None:
@@ -115,7 +115,7 @@ def _curve_block(tests: "list[Bollard]") -> str:
 
 def _damping_block(joint: "JointFit", dof: str, path: Path | None) -> str:
     """hydrodynamics: of a vehicle file."""
-    from rovtwin.identification.damping_yaml import DOFS
+    from rovtwin.identification.steady.damping_yaml import DOFS
 
     if dof not in DOFS:
         raise IdentificationError(f"--dof: found {dof!r}, expected one of {', '.join(DOFS)}")

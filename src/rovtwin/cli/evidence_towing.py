@@ -9,8 +9,8 @@ from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
-    from rovtwin.identification.damping_fit import DampingFit
-    from rovtwin.identification.towing import Towing
+    from rovtwin.identification.steady.damping_fit import DampingFit
+    from rovtwin.identification.steady.towing import Towing
 
 Dof = Annotated[str, typer.Option(help="Direction of the tow: surge, sway or heave.")]
 
@@ -43,9 +43,9 @@ def towing(
 
     Example: [bold]rovtwin evidence towing surge_*.csv --vehicle double_blueye --rig rig.csv -o surge.yaml[/bold]
     """
-    from rovtwin.identification.damping_yaml import damping_yaml
-    from rovtwin.identification.towing import towing as fit
-    from rovtwin.identification.towing_files import read_towing
+    from rovtwin.identification.steady.damping_yaml import damping_yaml
+    from rovtwin.identification.steady.towing import towing as fit
+    from rovtwin.identification.steady.towing_files import read_towing
 
     if dof not in ("surge", "sway", "heave"):
         raise IdentificationError(f"--dof: found {dof!r}, expected surge, sway or heave; a carriage does not turn")

@@ -11,7 +11,7 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 
 if TYPE_CHECKING:
     from rovtwin.identification.identify import Identification
-    from rovtwin.identification.record import Record
+    from rovtwin.identification.logs.record import Record
 
 
 def identify(
@@ -51,9 +51,9 @@ def identify(
     After a change of payload, even before any test: [bold]rovtwin identify new.yaml --prior identified.yaml -o
     predicted.yaml[/bold]
     """
-    from rovtwin.identification.evidence_file import read_evidence
     from rovtwin.identification.identify import identify as estimate
-    from rovtwin.identification.overlay import to_yaml
+    from rovtwin.identification.joint.overlay import to_yaml
+    from rovtwin.identification.logs.evidence_file import read_evidence
     from rovtwin.vehicle import load_vehicle
 
     screen = console(as_json)
@@ -95,7 +95,7 @@ def _records(
     vehicle: Any, said: Any, logs: list[Path], validate: list[Path], fit_share: float | None
 ) -> tuple[list["Record"], list["Record"], list["Record"]]:
     """Tests to fit, tests to predict, and all of them before any was split."""
-    from rovtwin.identification.readers import read_records, read_tests
+    from rovtwin.identification.logs.readers import read_records, read_tests
 
     if fit_share is not None and not 0 < fit_share <= 1:
         raise IdentificationError(f"--fit-share: found {fit_share:g}, expected more than 0 and at most 1")
@@ -122,7 +122,7 @@ def _warn(screen: Console, vehicle: Any, records: list["Record"], trust: bool) -
     Raises:
         IdentificationError: A log cannot be what it is said to be: units, axes, signs, clocks.
     """
-    from rovtwin.identification.checks import check_record
+    from rovtwin.identification.checks.check import check_record
 
     model, wrong = vehicle.model(), []
     for record in records:

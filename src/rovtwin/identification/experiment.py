@@ -15,13 +15,13 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.anchors import static_evidence
-from rovtwin.identification.gaussian import Gaussian
-from rovtwin.identification.nodes import NODE, Nodes
-from rovtwin.identification.parameters import Parameters
-from rovtwin.identification.record import Record
-from rovtwin.identification.segments import Grid, Segments, cut
-from rovtwin.identification.shooting import Shooting
+from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.nodes import NODE, Nodes
+from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.segments import Grid, Segments, cut
+from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.logs.record import Record
 
 GRID = Grid(step=0.05, steps=100, rate=20.0)
 # What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models.

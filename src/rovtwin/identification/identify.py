@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.anchors import static_evidence
-from rovtwin.identification.estimate import Problem, Solution
-from rovtwin.identification.gaussian import Gaussian
-from rovtwin.identification.options import Options
-from rovtwin.identification.overlay import identified_file
-from rovtwin.identification.parameters import DIRECTIONS, Parameters, catalogue, choose
-from rovtwin.identification.payload import predicted_change, prior_from
-from rovtwin.identification.prior import default_prior
-from rovtwin.identification.record import SIGNALS, Record
-from rovtwin.identification.remarks import about_parts, about_solution
-from rovtwin.identification.segments import Grid, cut
-from rovtwin.identification.shooting import Shooting
-from rovtwin.identification.tested import Range, tested_ranges
-from rovtwin.identification.validation import Prediction, predict
-from rovtwin.identification.verdict import Blind, blind_directions, verdicts
-from rovtwin.identification.whiteness import Residuals, residual_analysis
+from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.estimate import Solution, estimate
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.overlay import identified_file
+from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters, catalogue, choose
+from rovtwin.identification.joint.payload import predicted_change, prior_from
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.judgement.remarks import about_parts, about_solution
+from rovtwin.identification.judgement.tested import Range, tested_ranges
+from rovtwin.identification.judgement.validation import Prediction, predict
+from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
+from rovtwin.identification.judgement.whiteness import Residuals, residual_analysis
+from rovtwin.identification.logs.record import SIGNALS, Record
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
@@ -168,7 +169,8 @@ def identify(
         static_evidence(parameters, anchors),
         measured_starts=settings.starts == "measured",
     )
-    solution = problem.solve(
+    solution = estimate(
+        problem,
         max_steps=settings.max_steps,
         progress=lambda k, change: told(f"step {k}, largest change {change:.2g} standard deviations", k / 40),
     )

@@ -13,7 +13,7 @@ def decay_figure(decays: Sequence[Any], names: Sequence[str], axis: str) -> Figu
     """Angle and residuals of each test.
 
     Args:
-        decays: `rovtwin.identification.decay_scale.Decay`s.
+        decays: `rovtwin.identification.decay.scale.Decay`s.
         names: Of the tests.
         axis: roll or pitch.
     """

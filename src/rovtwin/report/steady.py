@@ -30,7 +30,7 @@ def towing_figure(towing: Any, dof: str = "surge") -> Figure:
     """Speed and force of each run with its steady windows, beside net force against speed and the fit.
 
     Args:
-        towing: A `rovtwin.identification.towing.Towing`.
+        towing: A `rovtwin.identification.steady.towing.Towing`.
         dof: Name of the direction.
     """
     figure = new_figure(4.4)
@@ -72,7 +72,7 @@ def free_running_figure(result: Any, dof: str, thesis: Any = None) -> Figure:
     """Velocity in one direction with its steady windows, beside force against velocity and the fit.
 
     Args:
-        result: A `rovtwin.identification.free_running.FreeRunning`.
+        result: A `rovtwin.identification.steady.free_running.FreeRunning`.
         dof: One of its directions.
         thesis: Damping of the same logs by the thesis's method, to show beside it.
     """

@@ -13,7 +13,7 @@ def thrust_figure(tests: Sequence[Any]) -> Figure:
     """Force over command of each test, and what the curves leave over.
 
     Args:
-        tests: `rovtwin.identification.thrust.Bollard`s.
+        tests: `rovtwin.identification.steady.thrust.Bollard`s.
     """
     figure = new_figure(4.6)
     force, left = figure.subplots(2, 1, height_ratios=[3, 1], sharex=True)
@@ -39,7 +39,7 @@ def thrust_and_damping_figure(joint: Any, command: np.ndarray, velocity: np.ndar
     """Thrust over command beside damping over speed.
 
     Args:
-        joint: `rovtwin.identification.thrust_damping.JointFit`.
+        joint: `rovtwin.identification.steady.thrust_damping.JointFit`.
         command: Shares of full, shape (n,).
         velocity: [m/s or rad/s], shape (n,).
         dof: surge to yaw.

@@ -1,6 +1,6 @@
 """Vehicle files side by side: tables, force curves with bands where they were identified, and an HTML report.
 
-Takes what `rovtwin.identification.stated` reads of a file: `label`, `vehicle`, `values`, `tested`, `covariance`,
+Takes what `identification.judgement.stated` reads of a file: `label`, `vehicle`, `values`, `tested`, `covariance`,
 `parameters` and `model_at`.
 """
 
@@ -85,7 +85,7 @@ def compare_files(
 
     Args:
         files: Two or more, as `stated` reads them.
-        difference: Of two values of a parameter (`rovtwin.identification.differences`).
+        difference: Of two values of a parameter (`rovtwin.identification.judgement.differences`).
         as_a_whole: Of two files.
     """
     rows = list(dict.fromkeys(name for one in files for name in one.values))

@@ -31,12 +31,12 @@ from rovtwin.identification.experiment import (
     variance_ratio,
     with_anchors,
 )
-from rovtwin.identification.gaussian import Gaussian
 from rovtwin.identification.identify import default_free
-from rovtwin.identification.parameters import Parameters, catalogue, choose
-from rovtwin.identification.payload import prior_from
-from rovtwin.identification.prior import default_prior
-from rovtwin.identification.record import Record
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import Parameters, catalogue, choose
+from rovtwin.identification.joint.payload import prior_from
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.logs.record import Record
 from rovtwin.report.plan import PlannedTest, draw_test_plan
 from rovtwin.scenario.compose_trial import pieces_of, spans_of
 from rovtwin.scenario.files import load_scenario

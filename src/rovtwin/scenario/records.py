@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import ABORTED, REASONS, Slot
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.identification.record import Record, Signal
+from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.composition import Composed, compose, keys_of
 from rovtwin.scenario.flight import fly

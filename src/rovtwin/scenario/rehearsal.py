@@ -12,7 +12,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORTED
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.trial import Trial
-from rovtwin.identification.record import Record
+from rovtwin.identification.logs.record import Record
 from rovtwin.scenario.compose_trial import hand_of, trial_of
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.loop import Loop, LoopMemory, stack

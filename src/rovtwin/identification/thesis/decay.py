@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rovtwin.identification.decay_linear import from_rest, inertia_and_damping
-from rovtwin.identification.decay_motion import swing
+from rovtwin.identification.decay.linear import from_rest, inertia_and_damping
+from rovtwin.identification.decay.motion import swing
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, said
 from rovtwin.identification.thesis.parts import quadratic_of_parts
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rovtwin.identification.empirical import Published, against_thesis
+from rovtwin.identification.priors.empirical import Published, against_thesis
 from rovtwin.identification.thesis.comparison import FASTEST, force
 from rovtwin.identification.thesis.found import Line, Section, printed, said
 

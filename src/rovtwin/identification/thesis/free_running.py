@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rovtwin.identification.damping_fit import DampingFit, fit_damping
 from rovtwin.identification.known import Known
-from rovtwin.identification.nsga import is_on_bound
+from rovtwin.identification.steady.damping_fit import DampingFit, fit_damping
+from rovtwin.identification.steady.nsga import is_on_bound
+from rovtwin.identification.steady.thrust import shape
+from rovtwin.identification.steady.thrust_damping import JointFit, ThrustPrior, fit_thrust_and_damping
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, half_digit, printed, said
 from rovtwin.identification.thesis.parts import linear_of_parts
-from rovtwin.identification.thrust import shape
-from rovtwin.identification.thrust_damping import JointFit, ThrustPrior, fit_thrust_and_damping
 
 SHARE_KNOWN = 0.02  # a bollard pull: width of the full thrust
 EXPONENT = Known(1.75, 0.125)  # 1.5 to 2, as T200s in bollard tests

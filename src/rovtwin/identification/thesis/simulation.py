@@ -4,8 +4,8 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from rovtwin.identification.damping_fit import fit_damping
-from rovtwin.identification.nsga import OneDirection, fit_nsga, simulate
+from rovtwin.identification.steady.damping_fit import fit_damping
+from rovtwin.identification.steady.nsga import OneDirection, fit_nsga, simulate
 from rovtwin.identification.thesis.found import Curve, Line, Panel, Section, printed, said
 
 RATE, GENERATIONS = 15.0, 30  # of the camera [Hz]; enough for one parameter

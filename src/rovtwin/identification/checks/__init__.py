@@ -1,0 +1,1 @@
+"""Mistakes in logs, named before they become parameters."""

@@ -1,0 +1,175 @@
+"""Signals against each other: gyro with attitude, velocity with position, depth with the rest. No model is needed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from rovtwin.identification.checks.findings import Finding
+from rovtwin.identification.logs.motion import STEP, WIDTH, Motion
+from rovtwin.identification.logs.record import SIGNALS
+
+LONGEST_LAG, SMALLEST_LAG = 3.0, 0.15  # [s] searched; [s] that counts
+ALIKE, UNLIKE = 0.8, 0.4  # correlations
+APART = 1.6  # ratio of sizes
+SLIPS = {57.3: "degrees", 1000.0: "millimetres", 100.0: "units", 9.81: "units"}
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The same quantities from two signals: `names`, values a and b, shape (m, k), and how noisy each is, shape (k,).
+
+    `in_world` is what b would be in n, where a mistake of a's frame would leave it.
+    """
+
+    names: tuple[str, str]
+    axes: tuple[str, ...]
+    a: np.ndarray
+    b: np.ndarray
+    noise: tuple[np.ndarray, np.ndarray]
+    in_world: np.ndarray | None = None
+
+
+def pairs(motion: Motion) -> list[Pair]:
+    """What can be compared in this record."""
+    found = []
+    gyro, from_attitude = motion.values("gyro"), motion.rate_of_attitude
+    if gyro is not None and from_attitude is not None:
+        noise = (_noise(motion, "gyro", False), _noise(motion, "attitude", True))
+        found.append(Pair(("gyro", "attitude"), SIGNALS["gyro"][0], gyro[0], from_attitude, noise))
+    velocity, from_position = motion.values("velocity"), motion.rate_of_position
+    if velocity is not None and from_position is not None:
+        noise = (_noise(motion, "velocity", False), _noise(motion, "position", True))
+        position = motion.values("position")
+        assert position is not None
+        names, axes = ("velocity", "position"), SIGNALS["velocity"][0]
+        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1]))
+    depth, position = motion.values("depth"), motion.values("position")
+    if depth is not None and position is not None:
+        noise = (_noise(motion, "depth", True), _noise(motion, "position", True)[2:])
+        found.append(Pair(("depth", "position"), ("down",), depth[1], position[1][:, 2:], noise))
+    if depth is not None and position is None and velocity is not None and motion.rotation is not None:
+        down = np.einsum("ni,ni->n", motion.rotation[:, 2], velocity[0])[:, None]
+        noise = (_noise(motion, "depth", True), np.array([_noise(motion, "velocity", False).max()]))
+        found.append(Pair(("depth", "velocity"), ("down",), depth[1], down, noise))
+    return found
+
+
+def _noise(motion: Motion, name: str, of_rate: bool) -> np.ndarray:
+    """Standard deviation that noise of the readings leaves in the smoothed value or in its rate, shape (k,)."""
+    signal, known = motion.record.signals[name], motion.values(name)
+    assert known is not None
+    at = np.clip(np.round((signal.t - motion.t[0]) / STEP).astype(int), 0, len(motion.t) - 1)
+    left = signal.value - known[0][at] - (signal.t - motion.t[at])[:, None] * known[1][at]
+    if name == "attitude":
+        left = (left + np.pi) % (2 * np.pi) - np.pi
+    spread = 1.4826 * np.nanmedian(np.abs(left), axis=0)
+    interval = float(np.median(np.diff(signal.t)))
+    width = max(WIDTH, 1.5 * interval)
+    per_value = np.sqrt(interval / (2 * np.sqrt(np.pi) * width))
+    return spread * (per_value / (np.sqrt(2) * width) if of_rate else per_value)
+
+
+def check_motion(motion: Motion) -> list[Finding]:
+    """Clock, axes, signs, units and agreement of every pair."""
+    return [finding for pair in pairs(motion) for finding in _check(pair)]
+
+
+def _check(pair: Pair) -> list[Finding]:
+    good = np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
+    if good.sum() < 100:
+        return []
+    lag, gained = best_lag(pair.a, pair.b)
+    if abs(lag) > SMALLEST_LAG and gained > 0.1:
+        first, second = pair.names
+        said = f"{first} is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} {second}: clocks differ."
+        return [Finding("error", "clock", first, said, f"Write time_offset: {-lag:.2f} there.")]
+    a, b = pair.a[good] - pair.a[good].mean(axis=0), pair.b[good] - pair.b[good].mean(axis=0)
+    if pair.in_world is not None and _agreement(a, pair.in_world[good]) > 0.8 > _agreement(a, b) + 0.1:
+        said = "velocity is the rate of position in n; expected it in b, forward, right, down."
+        return [Finding("error", "frame", "velocity", said, "Turn it into b with the attitude, or leave it out.")]
+    size_a, size_b = a.std(axis=0), b.std(axis=0)
+    seen = (size_a > 4 * pair.noise[0]) & (size_b > 4 * pair.noise[1]) & (size_a > 1e-6) & (size_b > 1e-6)
+    alike = (a.T @ b) / len(a) / np.outer(size_a + 1e-12, size_b + 1e-12)
+    return _swapped(pair, alike, seen) or _signs(pair, alike, seen) or _sizes(pair, alike, seen, size_a, size_b)
+
+
+def _agreement(a: np.ndarray, b: np.ndarray) -> float:
+    """Share of a that is b, 1 where they are equal."""
+    return 1.0 - float(((a - b + b.mean(axis=0)) ** 2).sum() / max((a**2).sum(), 1e-12))
+
+
+def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """By how much a is late against b [s], whatever their axes and signs, and how much better they agree there.
+
+    Agreement at a lag is the share of a's power that the columns of b explain together.
+    """
+    a, b = (np.where(np.isfinite(x), x - np.nanmean(x, axis=0), 0.0) for x in (a, b))
+    steps = np.arange(-int(LONGEST_LAG / STEP), int(LONGEST_LAG / STEP) + 1, 2)
+    steps = steps[np.abs(steps) < len(a) // 3]
+    agreement = []
+    for step in steps:
+        late, early = (a[step:], b[: len(b) - step]) if step >= 0 else (a[:step], b[-step:])
+        gram = early.T @ early + 1e-9 * np.trace(early.T @ early) * np.eye(b.shape[1]) + 1e-12 * np.eye(b.shape[1])
+        cross = early.T @ late
+        explained = np.einsum("ij,ij->j", cross, np.linalg.solve(gram, cross))
+        agreement.append(explained.sum() / max((late**2).sum(), 1e-12))
+    best = int(np.argmax(agreement))
+    return float(steps[best] * STEP), float(agreement[best] - agreement[int(np.argmin(np.abs(steps)))])
+
+
+def _swapped(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
+    if len(pair.axes) < 2 or seen.sum() < 2:
+        return []
+    rows, columns = linear_sum_assignment(-np.abs(alike))
+    for i, k in zip(rows, columns, strict=True):
+        if i != k and seen[i] and abs(alike[i, k]) > 0.6 and abs(alike[i, k]) > abs(alike[i, i]) + 0.3:
+            first, second = pair.names
+            said = (
+                f"{pair.axes[i]} of {first} follows {pair.axes[k]} of {second} (correlation {alike[i, k]:.2f}), not "
+                f"{pair.axes[i]} ({alike[i, i]:.2f}): axes are swapped."
+            )
+            return [Finding("error", "swapped", first, said, "Put the columns into the order of the components.")]
+    return []
+
+
+def _signs(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:
+    own = np.diag(alike)
+    wrong = [i for i in range(len(own)) if seen[i] and own[i] < -0.6]
+    if not wrong:
+        return []
+    first, second = pair.names
+    names = [pair.axes[i] for i in wrong]
+    others = [i for i in range(len(own)) if seen[i] and i not in wrong]
+    if first == "depth" or (0 not in wrong and {1, 2} & set(wrong) and all(i == 0 for i in others)):
+        said = f"{', '.join(names)} of {first} and {second} run against each other: one has z up instead of down."
+        fix = "Write frame: flu (body), nwu or enu (world) or up (depth) for the one that has."
+        return [Finding("error", "z_up", first, said, fix)]
+    said = f"{', '.join(names)} of {first} runs against {second} (correlation {own[wrong[0]]:.2f}): wrong sign."
+    return [Finding("error", "sign", first, said, "Check frame and mounting_deg of both.")]
+
+
+def _sizes(pair: Pair, alike: np.ndarray, seen: np.ndarray, size_a: np.ndarray, size_b: np.ndarray) -> list[Finding]:
+    own, found = np.diag(alike), []
+    first, second = pair.names
+    ratio = size_a / np.maximum(size_b, 1e-12)
+    sure = seen & (own > ALIKE)
+    if sure.any():
+        middle = float(np.median(ratio[sure]))
+        for slip, what in SLIPS.items():
+            larger = middle if middle > 1 else 1 / middle
+            if abs(np.log(larger / slip)) < 0.25:
+                name = first if middle > 1 else second
+                said = f"{first} is {middle:.4g} times what {second} says, a slip of units ({slip:g})."
+                fix = f"Check the unit of {name}: {'deg or deg/s' if what == 'degrees' else 'mm, cm, g'}?"
+                return [Finding("error", what, first, said, fix)]
+        if not 1 / APART < middle < APART:
+            said = f"{first} is {middle:.2f} times what {second} says."
+            return [Finding("error", "disagree", first, said, "Check the scale of both.")]
+    apart = [i for i in range(len(own)) if seen[i] and own[i] < UNLIKE and size_a[i] > 0.3 * size_a.max()]
+    if apart:
+        names = ", ".join(pair.axes[i] for i in apart)
+        said = f"{names} of {first} and {second} disagree (correlation {own[apart[0]]:.2f})."
+        fix = "Check frames (body or world?), units and levers of both."
+        found.append(Finding("error" if len(apart) > 1 else "warning", "disagree", first, said, fix))
+    return found

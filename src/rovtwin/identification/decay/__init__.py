@@ -1,0 +1,1 @@
+"""Roll and pitch decay to inertia, damping and restoring."""

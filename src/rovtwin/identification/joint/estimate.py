@@ -1,0 +1,186 @@
+"""The joint estimate: maximum a posteriori by multiple shooting, with the noise estimated along the way."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import jax
+from rovtwin.identification.joint.arrow import Arrow, Factored
+from rovtwin.identification.joint.nodes import moved
+from rovtwin.identification.joint.noise import Variances
+from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
+
+_NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
+_REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
+_NODES = 1e4  # damping of theta from which nodes are held back too
+_SMALL = 0.01  # change in standard deviations at which the estimate is done
+_GAIN = 0.01  # of the cost by two steps in a row, below which it is done too: a standard deviation costs 1
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The estimate.
+
+    Attributes:
+        unknowns: At the maximum.
+        noise: As estimated.
+        covariance: Of theta, shape (n, n).
+        information: Of theta from the readings and static evidence alone, without the prior, shape (n, n).
+        offset_std: Standard deviation of the offsets, shape (G,).
+        nodes_covariance: Of the nodes, shape (S, 12, 12).
+        redundancy: Readings less what they were fitted with, shape (G,).
+        converged: Whether the last step was below a hundredth of a standard deviation, or gained nothing.
+        steps: Gauss-Newton steps taken.
+        cost: Sum of squares at the end.
+    """
+
+    unknowns: Unknowns
+    noise: Noise
+    covariance: np.ndarray
+    information: np.ndarray
+    offset_std: np.ndarray
+    nodes_covariance: np.ndarray
+    redundancy: np.ndarray
+    converged: bool
+    steps: int
+    cost: float
+
+
+def estimate(
+    problem: Problem,
+    start: tuple[Unknowns, Noise] | None = None,
+    fixed_noise: bool = False,
+    max_steps: int = 60,
+    progress: Callable[[int, float], None] | None = None,
+) -> Solution:
+    """Levenberg-Marquardt steps; after each accepted one the noise is estimated anew.
+
+    Args:
+        problem: Readings, prior and static evidence.
+        start: Where to begin; None: `start()`.
+        fixed_noise: Keep the noise of the start.
+        max_steps: Of Gauss-Newton.
+        progress: Called with the number of steps and the largest change in standard deviations.
+
+    Raises:
+        IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
+    """
+    here, noise = problem.start() if start is None else start
+    damping, change, steps, settled, idle = 1.0, np.inf, 0, fixed_noise, 0
+    variances = Variances(problem)
+    redundancy, fresh = np.ones(len(problem.groups)), True
+    blocks = problem.blocks(here, noise)
+    arrow, _ = problem.assembled(blocks, here, noise)
+    cost = problem.cost(here, noise)
+    if not np.isfinite(cost):
+        raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
+    while steps < max_steps and not (settled and (change < _SMALL or idle >= 2)):
+        steps += 1
+        found = _better(problem, here, noise, arrow, cost, damping)
+        if found is None:
+            if fresh:
+                break
+            # What counts as an outlier was still that of the noise before.
+            blocks, fresh = problem.blocks(here, noise), True
+            arrow, _ = problem.assembled(blocks, here, noise)
+            damping = 1.0
+            continue
+        before, (here, cost, damping, change) = cost, found
+        here, cost = _rescaled(problem, here, noise, cost)
+        idle = idle + 1 if before - cost < _GAIN else 0
+        blocks = problem.blocks(here, noise)
+        arrow, _ = problem.assembled(blocks, here, noise)
+        if not fixed_noise:
+            fresh = False
+            noise, redundancy, settled = variances.step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
+            arrow, _ = problem.assembled(blocks, here, noise)
+            cost = problem.cost(here, noise)
+        if progress:
+            progress(steps, change)
+    done = settled and (change < _SMALL or idle >= 2)
+    return _solution(problem, here, noise, arrow, redundancy, done, steps, cost)
+
+
+def _better(
+    problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, cost: float, damping: float
+) -> tuple[Unknowns, float, float, float] | None:
+    """Unknowns of lower cost, that cost, the damping to go on with, and the largest change in standard deviations.
+
+    Steps are damped in the measure of the prior: what the readings hardly see stays where it is.
+    """
+    factored = arrow.factor()
+    std = np.sqrt(np.diag(factored.covariance()[3]))
+    while damping < 1e9:
+        corner, held_back = _within_reach(problem, factored, damping)
+        # Nodes follow; where theta hardly moves any more, they are what went too far.
+        trial = _stepped(here, min(1.0, _NODES / max(damping, 1e-9)) * factored.nodes(corner), corner)
+        new = problem.cost(trial, noise)
+        change = float(np.max(np.abs(corner) / std))
+        if np.isfinite(new) and new <= cost * (1 + 1e-9):
+            change = np.inf if held_back or damping > 1e-2 else change
+            return trial, new, damping / 10 if damping > 1e-3 else 0.0, change
+        if damping == 0.0 and change < _SMALL:
+            return here, cost, 0.0, change  # nothing is left but rounding
+        damping = max(10 * damping, 0.1)
+    return None
+
+
+def _within_reach(problem: Problem, factored: Factored, damping: float) -> tuple[np.ndarray, bool]:
+    """Step of theta and offsets, and whether one of them had to be held back more than the others."""
+    n = len(problem.width)
+    more = np.concatenate([damping * problem.width**-2.0, np.zeros(len(problem.groups))])
+    corner, held_back = factored.border(more), False
+    while (far := np.abs(corner[:n]) > _REACH * problem.width).any():
+        more[:n][far] = np.maximum(3.0 * more[:n][far], 0.1 * problem.width[far] ** -2.0)
+        corner, held_back = factored.border(more), True
+    return corner, held_back
+
+
+def _rescaled(problem: Problem, here: Unknowns, noise: Noise, cost: float) -> tuple[Unknowns, float]:
+    """The same motion at the common scale of all forces that prior and static evidence like best.
+
+    Along that scale the readings say nothing, and it is a curve in theta: steps along its tangent leave the narrow
+    valley and would be refused one after the other.
+    """
+    scaled = problem.shooting.parameters.scaled
+    best: Any = minimize_scalar(
+        lambda s: problem.static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded"
+    )
+    trial = replace(here, theta=scaled(here.theta, float(best.x)))
+    new = problem.cost(trial, noise)
+    return (trial, new) if new < cost else (here, cost)
+
+
+def _stepped(here: Unknowns, x: np.ndarray, corner: np.ndarray) -> Unknowns:
+    n = len(here.theta)
+    nodes = jax.tree.map(np.asarray, _moved_all(here.nodes, x))
+    return replace(here, theta=here.theta + corner[:n], offsets=here.offsets + corner[n:], nodes=nodes)
+
+
+def _solution(
+    problem: Problem,
+    here: Unknowns,
+    noise: Noise,
+    arrow: Arrow,
+    redundancy: np.ndarray,
+    converged: bool,
+    steps: int,
+    cost: float,
+) -> Solution:
+    n = len(here.theta)
+    factored = arrow.factor()
+    own, _, _, corner = factored.covariance()
+    # What is known of theta without its prior, the offsets eliminated too.
+    reduced = factored.corner
+    rest = np.linalg.solve(reduced[n:, n:], reduced[n:, :n])
+    information = reduced[:n, :n] - reduced[:n, n:] @ rest - problem.information
+    information = 0.5 * (information + information.T)
+    std = np.sqrt(np.diag(corner)[n:])
+    return Solution(here, noise, corner[:n, :n], information, std, own, redundancy, converged, steps, cost)
+
+
+_moved_all = jax.jit(jax.vmap(moved))

@@ -1,0 +1,45 @@
+"""Forces on a vehicle under test: of its thrusters at known commands, of known ballast and of the tether."""
+
+from typing import Any
+
+from rovtwin.core.frames import cross, rotation_from_quaternion
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.joint.nodes import Nodes
+from rovtwin.identification.joint.parameters import Extras
+from rovtwin.vehicle.thrusters import Thrusters, lag, static_force
+
+
+def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: float) -> Array:
+    """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6).
+
+    Args:
+        thrusters: With their lag.
+        command: Held over each step, shape (S, K, n).
+        fresh: 1 at steps where a record begins, with thrusters settled at its first command, shape (S, K).
+        step: [s].
+    """
+    target = jax.vmap(jax.vmap(lambda u: static_force(thrusters, u)))(command)
+    flat, begin = target.reshape(-1, target.shape[-1]), fresh.reshape(-1)
+
+    def one(force: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
+        goal, begins = now
+        before = jnp.where(begins > 0, goal, force)
+        half = lag(thrusters, before, goal, 0.5 * step)
+        after = lag(thrusters, half, goal, 0.5 * step)
+        return after, jnp.stack([before, half, after])
+
+    _, history = jax.lax.scan(one, flat[0], (flat, begin))
+    return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
+
+
+def test_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
+    """Wrench of what belongs to the test: known ballast, and the tether's drag, b at CO."""
+    R_bn = rotation_from_quaternion(x.attitude).T
+    through = x.nu[:3] - R_bn @ own["current"]
+    drag = -extras.tether_drag * own["tether"] * jnp.sqrt(through @ through + 1e-12) * through
+    wrench = jnp.concatenate([drag, jnp.zeros(3)])
+    if "ballast" in own:
+        for piece in own["ballast"]:
+            force = R_bn[:, 2] * piece[0]
+            wrench = wrench + jnp.concatenate([force, cross(piece[1:], force)])
+    return wrench

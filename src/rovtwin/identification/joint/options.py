@@ -1,0 +1,45 @@
+"""Options of the joint estimate, as an evidence file may set them."""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import Field
+
+from rovtwin.core.config import NonNegative, Positive, Strict, near, parse
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.groups import thruster_groups
+from rovtwin.vehicle import Vehicle
+
+
+class Options(Strict):
+    """How the estimate is made; the defaults serve for small ROVs."""
+
+    step: Positive = Field(0.02, description="of the integration [s]; commands are held over a step")
+    segment: Positive = Field(5.0, description="between nodes of the multiple shooting [s]")
+    starts: Literal["estimated", "measured"] = Field(
+        "estimated", description="of segments; measured: at the readings, where the model is known to lack something"
+    )
+    rate: Positive = Field(20.0, description="highest rate of readings that is used [1/s]")
+    window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")
+    accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")
+    max_steps: int = Field(80, ge=1, description="of Gauss and Newton")
+    groups: dict[str, list[str]] | None = Field(None, description="thrusters that share a curve, by name of the group")
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any]) -> "Options":
+        """Raises ConfigError with a line per mistake."""
+        return parse(cls, dict(data), "options")
+
+    def groups_of(self, vehicle: Vehicle) -> dict[str, tuple[int, ...]]:
+        """Indices of thrusters by group."""
+        if self.groups is None:
+            return thruster_groups(vehicle)
+        names = vehicle.thruster_names
+        listed = [name for members in self.groups.values() for name in members]
+        for name in listed:
+            if name not in names:
+                raise IdentificationError(f"options.groups: no thruster '{name}'.{near(name, names)}")
+        if sorted(listed) != sorted(names):
+            missing = sorted(set(names) - set(listed)) or sorted({n for n in listed if listed.count(n) > 1})
+            raise IdentificationError(f"options.groups: every thruster is in one group; look at {', '.join(missing)}")
+        return {group: tuple(names.index(name) for name in members) for group, members in self.groups.items()}

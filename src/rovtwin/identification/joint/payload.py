@@ -1,0 +1,168 @@
+"""When the parts change: the old identification plus the predicted change of the parts, widened.
+
+The change is what formulas say of the new parts less what they say of the old ones; what tests found of the old vehicle
+stays under it. This is what makes the swap of a payload an afternoon's work.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameters
+from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.assembly import Assembly, assemble, bodies
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.model import Model
+
+# How far the formulas for a part may be off, relative to what they say of it, and what a part changes in the flow past
+# the others, relative to the total.
+_RELATIVE = {"added_mass": 0.35, "linear_damping": 0.8, "quadratic_damping": 0.5}
+_INTERACTION = {"added_mass": 0.03, "linear_damping": 0.05, "quadratic_damping": 0.05}
+_WEIGHED = 0.1  # volume and place of a new part, relative
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What new parts change, by formula.
+
+    Attributes:
+        model: The new vehicle as predicted: the old identification plus the change.
+        hydrodynamics: Change of the diagonals, shape (6,), by `added_mass` and the names in DAMPINGS.
+        net_buoyancy: Change of buoyancy less weight [N].
+        lever: Change of r_b - r_g [m], shape (3,).
+    """
+
+    model: Model
+    hydrodynamics: dict[str, np.ndarray]
+    net_buoyancy: float
+    lever: np.ndarray
+
+
+def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
+    """What the new parts change; None where the parts are the same.
+
+    Raises:
+        IdentificationError: The vehicles have different thrusters, so that nothing of the old one holds.
+    """
+    if fingerprint(old.file) == fingerprint(new.file):
+        return None
+    if old.thruster_names != new.thruster_names:
+        raise IdentificationError(
+            f"{new.where}: has thrusters {', '.join(new.thruster_names)}, but the prior's vehicle {old.where} has "
+            f"{', '.join(old.thruster_names)}; a prior must come from the same vehicle with other parts"
+        )
+    before, after = _parts_only(old), _parts_only(new)
+    model = old.model()
+    differences = {
+        "added_mass": after.added_mass - before.added_mass,
+        **{
+            name: getattr(after.damping(), field) - getattr(before.damping(), field)
+            for name, field in zip(DAMPINGS, _MATRICES, strict=True)
+        },
+    }
+    matrices = {_FIELDS[name]: np.asarray(getattr(model, _FIELDS[name])) + d for name, d in differences.items()}
+    solid, was = new.assembly.solid, old.assembly.solid
+    weight = solid.mass * GRAVITY
+    net_change = _net(after) - _net(before)
+    buoyancy = weight + float(model.buoyancy - model.weight) + net_change
+    moved = (
+        after.density * GRAVITY * (after.volume * after.center_of_buoyancy - before.volume * before.center_of_buoyancy)
+    )
+    center = (float(model.buoyancy) * np.asarray(model.center_of_buoyancy) + moved) / buoyancy
+    base = new.model()
+    predicted = base.replace(
+        **matrices,
+        buoyancy=buoyancy,
+        displaced_mass=buoyancy / GRAVITY,
+        center_of_buoyancy=center,
+        thrusters=model.thrusters,
+    )
+    lever = (center - solid.center_of_gravity) - (np.asarray(model.center_of_buoyancy) - was.center_of_gravity)
+    diagonals = {name: d.diagonal() for name, d in differences.items()}
+    return Change(predicted, diagonals, net_change, lever)
+
+
+_MATRICES = ("linear_ahead", "quadratic_ahead", "linear_astern", "quadratic_astern")  # of Damping, as in DAMPINGS
+_FIELDS = {
+    "added_mass": "added_mass",
+    "linear_damping": "linear_damping_ahead",
+    "quadratic_damping": "quadratic_damping_ahead",
+    "linear_damping_astern": "linear_damping_astern",
+    "quadratic_damping_astern": "quadratic_damping_astern",
+}
+
+
+def _parts_only(vehicle: Vehicle) -> Assembly:
+    """Totals by formula: nothing published or measured of the whole."""
+    plain = {"hydrodynamics": None, "restoring": None, "rigid_body": None, "identified": None}
+    return assemble(vehicle.file.model_copy(update=plain), vehicle.where)
+
+
+def _net(total: Assembly) -> float:
+    return GRAVITY * (total.density * total.volume - total.solid.mass)
+
+
+def without_shape(vehicle: Vehicle) -> list[str]:
+    """Names of parts whose volume and shape are not given: their drag and added mass are predicted as nothing."""
+    return [
+        name
+        for name, body in bodies(vehicle.file, vehicle.name)
+        if body.mass is not None and body.shape is None and not body.parts
+    ]
+
+
+def prior_from(old: Vehicle, parameters: Parameters, prior: Gaussian, change: Change | None) -> Gaussian:
+    """The prior of a new identification from an old one.
+
+    What the old file estimated comes with its covariance, widened where the parts changed; parameters that it lacks
+    keep the given prior.
+
+    Args:
+        old: With an `identified` block.
+        parameters: The new ones, their starting values those of `change`, or of the old file.
+        prior: The default one.
+        change: Of the parts, None where they are the same.
+    """
+    found = old.file.identified
+    if found is None:
+        raise IdentificationError(f"{old.where}: has no 'identified:' block; give a file that rovtwin identify wrote")
+    known = {p.name: j for j, p in enumerate(found.estimate.parameters)}
+    rows = [i for i, p in enumerate(parameters.free) if p.name in known]
+    columns = [known[parameters.free[i].name] for i in rows]
+    scale = np.array([_scale(parameters, i, found.estimate.parameters[j]) for i, j in zip(rows, columns, strict=True)])
+    C = prior.covariance.copy()
+    C[rows, :] = 0.0
+    C[:, rows] = 0.0
+    C[np.ix_(rows, rows)] = np.array(found.estimate.covariance)[np.ix_(columns, columns)] * np.outer(scale, scale)
+    mean = prior.mean.copy()
+    mean[rows] = 0.0
+    if change is not None:
+        for i in rows:
+            C[i, i] += _widening(parameters, i, change) ** 2
+    return Gaussian(mean, C)
+
+
+def _scale(parameters: Parameters, i: int, was: object) -> float:
+    """From a relative error of the old value to one of the new, larger or smaller value."""
+    p = parameters.free[i]
+    value = float(getattr(was, "value", p.base))
+    return value / p.base if p.positive else 1.0
+
+
+def _widening(parameters: Parameters, i: int, change: Change) -> float:
+    """Standard deviation of the predicted change of one parameter, in theta."""
+    p = parameters.free[i]
+    family, _, where = p.name.partition(".")
+    if where in DIRECTIONS:
+        kind = family.removesuffix("_astern")
+        delta = abs(change.hydrodynamics[family][DIRECTIONS.index(where)])
+        return float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind]))
+    if p.name == "restoring.net_buoyancy":
+        return _WEIGHED * abs(change.net_buoyancy)
+    if family == "restoring":
+        axis = {"center_of_buoyancy_x": 0, "center_of_buoyancy_y": 1, "metacentric_height": 2}[where]
+        return _WEIGHED * abs(float(change.lever[axis])) / (p.base if p.positive else 1.0)
+    return 0.0

@@ -1,0 +1,109 @@
+"""What is known of the parameters before any test: values of the file, widths, and what errors have in common.
+
+The prior is Gaussian in theta, so log-normal for what is positive. Errors of one kind share a cause (a drag formula, a
+supply voltage, the water inside the hulls), so that widths of a kind are correlated: without that, many parameters
+together would pretend to know the common scale of all forces, which no motion can tell.
+"""
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.config import near
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.priors.widths import prior_widths
+from rovtwin.vehicle import Vehicle
+
+# Standard deviation of theta by pattern, of what `widths` (added mass, damping) does not know.
+WIDTHS: dict[str, float] = {
+    "restoring.metacentric_height": 0.5,
+    "restoring.center_of_buoyancy_*": 0.003,  # [m]
+    "restoring.net_buoyancy": 2.0,  # [N]
+    "thrusters.*.force_*": 0.15,
+    "thrusters.*.exponent": 0.35,
+    "thrusters.*.dead_band": 1.5,
+    "thrusters.*.time_constant": 0.5,
+    "tether.drag": 0.7,
+}
+# Share of the variance that parameters of one kind have in common.
+COMMON: dict[str, float] = {
+    "added_mass.*": 0.5,
+    "linear_damping*": 0.5,
+    "quadratic_damping*": 0.5,
+    "thrusters.*.force_*": 0.7,
+    "thrusters.*.exponent": 0.5,
+}
+_WAYS = ("value", "sd", "factor", "common")
+
+
+def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, Any] | None = None) -> Gaussian:
+    """Prior around the starting values.
+
+    Args:
+        parameters: Free ones.
+        vehicle: How good its parts' numbers are, see `widths.prior_widths`.
+        said: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of two,
+            `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the middle too; `common: 0.9` beside
+            them is the share of their variance that the parameters of the pattern have in common.
+
+    Raises:
+        IdentificationError: A pattern fits nothing, or a width is not positive.
+    """
+    names = parameters.names
+    mean = np.zeros(len(names))
+    known = prior_widths(vehicle)
+    width = np.array([known.get(name.replace("_astern", ""), 0.0) or _width(name) for name in names])
+    kind = np.array([_kind(name) for name in names], dtype=object)
+    shares = dict(COMMON)
+    for pattern, words in (said or {}).items():
+        rows = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
+        if not rows:
+            raise IdentificationError(f"prior: '{pattern}' fits no free parameter.{near(pattern, names)}")
+        for i in rows:
+            mean[i], width[i] = _said(parameters.free[i], pattern, words, width[i])
+            kind[i] = pattern  # what somebody states has errors of its own
+        shares[pattern] = words.get("common", 0.0)
+    correlation = np.eye(len(names))
+    for pattern, share in shares.items():
+        same = np.flatnonzero(kind == pattern)
+        correlation[np.ix_(same, same)] = share
+    np.fill_diagonal(correlation, 1.0)
+    return Gaussian(mean, correlation * np.outer(width, width))
+
+
+def _width(name: str) -> float:
+    return next(width for pattern, width in WIDTHS.items() if fnmatchcase(name, pattern))
+
+
+def _kind(name: str) -> str:
+    return next((pattern for pattern in COMMON if fnmatchcase(name, pattern)), "")
+
+
+def _said(parameter: Any, pattern: str, words: Any, width: float) -> tuple[float, float]:
+    where = f"prior: {pattern}"
+    if not isinstance(words, Mapping) or not words or set(words) - set(_WAYS):
+        raise IdentificationError(
+            f"{where}: found {words!r}, expected {{factor: 2}}, {{sd: 0.3}} or {{value: .., sd: ..}}"
+        )
+    for key, value in words.items():
+        if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
+            raise IdentificationError(f"{where}.{key}: found {value!r}, expected a number")
+    if not 0 <= words.get("common", 0.0) < 1:
+        raise IdentificationError(f"{where}.common: found {words['common']:g}, expected a share from 0 to below 1")
+    value = float(words.get("value", parameter.base))
+    mean = parameter.theta(value)
+    if "factor" in words:
+        if words["factor"] <= 1 or not parameter.positive:
+            raise IdentificationError(f"{where}.factor: expected more than 1, of a parameter that is positive")
+        return mean, float(np.log(words["factor"]))
+    if "sd" in words:
+        if words["sd"] <= 0:
+            raise IdentificationError(
+                f"{where}.sd: found {words['sd']:g}, expected more than 0; leave it out of 'free'"
+            )
+        return mean, float(words["sd"]) / (value if parameter.positive else 1.0)
+    return mean, width

@@ -1,0 +1,273 @@
+"""Records cut into short segments of equal shape: what the compiled part of the estimate works on.
+
+A grid of `step` seconds runs through every record; `steps` of them are a segment. At the start of each segment sits a
+node, a state of its own that the estimate finds together with the parameters (multiple shooting: Bock 1983), so that a
+long noisy log cannot diverge. Readings lie between grid points and are compared by linear interpolation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.identification.logs.record import SIGNALS, Record, Signal
+from rovtwin.identification.logs.smoothing import fitted, unwrapped
+from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How records are cut: integration step [s], steps in a segment, highest rate of readings used [1/s]."""
+
+    step: float = 0.02
+    steps: int = 250
+    rate: float = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """All segments of all records, padded to one shape; S segments of K steps, R_s readings of signal s.
+
+    Attributes:
+        grid: How they were cut.
+        records: What they were cut from.
+        arrays: For the compiled part: `command` (S, K, n), `fresh` (S, K) 1 where a record starts, `linked` (S,) 1
+            where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast`
+            (S, k, 4) weight in water and place, `ballast_mass` (S, 6, 6); per signal `row`, `share`, `value`, `used`.
+        first: Index of the first segment of each record.
+        sigma: Declared noise by signal, shape (k,); NaN where nobody said.
+        levers: By signal, shape (3,).
+    """
+
+    grid: Grid
+    records: tuple[Record, ...]
+    arrays: dict[str, Any]
+    first: tuple[int, ...]
+    sigma: dict[str, np.ndarray]
+    levers: dict[str, np.ndarray]
+
+    @property
+    def count(self) -> int:
+        return len(self.arrays["linked"])
+
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """(signal, component) of everything measured, in the order of the compiled part."""
+        return [(name, i) for name in self.levers for i in range(len(SIGNALS[name][0]))]
+
+    def starts(self) -> np.ndarray:
+        """Time at which each segment starts, in its record's clock [s], shape (S,)."""
+        length = self.grid.step * self.grid.steps
+        bounds = [*self.first, self.count]
+        return np.concatenate(
+            [r.start + length * np.arange(b - a) for r, a, b in zip(self.records, bounds, bounds[1:], strict=False)]
+        )
+
+
+@dataclass(eq=False)
+class _Cut:
+    """Segments of one record while they are collected."""
+
+    command: np.ndarray
+    fresh: np.ndarray
+    linked: np.ndarray
+    rows: dict[str, dict[str, list]] = field(default_factory=dict)
+
+
+def cut(records: Sequence[Record], grid: Grid) -> Segments:
+    """Segments of records.
+
+    Raises:
+        IdentificationError: A record is shorter than two steps, or records disagree about where a sensor sits.
+    """
+    names = [name for name in SIGNALS if any(name in r.signals for r in records)]
+    levers, sigma = {}, {}
+    for name in names:
+        having = [r for r in records if name in r.signals]
+        levers[name] = having[0].signals[name].lever
+        if any(not np.allclose(r.signals[name].lever, levers[name]) for r in having):
+            raise IdentificationError(f"{name}: records place this sensor differently; identify them apart")
+        given = [r.signals[name].sigma for r in having]
+        size = len(SIGNALS[name][0])
+        known = [np.broadcast_to(s, size) for s in given if s is not None]
+        sigma[name] = np.mean(known, axis=0) if known else np.full(size, np.nan)
+    pieces = [_cut_one(record, names, grid) for record in records]
+    counts = [len(p.linked) for p in pieces]
+    arrays: dict[str, Any] = {
+        "command": np.concatenate([p.command for p in pieces]),
+        "fresh": np.concatenate([p.fresh for p in pieces]),
+        "linked": np.concatenate([p.linked for p in pieces]),
+        "current": np.repeat([r.current for r in records], counts, axis=0),
+        "tether": np.repeat([r.tether_length or 0.0 for r in records], counts),
+        **_ballast(records, counts),
+    }
+    for name in names:
+        arrays[name] = _padded([rows for p in pieces for rows in p.rows[name]["segments"]], len(SIGNALS[name][0]))
+    if "attitude" in names:
+        # As quaternions: Euler angles jump where a vehicle goes through the vertical.
+        arrays["attitude"]["value"] = np.asarray(_quaternions(jnp.asarray(arrays["attitude"]["value"])))
+    first = tuple(int(i) for i in np.concatenate([[0], np.cumsum(counts)[:-1]]))
+    return Segments(grid, tuple(records), arrays, first, sigma, levers)
+
+
+_quaternions = jax.vmap(jax.vmap(quaternion_from_euler))
+
+
+def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
+    steps = int((record.duration + 1e-9) / grid.step)
+    if steps < 2:
+        raise IdentificationError(
+            f"{record.source}: lasts {record.duration:.3g} s, expected at least {2 * grid.step} s"
+        )
+    count = -(-steps // grid.steps)
+    edges = record.start + grid.step * np.arange(count * grid.steps + 1)
+    command = _mean_command(record, edges).reshape(count, grid.steps, -1)
+    fresh = np.zeros((count, grid.steps))
+    fresh[0, 0] = 1.0
+    linked = np.ones(count)
+    linked[-1] = 0.0
+    out = _Cut(command, fresh, linked)
+    last = record.start + steps * grid.step
+    for name in names:
+        out.rows[name] = {"segments": _rows(record.signals.get(name), record.start, last, count, grid, name)}
+    return out
+
+
+def _mean_command(record: Record, edges: np.ndarray) -> np.ndarray:
+    """Commands averaged over steps, shape (len(edges) - 1, n): they need not change where a step begins."""
+    t, u = record.t_command, record.command
+    integral = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(np.diff(t)[:, None] * u[:-1], axis=0)])
+    row = np.clip(np.searchsorted(t, edges + 1e-9, side="right") - 1, 0, len(t) - 1)
+    upto = integral[row] + (edges - t[row])[:, None] * u[row]
+    return np.diff(upto, axis=0) / np.diff(edges)[:, None]
+
+
+def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Grid, name: str) -> list[tuple]:
+    """Per segment: grid row, share of the way to the next one, value."""
+    size = len(SIGNALS[name][0])
+    if signal is None:
+        return [(np.zeros(0, int), np.zeros(0), np.zeros((0, size)))] * count
+    keep = (signal.t >= start - 1e-9) & (signal.t <= last + 1e-9)
+    t, value = signal.t[keep], signal.value[keep]
+    t, value = _thinned(t, value, grid)
+    place = np.clip((t - start) / grid.step, 0.0, None)
+    place = np.where(np.abs(place - np.round(place)) < 1e-6, np.round(place), place)
+    row = np.minimum(place.astype(int), count * grid.steps - 1)
+    segment = row // grid.steps
+    return [
+        (row[segment == s] - s * grid.steps, (place - row)[segment == s], value[segment == s]) for s in range(count)
+    ]
+
+
+def _thinned(t: np.ndarray, value: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """At most `rate` readings a second, those nearest to the grid: interpolation costs them least."""
+    if len(t) < 2:
+        return t, value
+    every = int(np.floor((len(t) - 1) / max(t[-1] - t[0], 1e-9) / grid.rate + 1e-6))
+    if every < 2:
+        return t, value
+    whole = len(t) // every * every
+    off = np.abs((t[:whole] - t[0]) / grid.step - np.round((t[:whole] - t[0]) / grid.step)).reshape(-1, every)
+    pick = np.argmin(np.round(off, 3), axis=1) + every * np.arange(whole // every)
+    return t[pick], value[pick]
+
+
+def _padded(rows: list[tuple], size: int) -> dict[str, np.ndarray]:
+    longest = max(1, max(len(r) for r, _, _ in rows))
+    shape = (len(rows), longest)
+    out = {"row": np.zeros(shape, int), "share": np.zeros(shape), "value": np.zeros((*shape, size))}
+    out["used"] = np.zeros(shape)
+    for s, (row, share, value) in enumerate(rows):
+        n = len(row)
+        out["row"][s, :n], out["share"][s, :n], out["value"][s, :n], out["used"][s, :n] = row, share, value, 1.0
+    return out
+
+
+def _ballast(records: Sequence[Record], counts: Sequence[int]) -> dict[str, np.ndarray]:
+    """Known pieces as a wrench's ingredients (weight in water, place) and as a mass matrix at CO; absent if none."""
+    if not any(r.ballast for r in records):
+        return {}
+    most = max(len(r.ballast) for r in records)
+    pieces, masses = np.zeros((len(records), most, 4)), np.zeros((len(records), 6, 6))
+    for i, record in enumerate(records):
+        density = record.water_density or FRESH_WATER
+        for j, piece in enumerate(record.ballast):
+            x, y, z = piece.position
+            pieces[i, j] = [GRAVITY * (piece.mass - density * piece.volume), x, y, z]
+            S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            H = np.concatenate([np.eye(3), -S], axis=1)
+            masses[i] += piece.mass * H.T @ H
+    return {"ballast": np.repeat(pieces, counts, axis=0), "ballast_mass": np.repeat(masses, counts, axis=0)}
+
+
+def nodes_from_data(
+    segments: Segments, offsets: dict[str, np.ndarray] | None = None, exact: bool = False
+) -> dict[str, np.ndarray]:
+    """The state at every node as far as it is measured: position, attitude (quaternion), nu.
+
+    Args:
+        segments: With the readings.
+        offsets: Constant errors of the sensors by signal, to be taken off.
+        exact: Take attitude, rates and velocities at the instant, not smoothed.
+    """
+    position, euler, nu = [], [], []
+    bounds = [*segments.first, segments.count]
+    starts = segments.starts()
+    for record, a, b in zip(segments.records, bounds, bounds[1:], strict=False):
+        p, e, v = _guess(record, starts[a:b], offsets or {}, exact)
+        position.append(p)
+        euler.append(e)
+        nu.append(v)
+    attitude = np.asarray(jax.vmap(quaternion_from_euler)(jnp.asarray(np.concatenate(euler))))
+    return {"position": np.concatenate(position), "attitude": attitude, "nu": np.concatenate(nu)}
+
+
+# Seconds of readings that a guess of the state is taken through, by how noisy and how quick they are.
+_WIDTH = {"position": 1.0, "horizontal": 1.0, "depth": 0.6, "attitude": 0.3, "gyro": 0.2, "velocity": 0.3}
+
+
+def _guess(
+    record: Record, t: np.ndarray, offsets: dict[str, np.ndarray], exact: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    n = len(t)
+    position, velocity, euler, nu = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 6))
+
+    def at(name: str) -> tuple[np.ndarray, np.ndarray]:
+        signal = record.signals[name]
+        value, slope = fitted(signal, t, _WIDTH[name])
+        if exact and name in ("gyro", "velocity"):
+            value = np.stack([np.interp(t, signal.t, column) for column in signal.value.T], axis=1)
+        return value - offsets.get(name, 0.0), slope
+
+    for name, columns in (("horizontal", [0, 1]), ("depth", [2]), ("position", [0, 1, 2])):
+        if name in record.signals:
+            position[:, columns], velocity[:, columns] = at(name)
+    if "attitude" in record.signals:
+        # The nearest reading: between two of them Euler angles may jump, at the vertical.
+        signal = record.signals["attitude"]
+        nearest = np.clip(np.searchsorted(signal.t, t), 1, len(signal.t) - 1) if len(signal.t) > 1 else np.zeros(n, int)
+        nearest -= (t - signal.t[nearest - 1]) < (signal.t[nearest] - t)
+        euler = signal.value[nearest] - offsets.get("attitude", 0.0)
+        nu[:, 3:] = fitted(unwrapped(signal), t, _WIDTH["attitude"])[1]
+    if "gyro" in record.signals:
+        nu[:, 3:], _ = at("gyro")
+    nu[:, :3] = at("velocity")[0] if "velocity" in record.signals else _to_body(euler, velocity)
+    return position, euler, nu
+
+
+def _to_body(euler: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    phi, theta, psi = euler.T
+    c1, s1, c2, s2, c3, s3 = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta), np.cos(psi), np.sin(psi)
+    x, y, z = velocity.T
+    return np.stack(
+        [
+            c3 * c2 * x + s3 * c2 * y - s2 * z,
+            (c3 * s2 * s1 - s3 * c1) * x + (s3 * s2 * s1 + c3 * c1) * y + c2 * s1 * z,
+            (c3 * s2 * c1 + s3 * s1) * x + (s3 * s2 * c1 - c3 * s1) * y + c2 * c1 * z,
+        ],
+        axis=1,
+    )

@@ -1,0 +1,311 @@
+"""The compiled part of the estimate: every segment simulated with its derivatives, and squared into normal equations.
+
+For segment s the unknowns are the error of its node x_s (position 3, attitude 3, nu 6), the parameters theta and
+constant offsets b of the sensors. A reading gives the residual h(x(t; x_s, theta)) + b - y, the end of a segment the
+defect x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill.
+
+Reference: Bock (1983), Recent advances in parameter identification techniques for ODE; Schittkowski (2002), sec. 2.6.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+
+from rovtwin.core.flow import Environment
+from rovtwin.core.frames import (
+    cross,
+    quaternion_normalise,
+    quaternion_rate,
+    rotation_from_quaternion,
+)
+from rovtwin.core.integrate import rk4_step
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.joint.balance import Balance
+from rovtwin.identification.joint.loads import test_wrench, thrust_history
+from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved, rotation_between
+from rovtwin.identification.joint.parameters import Extras, Parameters
+from rovtwin.identification.joint.segments import Segments
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.model import Model
+
+_CHUNK = 8  # segments that are simulated side by side, with all their derivatives: what fits into the cache
+
+
+class Blocks(NamedTuple):
+    """Normal equations of the readings and of the defects, per segment; G groups (signal components), m = 12 + n + G.
+
+    Attributes:
+        readings: J'WJ per group with unit noise, shape (S, G, m, m); columns: node, theta, offsets.
+        slopes: J'Wr per group, shape (S, G, m).
+        squares: Sum of w r^2 per group, shape (S, G).
+        losses: Huber's loss per group, in units of r^2, shape (S, G); r^2 for readings that are no outliers.
+        weights: Sum of w per group, shape (S, G).
+        defect: x_{s+1} - f(x_s), shape (S, 12); zero where nothing follows.
+        defect_jacobian: By node, theta and next node, shape (S, 12, 12 + n + 12).
+    """
+
+    readings: Any
+    slopes: Any
+    squares: Any
+    losses: Any
+    weights: Any
+    defect: Any
+    defect_jacobian: Any
+
+
+class Shooting:
+    """Residuals of segments at given parameters, compiled once for their shapes."""
+
+    def __init__(self, parameters: Parameters, segments: Segments):
+        """Nothing is compiled before the first call."""
+        self.parameters, self.segments = parameters, segments
+        self.balance = Balance(parameters, segments.grid)
+        _, self._static = eqx.partition(parameters.model, eqx.is_inexact_array)
+        self._names = list(segments.levers)
+        self.blocks = jax.jit(self._blocks)
+        self.residuals = jax.jit(self._residuals)
+        self.trajectories = jax.jit(self._trajectories)
+
+    # Thrust: known from the commands alone, so that it is integrated once through each whole record.
+
+    def _wrenches(self, theta: Array, arrays: dict[str, Any]) -> Array:
+        """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6)."""
+        model, _ = self.parameters.model_at(theta)
+        return thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.segments.grid.step)
+
+    def _linearised(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Any, Array, Array]:
+        """Model arrays and wrenches with their derivatives by theta, leading axis n; wrench derivatives (S, n, ...)."""
+
+        def parts(theta: Array) -> Any:
+            model, extras = self.parameters.model_at(theta)
+            return eqx.partition(model, eqx.is_inexact_array)[0], extras
+
+        unit = jnp.eye(len(self.parameters))
+        flexible = parts(theta)
+        d_flexible = jax.vmap(lambda e: jax.jvp(parts, (theta,), (e,))[1])(unit)
+        wrench = partial(self._wrenches, arrays=arrays)
+        tau = wrench(theta)
+        d_tau = jax.vmap(lambda e: jax.jvp(wrench, (theta,), (e,))[1], out_axes=1)(unit)
+        return flexible, d_flexible, tau, d_tau
+
+    # One segment.
+
+    def _simulated(
+        self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
+    ) -> tuple[dict[str, Array], Nodes]:
+        """Prediction less reading of one segment, by signal (R, k), and the state at its end."""
+        path, rates = self._path(error, flexible, tau, node, own)
+        gaps = {}
+        for name in self._names:
+            rows = own[name]
+            x, nu_dot = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
+            x = x._replace(position=_place_between(path, rows["row"], rows["share"], self.segments.grid.step))
+            gaps[name] = _gap(name, x, nu_dot, jnp.asarray(self.segments.levers[name]), rows["value"])
+        return gaps, jax.tree.map(lambda x: x[-1], path)
+
+    def _path(
+        self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
+    ) -> tuple[Nodes, Array | None]:
+        """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
+        model: Model = eqx.combine(flexible[0], self._static)
+        extras: Extras = flexible[1]
+        if "ballast_mass" in own:
+            heavier = model.rigid_body_mass + own["ballast_mass"]
+            model = model.replace(rigid_body_mass=heavier)
+        calm = Environment.calm(velocity=own["current"])
+        step = self.segments.grid.step
+
+        def rate(x: Nodes, wrench: Array) -> Array:
+            extra = test_wrench(x, own, extras)
+            return acceleration(model, x.position, x.attitude, x.nu, wrench + extra, calm)
+
+        def advance(x: Nodes, wrenches: Array) -> tuple[Nodes, Nodes]:
+            at = {0.0: wrenches[0], 0.5 * step: wrenches[1], step: wrenches[2]}
+
+            def derivative(elapsed: float, y: Nodes) -> Nodes:
+                velocity = rotation_from_quaternion(y.attitude) @ y.nu[:3]
+                return Nodes(velocity, quaternion_rate(y.attitude, y.nu[3:]), rate(y, at[elapsed]))
+
+            after = rk4_step(derivative, x, step)
+            after = after._replace(attitude=quaternion_normalise(after.attitude))
+            return after, after
+
+        start = moved(node, error)
+        _, path = jax.lax.scan(advance, start, tau)
+        path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, path)
+        if "accelerometer" not in self._names:
+            return path, None
+        wrench = jnp.concatenate([tau[:, 0], tau[-1:, 2]])
+        return path, jax.vmap(rate)(path, wrench)
+
+    def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
+        """Next nodes, and what belongs to each segment apart from commands."""
+        following = jax.tree.map(lambda x: jnp.roll(x, -1, axis=0), nodes)
+        own = {key: value for key, value in arrays.items() if key not in ("command", "fresh")}
+        return following, own
+
+    def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
+        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
+        flexible, d_flexible, tau, d_tau = self._linearised(theta, arrays)
+        following, own = self._per_segment(nodes, arrays)
+
+        def one(segment: Any) -> Blocks:
+            node, next_node, tau, d_tau, own = segment
+
+            def outputs(error: Array, flexible: Any, tau: Array) -> tuple[dict[str, Array], Array]:
+                gaps, end = self._simulated(error, flexible, tau, node, own)
+                return gaps, difference(next_node, end)
+
+            zero = jnp.zeros(NODE)
+            value, columns = jax.vmap(
+                lambda de, df, dt: jax.jvp(outputs, (zero, flexible, tau), (de, df, dt)), out_axes=(None, -1)
+            )(*_directions(d_flexible, d_tau))
+            by_next = jax.jacfwd(lambda e: value[1] + difference(moved(next_node, e), next_node))(zero)
+            defect_jacobian = own["linked"] * jnp.concatenate([columns[1], by_next], axis=1)
+            squared = _squared(self._names, value[0], columns[0], own, offsets, sigma)
+            return Blocks(*squared, own["linked"] * value[1], defect_jacobian)
+
+        return _chunked(one, (nodes, following, tau, d_tau, own))
+
+    def _residuals(
+        self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
+    ) -> tuple[dict[str, Array], Array]:
+        """Residuals by signal (S, R, k), prediction less reading, and defects (S, 12)."""
+        flexible, _, tau, _ = self._without_derivatives(theta, arrays)
+        following, own = self._per_segment(nodes, arrays)
+
+        def one(segment: Any) -> tuple[dict[str, Array], Array]:
+            node, next_node, tau, own = segment
+            gaps, end = self._simulated(jnp.zeros(NODE), flexible, tau, node, own)
+            split = _offsets_by_signal(self._names, gaps, offsets)
+            residual = {name: gaps[name] + split[name] for name in self._names}
+            return residual, own["linked"] * difference(next_node, end)
+
+        return _chunked(one, (nodes, following, tau, own))
+
+    def _without_derivatives(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, None, Array, None]:
+        model, extras = self.parameters.model_at(theta)
+        return (eqx.partition(model, eqx.is_inexact_array)[0], extras), None, self._wrenches(theta, arrays), None
+
+    def _trajectories(self, theta: Array, nodes: Nodes, arrays: dict[str, Any]) -> Nodes:
+        """States at all grid points from each node, leading axes (S, K + 1)."""
+        flexible, _, tau, _ = self._without_derivatives(theta, arrays)
+        _, own = self._per_segment(nodes, arrays)
+        return _chunked(lambda s: self._path(jnp.zeros(NODE), flexible, s[1], s[0], s[2])[0], (nodes, tau, own))
+
+
+def _between(x: Array, row: Array, share: Array) -> Array:
+    """Values between grid points row and row + 1."""
+    extra = x.ndim - 1
+    weight = share.reshape(share.shape + (1,) * extra)
+    return x[row] + weight * (x[row + 1] - x[row])
+
+
+def _place_between(path: Nodes, row: Array, share: Array, step: float) -> Array:
+    """Position between grid points, shape (R, 3), by a cubic through places and velocities at both.
+
+    A straight line would be off by an eighth of acceleration times step squared, a tenth of a pressure sensor's noise.
+    """
+
+    def one(p0: Array, q0: Array, nu0: Array, p1: Array, q1: Array, nu1: Array, s: Array) -> Array:
+        v0, v1 = rotation_from_quaternion(q0) @ nu0[:3], rotation_from_quaternion(q1) @ nu1[:3]
+        along = s * s * (3.0 - 2.0 * s)
+        return p0 + along * (p1 - p0) + step * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1)
+
+    a, b = (jax.tree.map(lambda x, k=k: x[k], path) for k in (row, row + 1))
+    return jax.vmap(one)(a.position, a.attitude, a.nu, b.position, b.attitude, b.nu, share)
+
+
+def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array) -> Array:
+    """What a sensor would read along a path less what it read, shape (R, k); of an attitude the small rotation in b.
+
+    See `vehicle.measurement` for the equations.
+    """
+
+    def predicted(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
+        q = quaternion_normalise(attitude)
+        R_nb, v, omega = rotation_from_quaternion(q), nu[:3], nu[3:]
+        if name in ("position", "horizontal", "depth"):
+            place = position + R_nb @ lever
+            return {"position": place, "horizontal": place[:2], "depth": place[2:]}[name]
+        if name == "attitude":
+            return q
+        if name == "gyro":
+            return omega
+        if name == "velocity":
+            return v + cross(omega, lever)
+        assert nu_dot is not None
+        path = nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
+        return path - GRAVITY * R_nb[2]
+
+    if rates is None:
+        reading = jax.vmap(lambda p, q, nu: predicted(p, q, nu, None))(x.position, x.attitude, x.nu)
+    else:
+        reading = jax.vmap(predicted)(x.position, x.attitude, x.nu, rates)
+    return jax.vmap(rotation_between)(reading, value) if name == "attitude" else reading - value
+
+
+def _offsets_by_signal(names: list[str], gaps: dict[str, Array], offsets: Array) -> dict[str, Array]:
+    out, start = {}, 0
+    for name in names:
+        size = gaps[name].shape[-1]
+        out[name] = offsets[start : start + size]
+        start += size
+    return out
+
+
+def _directions(d_flexible: Any, d_tau: Array) -> tuple[Array, Any, Array]:
+    """All directions to differentiate along, one after the other: the node's error, then theta."""
+    count = d_tau.shape[0]
+    d_error = jnp.concatenate([jnp.eye(NODE), jnp.zeros((count, NODE))])
+
+    def after_nodes(x: Array) -> Array:
+        return jnp.concatenate([jnp.zeros((NODE, *x.shape[1:])), x])
+
+    return d_error, jax.tree.map(after_nodes, d_flexible), after_nodes(d_tau)
+
+
+def _chunked(function: Any, segments: Any) -> Any:
+    """`function` of every segment, some side by side; the last ones are padded so that one program serves all."""
+    count = jax.tree.leaves(segments)[0].shape[0]
+    chunks = -(-count // _CHUNK)
+    spare = chunks * _CHUNK - count
+
+    def folded(x: Array) -> Array:
+        return jnp.concatenate([x, jnp.repeat(x[-1:], spare, axis=0)]).reshape(chunks, _CHUNK, *x.shape[1:])
+
+    out = jax.lax.map(jax.vmap(function), jax.tree.map(folded, segments))
+    return jax.tree.map(lambda x: x.reshape(chunks * _CHUNK, *x.shape[2:])[:count], out)
+
+
+HUBER = 3.0  # residuals beyond so many sigma count linearly
+
+
+def _squared(
+    names: list[str],
+    gaps: dict[str, Array],
+    columns: dict[str, Array],
+    own: dict[str, Any],
+    offsets: Array,
+    sigma: Array,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """J'WJ, J'Wr, sum w r^2, loss and sum w of every signal component, with weights of Huber (1964)."""
+    split = _offsets_by_signal(names, gaps, offsets)
+    parts, group, total = [], 0, offsets.shape[0]
+    for name in names:
+        residual = gaps[name] + split[name]
+        for i in range(residual.shape[-1]):
+            r = residual[:, i]
+            far = jnp.abs(r) / sigma[group]
+            w = own[name]["used"] * jnp.where(far > HUBER, HUBER / jnp.where(far > 0, far, 1.0), 1.0)
+            J = columns[name][:, i, :]
+            one_hot = jnp.zeros((J.shape[0], total)).at[:, group].set(1.0)
+            J = jnp.concatenate([J, one_hot], axis=1)
+            weighted = w[:, None] * J
+            edge = HUBER * sigma[group]
+            loss = own[name]["used"] * jnp.where(far > HUBER, 2.0 * edge * jnp.abs(r) - edge**2, r * r)
+            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(loss), jnp.sum(w)))
+            group += 1
+    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (five of them)

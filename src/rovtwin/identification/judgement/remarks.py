@@ -1,0 +1,74 @@
+"""Remarks on an identification: what a user should know before relying on it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rovtwin.identification.joint.estimate import Solution
+from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.payload import without_shape
+from rovtwin.identification.judgement.validation import Prediction
+from rovtwin.identification.judgement.verdict import Blind, scale_width
+from rovtwin.identification.judgement.whiteness import Residuals
+from rovtwin.vehicle import Vehicle
+
+
+def about_parts(vehicle: Vehicle, old: Vehicle | None) -> list[str]:
+    """What the parts leave out, where they changed."""
+    if old is None:
+        return []
+    new = set(without_shape(vehicle)) - {n.replace(old.name, vehicle.name, 1) for n in without_shape(old)}
+    return [f"part '{name}' has no shape: its drag and added mass are predicted as nothing" for name in sorted(new)]
+
+
+def about_solution(
+    parameters: Parameters,
+    solution: Solution,
+    blind: Sequence[Blind],
+    residuals: Mapping[str, Residuals],
+    fitted: Sequence[Prediction],
+    held_out: Sequence[Prediction],
+    anchors: Sequence[Any],
+) -> list[str]:
+    """Remarks: what did not converge, what is not white, what validates badly."""
+    said = []
+    if not solution.converged:
+        said.append(f"the estimate has not settled after {solution.steps} steps: widths are not to be trusted")
+    scale = scale_width(parameters, solution)
+    if not anchors and scale > 0.03:
+        said.append(
+            f"the common scale of all forces is known to {100 * scale:.0f} % only (one standard deviation), from the "
+            "prior: add a bollard pull (anchors), a towing table or a test with known ballast"
+        )
+    coloured = [name for name, r in residuals.items() if r.inflation > 3]
+    if coloured:
+        worst = max(residuals[name].inflation for name in coloured)
+        said.append(
+            f"residuals are not white ({', '.join(coloured)}; up to {worst:.0f} readings count as one): the model "
+            "lacks something that the vehicle does, so intervals may be too narrow"
+        )
+    said += _about_validation(fitted, held_out)
+    return said
+
+
+def _about_validation(fitted: Sequence[Prediction], held_out: Sequence[Prediction]) -> list[str]:
+    said = []
+    for p in (q for q in held_out if q.window is None):
+        for component, score in p.scores.items():
+            # Positions and headings drift in open loop, however good the model.
+            if not p.excited[component] or component.split(".")[0] not in ("gyro", "velocity"):
+                continue
+            own = [q.scores[component].fit for q in fitted if component in q.scores and q.excited[component]]
+            if own and score.fit < np.mean(own) - 25:
+                said.append(
+                    f"{p.record}: {component} is predicted with a fit of {score.fit:.0f} %, against "
+                    f"{np.mean(own):.0f} % on the fitted tests: much worse, so the model does not carry over"
+                )
+        still = sorted(
+            {c.split(".")[0] for c, e in p.excited.items() if not e}
+            - {c.split(".")[0] for c, e in p.excited.items() if e}
+        )
+        if still:
+            said.append(f"{p.record}: nothing moved in {', '.join(still)}: no validation of it")
+    return said

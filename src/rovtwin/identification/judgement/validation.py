@@ -1,0 +1,156 @@
+"""Held-out tests: the model runs on its own from a measured state, and what it says is held against the readings.
+
+Never one step ahead: a prediction runs open loop through the whole record, or for windows of some seconds.
+Fit is 100 (1 - |y - y_hat| / |y - mean(y)|) percent: 100 is perfect, 0 as good as the mean, negative worse.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.frames import euler_from_quaternion, quaternion_multiply, wrap
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.identification.joint.nodes import Nodes
+from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.segments import Grid, Segments, cut, nodes_from_data
+from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.logs.record import SIGNALS, Record
+
+_PASSES = 12  # what no sensor measures travels from window to window, one window a pass
+
+
+@dataclass(frozen=True)
+class Score:
+    """Of one component.
+
+    Attributes:
+        fit: [%].
+        rms: Of prediction less reading, in the signal's unit.
+        hold: The same, had the first reading of each window been held.
+        still: The same for predicting zero, where that makes sense (rates and velocities), else NaN.
+    """
+
+    fit: float
+    rms: float
+    hold: float
+    still: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One record predicted.
+
+    Attributes:
+        record: Its name.
+        window: Seconds after which the state is measured anew; None: never.
+        readings: By signal: times (n,), measured (n, k), predicted (n, k).
+        scores: By component, `gyro.p`.
+        excited: Whether the component moved beyond the noise; a fit of what stood still means nothing.
+    """
+
+    record: str
+    window: float | None
+    readings: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    scores: dict[str, Score]
+    excited: dict[str, bool]
+
+
+def predict(
+    parameters: Parameters,
+    theta: np.ndarray,
+    records: Sequence[Record],
+    window: float | None = None,
+    step: float = 0.02,
+    offsets: dict[str, np.ndarray] | None = None,
+) -> list[Prediction]:
+    """Open-loop predictions of records.
+
+    Args:
+        parameters: And where they are,
+        theta: shape (n,).
+        records: Not fitted, or the fitted ones for comparison.
+        window: Seconds between restarts from the measured state; None: one run from its first state.
+        step: Of the integration [s].
+        offsets: Constant errors of the sensors by signal, taken off the readings for the start.
+    """
+    return [_predict_one(parameters, theta, record, window, step, offsets or {}) for record in records]
+
+
+def _predict_one(
+    parameters: Parameters,
+    theta: np.ndarray,
+    record: Record,
+    window: float | None,
+    step: float,
+    offsets: dict[str, np.ndarray],
+) -> Prediction:
+    steps = int(record.duration / step) if window is None else round(window / step)
+    segments = cut([record], Grid(step, steps, 50.0))
+    shooting = Shooting(parameters, segments)
+    path = _run(shooting, segments, theta, offsets)
+    readings: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
+    residual, _ = shooting.residuals(as_array(theta), as_array(zero), path, segments.arrays)
+    scores, excited = {}, {}
+    starts = segments.starts()
+    for name, gap in residual.items():
+        rows = segments.arrays[name]
+        used = rows["used"] > 0
+        t = (starts[:, None] + step * (rows["row"] + rows["share"]))[used]
+        measured = rows["value"][used]
+        gap = np.asarray(gap)[used]
+        measured, predicted = _angles(measured, gap) if name == "attitude" else (measured, measured + gap)
+        if len(t) == 0:
+            continue
+        readings[name] = (t, measured, predicted)
+        window_of = np.nonzero(used)[0]
+        for i, component in enumerate(SIGNALS[name][0]):
+            scores[f"{name}.{component}"] = _score(measured[:, i], predicted[:, i], window_of, name)
+            excited[f"{name}.{component}"] = bool(np.std(measured[:, i]) > 5 * _noise(measured[:, i]))
+    return Prediction(record.name, window, readings, scores, excited)
+
+
+def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """zyx Euler angles of measured quaternions (n, 4), without jumps, and of the predicted ones beside them."""
+    half = turn / 2.0
+    real = np.sqrt(np.maximum(1.0 - np.sum(half**2, axis=1, keepdims=True), 0.0))
+    predicted = jax.vmap(quaternion_multiply)(jnp.asarray(measured), jnp.asarray(np.concatenate([real, half], axis=1)))
+    was, now = (np.asarray(jax.vmap(euler_from_quaternion)(jnp.asarray(q))) for q in (measured, predicted))
+    smooth = np.unwrap(was, axis=0)
+    return smooth, smooth + np.asarray(wrap(jnp.asarray(now - was)))
+
+
+def _run(shooting: Shooting, segments: Segments, theta: np.ndarray, offsets: dict[str, np.ndarray]) -> Nodes:
+    """Nodes at the measured state; what is not measured comes from the window before."""
+    found = nodes_from_data(segments, offsets, exact=True)
+    nodes = Nodes(found["position"], found["attitude"], found["nu"])
+    if {"velocity", "position", "horizontal"} & set(segments.levers) or len(nodes.nu) == 1:
+        return nodes
+    for _ in range(min(_PASSES, len(nodes.nu))):
+        path = shooting.trajectories(as_array(theta), nodes, segments.arrays)
+        nu = np.array(nodes.nu)
+        nu[1:, :3] = np.asarray(path.nu)[:-1, -1, :3]
+        nodes = nodes._replace(nu=nu)
+    return nodes
+
+
+def _score(y: np.ndarray, predicted: np.ndarray, window: np.ndarray, name: str) -> Score:
+    gap = predicted - y
+    spread = np.linalg.norm(y - y.mean())
+    first = np.concatenate([[0], np.flatnonzero(np.diff(window)) + 1])
+    held = y[first][np.searchsorted(first, np.arange(len(y)), side="right") - 1]
+    moving = name in ("gyro", "velocity")
+    return Score(
+        fit=float(100 * (1 - np.linalg.norm(gap) / max(spread, 1e-12))),
+        rms=float(np.sqrt(np.mean(gap**2))),
+        hold=float(np.sqrt(np.mean((y - held) ** 2))),
+        still=float(np.sqrt(np.mean(y**2))) if moving else float("nan"),
+    )
+
+
+def _noise(y: np.ndarray) -> float:
+    """Of a slowly varying series, from its second differences (robust)."""
+    if len(y) < 5:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(y, 2))) / np.sqrt(6))

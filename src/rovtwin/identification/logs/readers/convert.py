@@ -1,0 +1,53 @@
+"""Units, frames and attitudes of recordings, to SI, NED and FRD. Plain NumPy, leading axis n.
+
+A world frame w and a body frame v of the file map to n and b by the constant rotations R_nw and R_bv, so that
+R_nb = R_nw R_wv R_bv'. ENU and FLU are those of ROS REP 103; NWU is any frame with z up whose x is called north.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rovtwin.identification.logs.log_spec import SignalSpec
+from rovtwin.identification.logs.rotations import euler_from_matrices
+
+_FLU = np.diag([1.0, -1.0, -1.0])
+_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+WORLD = {"ned": np.eye(3), "enu": _ENU, "nwu": _FLU, "frd": np.eye(3), "flu": _FLU}
+BODY = {"frd": np.eye(3), "flu": _FLU, "ned": np.eye(3), "enu": _FLU, "nwu": _FLU}
+
+
+def attitude(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
+    """zyx Euler angles of R_nb [rad], shape (n, 3), of angles [rad], quaternions or matrices, shape (n, 3 | 4 | 9)."""
+    if values.shape[1] == 3:
+        order = values[:, ::-1] if spec.euler == "zyx" else values
+        R_wv = Rotation.from_euler("ZYX" if spec.euler == "zyx" else "XYZ", order).as_matrix()
+    elif values.shape[1] == 4:
+        R_wv = Rotation.from_quat(values, scalar_first=spec.quaternion == "wxyz").as_matrix()
+    else:
+        R_wv = values.reshape(-1, 3, 3)
+        if spec.matrix == "columns":
+            R_wv = R_wv.transpose(0, 2, 1)
+    frame = spec.frame or "ned"
+    return euler_from_matrices(WORLD[frame] @ R_wv @ BODY[frame].T @ mounting(spec).T)
+
+
+def mounting(spec: SignalSpec) -> np.ndarray:
+    """R_bs: the sensor's axes to b, shape (3, 3)."""
+    return Rotation.from_euler("ZYX", spec.mounting_deg[::-1], degrees=True).as_matrix()
+
+
+def world_vector(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
+    """Positions in n, shape (n, 3)."""
+    return values @ WORLD[spec.frame or "ned"].T
+
+
+def body_vector(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
+    """Vectors in b, shape (n, 3)."""
+    return values @ (mounting(spec) @ BODY[spec.frame or "frd"]).T
+
+
+def depth(values: np.ndarray, spec: SignalSpec, is_pressure: bool, density: float) -> np.ndarray:
+    """Depth [m], shape (n, 1), of depth, height or pressure [Pa] already less its zero."""
+    if is_pressure:
+        return values / (density * 9.81)
+    return -values if spec.frame in ("up", "enu", "nwu", "flu") else values

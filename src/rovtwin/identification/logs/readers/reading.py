@@ -1,0 +1,249 @@
+"""The way from files to Records: format told, file read, clocks joined, cut to what can be believed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rovtwin.core.config import near
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.logs.evidence_file import Evidence, LogSpec, Use
+from rovtwin.identification.logs.log_spec import SourceSpec
+from rovtwin.identification.logs.readers.assemble import Part, part_of
+from rovtwin.identification.logs.readers.blueye import read_blueye
+from rovtwin.identification.logs.readers.c3d import read_c3d
+from rovtwin.identification.logs.readers.qtm import read_qtm
+from rovtwin.identification.logs.readers.raw import Raw
+from rovtwin.identification.logs.readers.ros import read_rosbag
+from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
+from rovtwin.identification.logs.readers.tables import read_csv, read_npz
+from rovtwin.identification.logs.record import Ballast, Record, Signal
+from rovtwin.identification.logs.response import commanded_motion
+from rovtwin.identification.logs.timing import ClockFit, align
+from rovtwin.vehicle import Vehicle
+
+SHORTEST = 1.0  # time in nobody's hands that is worth a Record [s]
+SUFFIXES = {
+    ".csv": "csv",
+    ".txt": "csv",
+    ".npz": "npz",
+    ".tsv": "qtm",
+    ".c3d": "c3d",
+    ".bag": "rosbag",
+    ".db3": "rosbag",
+    ".bez": "blueye",
+}
+
+# A model that is not identified yet follows the motion less closely than another sensor.
+COMMANDS_AGREE = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """A Record and what it is for: fitted, or only predicted."""
+
+    __test__ = False  # not one of pytest's
+
+    record: Record
+    use: Use
+
+
+def detect(path: Path) -> str:
+    """The format of a file, from its ending and for MCAP from what wrote it.
+
+    Raises:
+        IdentificationError: No such file, or an ending that says nothing.
+    """
+    if not path.exists():
+        around = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise IdentificationError(f"{path}: no such file.{near(path.name, around)}")
+    if path.is_dir():
+        if (path / "metadata.yaml").is_file():
+            return "rosbag"
+        raise IdentificationError(f"{path}: is a folder, expected a recording or the folder of a ROS 2 bag")
+    if path.suffix == ".mcap":
+        return "rovtwin" if _is_ours(path) else "rosbag"
+    if path.suffix.lower() not in SUFFIXES:
+        known = ", ".join([".mcap", *SUFFIXES])
+        raise IdentificationError(f"{path}: unknown ending {path.suffix!r}, expected {known}; or give 'format'")
+    return SUFFIXES[path.suffix.lower()]
+
+
+def _is_ours(path: Path) -> bool:
+    from rovtwin.core.errors import LogError
+    from rovtwin.core.log import info
+
+    try:
+        return "log_format" in info(path).metadata
+    except LogError as error:
+        # An unfinished log of ours must say how it is repaired, not that it is no ROS bag.
+        return "no channels that rovtwin wrote" not in str(error)
+
+
+def read_raw(path: Path, source: SourceSpec, vehicle: Vehicle) -> Raw:
+    """The tables of one file."""
+    kind = detect(path) if source.format == "auto" else source.format
+    readers: dict[str, Callable[[], Raw]] = {
+        "rovtwin": lambda: read_rovtwin(path, vehicle),
+        "csv": lambda: read_csv(path, vehicle.thruster_names),
+        "npz": lambda: read_npz(path),
+        "qtm": lambda: read_qtm(path, source.body),
+        "c3d": lambda: read_c3d(path, source.body, source.markers),
+        "rosbag": lambda: read_rosbag(path, vehicle.thruster_names),
+        "blueye": lambda: read_blueye(path),
+    }
+    return readers[kind]()
+
+
+def read_record(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None) -> Record:
+    """One test as a Record, its clock zero at the first sample; see `read_records` where a hand touched the vehicle.
+
+    Args:
+        path: Of the recording; with a spec of several files, the folder to which their names are relative.
+        vehicle: The one that was tested; its thrusters' names and order count.
+        spec: What is in the file; None where the format says that itself.
+
+    Raises:
+        IdentificationError: What was found, what was expected, the fix.
+    """
+    return _read(path, vehicle, spec)[0]
+
+
+def read_records(path: str | Path, vehicle: Vehicle, spec: LogSpec | None = None) -> list[Record]:
+    """The same, cut where somebody held the vehicle, as before a decay test: one Record for each time it was let go."""
+    record, touched = _read(path, vehicle, spec)
+    starts = [record.start, *(end for _, end in touched)]
+    ends = [*(start for start, _ in touched), record.end]
+    free = [(max(a, record.start), min(b, record.end)) for a, b in zip(starts, ends, strict=True)]
+    kept = [(a, b) for a, b in free if b - a > SHORTEST]
+    if not touched:
+        return [record]
+    return [replace(record.cut(a, b), name=f"{record.name}, {a:.0f} to {b:.0f} s") for a, b in kept]
+
+
+def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Record, list[tuple[float, float]]]:
+    """The Record, and from when to when it was touched, by its clock."""
+    path = Path(path)
+    spec = spec or LogSpec.model_validate({"file": path.name})
+    located = [path / source.file if spec.files else path for source in spec.sources]
+    raws = [read_raw(p, source, vehicle) for p, source in zip(located, spec.sources, strict=True)]
+    density = spec.water_density or next((raw.water_density for raw in raws if raw.water_density), None)
+    length = spec.tether_length
+    if length is None:
+        length = next((raw.tether_length for raw in raws if raw.tether_length is not None), None)
+    parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
+    merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
+    origin = merged.first
+    record = _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
+    return record, [(a - origin, b - origin) for a, b in raws[0].touched]
+
+
+def _on_one_clock(parts: list[Part], sources: list[SourceSpec], vehicle: Vehicle) -> list[Part]:
+    """All files on the clock of the first, which keeps its own."""
+    moved: list[Part] = []
+    for part, source in zip(parts, sources, strict=True):
+        if source.clock is None:
+            moved.append(part)
+        elif source.clock != "estimate":
+            moved.append(part.on_clock(source.clock.offset, source.clock.drift))
+        elif not moved:
+            raise IdentificationError(
+                f"{part.source}: clock: estimate: the first file has the clock that the others get; take clock away"
+            )
+        else:
+            fit = _estimated(moved[0], part, vehicle)
+            moved.append(replace(part.on_clock(fit.offset, fit.drift), notes=(*part.notes, f"{part.source}: {fit}")))
+    return moved
+
+
+def _estimated(reference: Part, part: Part, vehicle: Vehicle) -> ClockFit:
+    """From what both saw of the motion; of commands alone, from the motion that the vehicle's model makes of them."""
+    if part.signals:
+        return align(reference.signals, part.signals, part.source)
+    assert part.t_command is not None and part.command is not None
+    expected = commanded_motion(vehicle.model(), part.t_command, part.command)
+    return align(reference.signals, expected, part.source, agree=COMMANDS_AGREE)
+
+
+def _joined(parts: list[Part]) -> Part:
+    """Files of one test as one; a signal or the commands given twice is a mistake."""
+    signals: dict[str, Signal] = {}
+    for part in parts:
+        for name, signal in part.signals.items():
+            if name in signals:
+                raise IdentificationError(f"{part.source}: {name} is in another file already; keep one of them")
+            signals[name] = signal
+    commanding = [part for part in parts if part.t_command is not None]
+    source = ", ".join(part.source for part in parts)
+    notes = tuple(note for part in parts for note in part.notes)
+    if not commanding:
+        raise IdentificationError(
+            f"{source}: found no commands; give 'commands', or list the file that has them under 'files'"
+        )
+    if len(commanding) > 1:
+        raise IdentificationError(f"{commanding[1].source}: commands are in {commanding[0].source} already; keep one")
+    return Part(commanding[0].t_command, commanding[0].command, signals, source, notes)
+
+
+def _record(part: Part, spec: LogSpec, origin: float, density: float | None, length: float | None) -> Record:
+    assert part.t_command is not None and part.command is not None
+    if not len(part.t_command) or not part.signals:
+        raise IdentificationError(f"{part.source}: found no {'signals' if len(part.t_command) else 'commands'}")
+    last = max(signal.t[-1] for signal in part.signals.values())
+    notes = list(part.notes)
+    if abs(origin) > 1e-9:
+        notes.append(f"time zero is {origin:.3f} s of the recording's clock")
+    record = Record(
+        name=spec.name or Path(spec.sources[0].file).stem,
+        t_command=part.t_command,
+        command=part.command,
+        signals=part.signals,
+        end=float(max(last, part.t_command[-1])),
+        water_density=density,
+        tether_length=length,
+        ballast=tuple(Ballast(b.mass, b.volume, (b.position[0], b.position[1], b.position[2])) for b in spec.ballast),
+        current=(spec.current[0], spec.current[1], spec.current[2]),
+        source=part.source,
+        notes=tuple(notes),
+    )
+    return _cut(record, spec, float(last))
+
+
+def _cut(record: Record, spec: LogSpec, last: float) -> Record:
+    """Between the commands and within the signals, or as the spec says; a command held beyond is not believed."""
+    first = min(signal.t[0] for signal in record.signals.values())
+    if isinstance(spec.span, list):
+        start, end = max(spec.span[0], record.start), min(spec.span[1], record.end)
+    elif spec.span == "commands":
+        start, end = max(record.start, first), min(float(record.t_command[-1]), last)
+    else:
+        start, end = max(record.start, first), last
+    if not start < end:
+        raise IdentificationError(
+            f"{record.source}: commands from {record.start:g} to {record.t_command[-1]:g} s and signals from "
+            f"{first:g} to {last:g} s have no time in common within span {spec.span}. Check the clocks, or give span"
+        )
+    return record.cut(start, end)
+
+
+def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
+    """Every test of an evidence file in its order; a log with `fit_share` gives two, the first part and the rest."""
+    tests = []
+    for spec in evidence.file.logs:
+        path = evidence.path.parent if spec.files else evidence.locate(spec.file)
+        for record in read_records(path, vehicle, spec):
+            tests += _for_use(record, spec)
+    return tests
+
+
+def _for_use(record: Record, spec: LogSpec) -> list[Test]:
+    if spec.fit_share is None:
+        return [Test(record, spec.use)]
+    split = record.start + spec.fit_share * record.duration
+    first, rest = record.cut(record.start, split), record.cut(split, record.end)
+    return [
+        Test(replace(first, name=f"{record.name} (fitted part)"), "fit"),
+        Test(replace(rest, name=f"{record.name} (held out)"), "validate"),
+    ]
+
+
+__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]

@@ -1,0 +1,81 @@
+"""CSV and npz: columns that the user names."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
+from rovtwin.identification.logs.readers.raw import Raw, Table, spec
+from rovtwin.identification.logs.record import SIGNALS
+
+_TIME = ("t", "time", "t_s", "time_s", "seconds")
+
+
+def read_csv(path: Path, thrusters: list[str]) -> Raw:
+    """A CSV file with a header: comma, semicolon or tab; an empty cell is a missing reading.
+
+    Columns named as the components of `SIGNALS` (phi, theta, psi; p, q, r; u, v, w; north, east, down; depth), as the
+    vehicle's thrusters, and `t` or `time` need no map.
+    """
+    text = read_text(path)
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if len(lines) < 3:
+        raise IdentificationError(f"{path}: found {len(lines)} lines, expected a header and readings")
+    dialect = max(",;\t", key=lines[0].count)
+    header = tuple(cell.strip() for cell in next(csv.reader(lines[:1], delimiter=dialect)))
+    if all(_number(cell) is not None for cell in header):
+        raise IdentificationError(f"{path}: line 1: found numbers, expected a header with the names of the columns")
+    values = np.full((len(lines) - 1, len(header)), np.nan)
+    for row, cells in enumerate(csv.reader(lines[1:], delimiter=dialect)):
+        if len(cells) > len(header) and any(cell.strip() for cell in cells[len(header) :]):
+            raise IdentificationError(f"{path}: row {row + 2}: found {len(cells)} cells, expected {len(header)}")
+        for column, cell in enumerate(cells[: len(header)]):
+            number = _number(cell) if cell.strip() else np.nan
+            values[row, column] = np.nan if number is None else number
+    time = next((name for name in _TIME if name in header), None)
+    table = Table(values, header, None if time is None else values[:, header.index(time)])
+    commands = CommandSpec.model_validate({}) if thrusters and all(name in header for name in thrusters) else None
+    return Raw(path, {path.stem: table}, _known_columns(header), commands)
+
+
+def _known_columns(header: tuple[str, ...]) -> dict[str, SignalSpec]:
+    named = {name: components for name, (components, _, _) in SIGNALS.items() if name != "accelerometer"}
+    found = {name: spec(columns=list(c)) for name, c in named.items() if all(x in header for x in c)}
+    if "position" in found:
+        found.pop("horizontal", None)
+    return found
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def read_text(path: Path) -> str:
+    """The text of a file; an IdentificationError where there is none."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise IdentificationError(f"{path}: is not text; give the right format") from None
+    except OSError as error:
+        raise IdentificationError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def read_npz(path: Path) -> Raw:
+    """Arrays of an npz file, one table each; an array of one dimension is one column. Columns have numbers only."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+    except (OSError, ValueError, EOFError, KeyError) as error:
+        raise IdentificationError(f"{path}: cannot be read as npz ({error})") from None
+    tables, notes = {}, []
+    for name, array in arrays.items():
+        if array.ndim in (1, 2) and array.dtype.kind in "fiub" and array.size:
+            tables[name] = Table(np.atleast_2d(array.astype(float).T).T)
+        else:
+            notes.append(f"{path}: {name}: left out, {array.ndim} dimensions of {array.dtype}")
+    return Raw(path, tables, notes=tuple(notes))
