@@ -43,7 +43,7 @@ def pulls(count):
     return rng.permutation(norm.ppf((np.arange(count) + rng.uniform(size=count)) / count))
 
 
-def flown(parameters, L, command, seed):
+def flown(parameters, L, command, seed, duration=DURATION):
     """A truth from the prior, its model, and its log."""
     rng = np.random.default_rng(10_000 + seed)
     exponents = [i for i, name in enumerate(parameters.names) if name.endswith(".exponent")]
@@ -53,7 +53,7 @@ def flown(parameters, L, command, seed):
         if np.any(base * np.exp(truth[exponents]) < 1.0):
             continue
         model, _ = parameters.model_at(truth)
-        log = record(model, *command, DURATION, seed)
+        log = record(model, *command, duration, seed)
         tilt = np.abs(log.signals["attitude"].value[:, :2]).max()
         away = np.ptp(log.signals["horizontal"].value, axis=0).max(), np.ptp(log.signals["depth"].value)
         if tilt < TILT and max(away) < AWAY:

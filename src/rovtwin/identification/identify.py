@@ -19,7 +19,7 @@ from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
-from rovtwin.identification.judgement.remarks import about_parts, about_solution
+from rovtwin.identification.judgement.remarks import about_parts, about_solution, about_tether
 from rovtwin.identification.judgement.tested import Range, tested_ranges
 from rovtwin.identification.judgement.validation import Prediction, predict
 from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
@@ -186,6 +186,7 @@ def identify(
     residuals = residual_analysis(problem, solution)
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
+    findings += about_tether(parameters, records)
     findings += about_solution(parameters, solution, blind, residuals, fitted, held_out, anchors)
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,

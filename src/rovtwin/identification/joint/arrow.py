@@ -66,6 +66,10 @@ class Factored:
         corner = self.corner if damping is None else self.corner + np.diag(damping)
         return cho_solve(cho_factor(corner), self.b_corner)
 
+    def border_std(self) -> np.ndarray:
+        """Standard deviations of theta, shape (n,)."""
+        return np.sqrt(np.diag(cho_solve(cho_factor(self.corner), np.eye(len(self.b_corner)))))
+
     def nodes(self, theta: np.ndarray) -> np.ndarray:
         """x at a theta, shape (S, d)."""
         S, d, _ = self.gains.shape

@@ -113,7 +113,7 @@ def _better(
     Steps are damped in the measure of the prior: what the readings hardly see stays where it is.
     """
     factored = arrow.factor()
-    std = np.sqrt(np.diag(factored.covariance()[3]))
+    std = factored.border_std()
     while damping < 1e9:
         corner, held_back = _within_reach(problem, factored, damping)
         # Nodes follow; where theta hardly moves any more, they are what went too far.

@@ -6,7 +6,7 @@ from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.parameters import Extras
-from rovtwin.vehicle.thrusters import Thrusters, lag, static_force
+from rovtwin.vehicle.thrusters import Thrusters, force_just_after, lag, static_force
 
 
 def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: float) -> Array:
@@ -23,7 +23,7 @@ def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: flo
 
     def one(force: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
         goal, begins = now
-        before = jnp.where(begins > 0, goal, force)
+        before = force_just_after(thrusters, jnp.where(begins > 0, goal, force), goal)
         half = lag(thrusters, before, goal, 0.5 * step)
         after = lag(thrusters, half, goal, 0.5 * step)
         return after, jnp.stack([before, half, after])

@@ -11,6 +11,7 @@ from rovtwin.identification.joint.payload import without_shape
 from rovtwin.identification.judgement.validation import Prediction
 from rovtwin.identification.judgement.verdict import Blind, scale_width
 from rovtwin.identification.judgement.whiteness import Residuals
+from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
 
 
@@ -20,6 +21,19 @@ def about_parts(vehicle: Vehicle, old: Vehicle | None) -> list[str]:
         return []
     new = set(without_shape(vehicle)) - {n.replace(old.name, vehicle.name, 1) for n in without_shape(old)}
     return [f"part '{name}' has no shape: its drag and added mass are predicted as nothing" for name in sorted(new)]
+
+
+def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]:
+    """Whether its drag was told apart from the hull's, where it was looked for."""
+    lengths = sorted({r.tether_length for r in records if r.tether_length})
+    if "tether.drag" not in parameters.names or len(lengths) > 1:
+        return []
+    return [
+        f"drag of the tether is not told apart from the hull's: all tests were flown with {lengths[0]:g} m paid out; "
+        "repeat one of them with another, two lengths are enough"
+        if lengths
+        else "drag of the tether: no test says how much was paid out, the value is the prior's"
+    ]
 
 
 def about_solution(
