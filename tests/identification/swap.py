@@ -53,9 +53,12 @@ def truly_changed(model, old, new, rng):
     """The model that the part really makes of a true one; couplings follow the diagonals, as the estimate has them."""
     change = predicted_change(old, new)
     weight = float(change.model.weight)
-    net = float(model.buoyancy - model.weight) + change.net_buoyancy
+    was, now = old.model(), change.model
+    net = float(model.buoyancy - model.weight) + float(now.buoyancy - now.weight - was.buoyancy + was.weight)
     net += VOLUME * rng.standard_normal() * GRAVITY * FRESH_WATER * np.prod(PART["shape"]["box"])
-    lever = np.asarray(model.center_of_buoyancy - model.center_of_gravity) + change.lever
+    lever = sum(
+        sign * np.asarray(m.center_of_buoyancy - m.center_of_gravity) for sign, m in ((1, model), (1, now), (-1, was))
+    )
     deltas = {f: np.asarray(getattr(change.model, f)) - np.asarray(getattr(old.model(), f)) for f in MATRICES}
     added = change.model.replace(
         **{f: np.asarray(getattr(model, f)) + delta for f, delta in deltas.items()},

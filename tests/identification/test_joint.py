@@ -102,13 +102,17 @@ def test_a_new_part_gives_a_prediction_with_wider_intervals(found, vehicle):
     data["parts"].append(ADDED)
     new = vehicle_from_dict(data, "with_extra.yaml")
     change = predicted_change(old, new)
-    assert change.net_buoyancy == pytest.approx(9.81 * (1000 * 0.002 - 2.5))
+    net = [float(m.buoyancy - m.weight) for m in (old.model(), change.model)]
+    assert net[1] - net[0] == pytest.approx(9.81 * (1000 * 0.002 - 2.5))
+    assert change.displaced == pytest.approx(9.81 * 2.0)
     result = identify(new, [], old=old)
     assert np.all(result.std >= found.std * 0.5)
     surge = result.parameters.names.index("added_mass.surge")
     assert result.std[surge] > found.std[surge]
     assert result.model().weight == pytest.approx(old.model().weight + 2.5 * 9.81)
     assert result.values["added_mass.surge"] > found.values["added_mass.surge"]
+    # A tenth of the part's own volume, though its weight nearly cancels its buoyancy.
+    assert result.std[result.parameters.names.index("restoring.net_buoyancy")] > 0.19 * 9.81
 
 
 def test_other_thrusters_are_no_change_of_parts(found):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.segments import Grid, cut, nodes_from_data
 from rovtwin.identification.logs.record import Record, Signal
 
 STEP = 0.02
@@ -44,3 +44,22 @@ def test_commands_slower_and_faster_than_the_grid():
     assert np.allclose(commands(slow)[:25], slow.command[0]) and np.allclose(commands(slow)[25:50], slow.command[1])
     fast = driven(period=0.005)
     assert np.allclose(commands(fast)[0], fast.command[:4].mean(axis=0))
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_nodes_are_states_of_co_not_of_the_sensors(exact):
+    """A vehicle that turns on the spot: a DVL ahead of CO reads a speed, a positioning mark goes in circles."""
+    r, t = 0.5, np.arange(0.0, 10.0, 0.02)
+    heading, zero = r * t, np.zeros_like(t)
+    ahead = np.array([0.4, 0.0, 0.0])
+    attitude = Signal(t, np.stack([zero, zero, heading], axis=1))
+    gyro = Signal(t, np.stack([zero, zero, zero + r], axis=1))
+    speed = Signal(t, np.stack([zero, zero + r * ahead[0], zero], axis=1), lever=ahead)
+    circle = ahead[0] * np.stack([np.cos(heading), np.sin(heading), zero], axis=1)
+    for name, signal in (("velocity", speed), ("position", Signal(t, circle, lever=ahead))):
+        signals = {"attitude": attitude, "gyro": gyro, name: signal}
+        log = Record("turning", np.array([0.0]), np.zeros((1, 6)), signals, 10.0)
+        nodes = nodes_from_data(cut([log], Grid(0.02, 100)), exact=exact)
+        np.testing.assert_allclose(nodes["nu"][1:-1, :3], 0.0, atol=5e-3)
+        if name == "position":
+            np.testing.assert_allclose(nodes["position"][1:-1], 0.0, atol=5e-3)

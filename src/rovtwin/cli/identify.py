@@ -65,6 +65,10 @@ def identify(
         raise ConfigError("no logs: give some, an evidence file (--evidence FILE) or an old result (--prior FILE)")
     if out.is_dir() or not out.parent.is_dir():
         raise ConfigError(f"{out}: expected the name of a file to write, in a folder that is there")
+    if out.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{out}: expected a name that ends in .yaml; the report goes into a folder of that name")
+    if fit_share is not None and not logs:
+        raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name)
     fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
     _warn(screen, wanted, whole, trust_logs)
@@ -80,7 +84,11 @@ def identify(
             options=said.file.options if said else None,
             progress=told,
         )
-    out.write_text(to_yaml(result.file(), _command_line(vehicle, logs, evidence, prior)), encoding="utf-8")
+    more = [word for path in validate or [] for word in ("--validate", path.name)]
+    more += [word for pattern in free or [] for word in ("--free", f"'{pattern}'")]
+    more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
+    more += ["--trust-logs"] if trust_logs else []
+    out.write_text(to_yaml(result.file(), _command_line(vehicle, logs, evidence, prior, more)), encoding="utf-8")
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         emit(as_object(result) | {"file": str(out), "report": None if page is None else str(page)})
@@ -164,12 +172,14 @@ def _report(result: "Identification", out: Path) -> Path:
     return write_identification_report(result, out.with_suffix(""))
 
 
-def _command_line(vehicle: str | None, logs: list[Path] | None, evidence: Path | None, prior: str | None) -> str:
+def _command_line(
+    vehicle: str | None, logs: list[Path] | None, evidence: Path | None, prior: str | None, more: list[str]
+) -> str:
     """Without folders: a file that is passed on says nothing of the machine it was made on."""
     words = ["rovtwin identify", Path(vehicle).name if vehicle else "", *(p.name for p in logs or [])]
     words += [f"--evidence {evidence.name}"] if evidence else []
     words += [f"--prior {Path(prior).name}"] if prior else []
-    return " ".join(word for word in words if word)
+    return " ".join(word for word in [*words, *more] if word)
 
 
 def as_object(result: "Identification") -> dict[str, Any]:

@@ -19,7 +19,7 @@ from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
-from rovtwin.identification.judgement.remarks import about_parts, about_solution, about_tether
+from rovtwin.identification.judgement.remarks import about_parts, about_solution, about_tether, about_water
 from rovtwin.identification.judgement.tested import Range, tested_ranges
 from rovtwin.identification.judgement.validation import Prediction, predict
 from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
@@ -153,8 +153,9 @@ def identify(
     if not records and not anchors:
         nothing = ["prior only"] * len(parameters)
         mean, C = start.mean, start.covariance
+        held_out = _predicted(parameters, mean, validate, settings)
         return Identification(
-            vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], [], {},
+            vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], held_out, {},
             seconds=time.perf_counter() - begin,
         )  # fmt: skip
     if not records:
@@ -172,26 +173,36 @@ def identify(
     solution = estimate(
         problem,
         max_steps=settings.max_steps,
-        progress=lambda k, change: told(f"step {k}, largest change {change:.2g} standard deviations", k / 40),
+        progress=lambda k, change: told(
+            f"step {k}, largest change {change:.2g} standard deviations", 0.9 * k / settings.max_steps
+        ),
     )
     theta = solution.unknowns.theta
     told("validating", 0.9)
     offsets = _offsets(problem, solution)
     fitted = predict(parameters, theta, records, step=settings.step, offsets=offsets)
-    held_out = [
-        p
-        for window in ([None, settings.window] if settings.window else [None])
-        for p in predict(parameters, theta, validate, window, settings.step, offsets)
-    ]
+    held_out = _predicted(parameters, theta, validate, settings, offsets)
     residuals = residual_analysis(problem, solution)
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
-    findings += about_tether(parameters, records)
-    findings += about_solution(parameters, solution, blind, residuals, fitted, held_out, anchors)
+    findings += about_water(vehicle, records) + about_tether(parameters, records)
+    findings += about_solution(parameters, solution, residuals, fitted, held_out, anchors)
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
     )  # fmt: skip
+
+
+def _predicted(
+    parameters: Parameters,
+    theta: np.ndarray,
+    records: Sequence[Record],
+    settings: Options,
+    offsets: dict[str, np.ndarray] | None = None,
+) -> list[Prediction]:
+    """Whole records from their first state, and windows of them where that was asked for."""
+    windows = [None, settings.window] if settings.window else [None]
+    return [p for window in windows for p in predict(parameters, theta, records, window, settings.step, offsets)]
 
 
 def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]:
@@ -225,7 +236,7 @@ def _parameters_and_prior(
     base = None
     if old is not None:
         base = old.model() if change is None else change.model
-    everything = catalogue(vehicle, settings.groups_of(vehicle), base)
+    everything = catalogue(vehicle, settings.groups_of(vehicle, old), base)
     chosen = list(free) or default_free(everything, records)
     if old is not None and old.file.identified is not None:
         known = {p.name for p in old.file.identified.estimate.parameters}
@@ -233,7 +244,7 @@ def _parameters_and_prior(
     parameters = choose(everything, chosen)
     start = default_prior(parameters, vehicle, said)
     if old is not None:
-        start = prior_from(old, parameters, start, change)
+        start = prior_from(old, parameters, start, change, said or ())
     return parameters, start
 
 

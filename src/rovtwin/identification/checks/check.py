@@ -1,7 +1,7 @@
 """Mistakes in logs, found before they become parameters: units, signs, axes, frames, clocks, gaps, clipping.
 
-Three kinds of comparison: readings with what is possible at all (here), signals with each other (`checks_motion`), and
-accelerations with what the thrusters push (`checks_response`). A model that is not identified yet must raise no alarm:
+Three kinds of comparison: readings with what is possible at all (here), signals with each other (`among_signals`), and
+accelerations with what the thrusters push (`against_model`). A model that is not identified yet must raise no alarm:
 only patterns and factors of a slip of units count, never sizes.
 """
 

@@ -31,8 +31,6 @@ class Solution:
         covariance: Of theta, shape (n, n).
         information: Of theta from the readings and static evidence alone, without the prior, shape (n, n).
         offset_std: Standard deviation of the offsets, shape (G,).
-        nodes_covariance: Of the nodes, shape (S, 12, 12).
-        redundancy: Readings less what they were fitted with, shape (G,).
         converged: Whether the last step was below a hundredth of a standard deviation, or gained nothing.
         steps: Gauss-Newton steps taken.
         cost: Sum of squares at the end.
@@ -43,8 +41,6 @@ class Solution:
     covariance: np.ndarray
     information: np.ndarray
     offset_std: np.ndarray
-    nodes_covariance: np.ndarray
-    redundancy: np.ndarray
     converged: bool
     steps: int
     cost: float
@@ -72,7 +68,7 @@ def estimate(
     here, noise = problem.start() if start is None else start
     damping, change, steps, settled, idle = 1.0, np.inf, 0, fixed_noise, 0
     variances = Variances(problem)
-    redundancy, fresh = np.ones(len(problem.groups)), True
+    fresh = True
     blocks = problem.blocks(here, noise)
     arrow, _ = problem.assembled(blocks, here, noise)
     cost = problem.cost(here, noise)
@@ -96,13 +92,13 @@ def estimate(
         arrow, _ = problem.assembled(blocks, here, noise)
         if not fixed_noise:
             fresh = False
-            noise, redundancy, settled = variances.step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
+            noise, settled = variances.step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
             arrow, _ = problem.assembled(blocks, here, noise)
             cost = problem.cost(here, noise)
         if progress:
             progress(steps, change)
     done = settled and (change < _SMALL or idle >= 2)
-    return _solution(problem, here, noise, arrow, redundancy, done, steps, cost)
+    return _solution(problem, here, noise, arrow, done, steps, cost)
 
 
 def _better(
@@ -166,21 +162,20 @@ def _solution(
     here: Unknowns,
     noise: Noise,
     arrow: Arrow,
-    redundancy: np.ndarray,
     converged: bool,
     steps: int,
     cost: float,
 ) -> Solution:
     n = len(here.theta)
     factored = arrow.factor()
-    own, _, _, corner = factored.covariance()
+    corner = factored.covariance()[3]
     # What is known of theta without its prior, the offsets eliminated too.
     reduced = factored.corner
     rest = np.linalg.solve(reduced[n:, n:], reduced[n:, :n])
     information = reduced[:n, :n] - reduced[:n, n:] @ rest - problem.information
     information = 0.5 * (information + information.T)
     std = np.sqrt(np.diag(corner)[n:])
-    return Solution(here, noise, corner[:n, :n], information, std, own, redundancy, converged, steps, cost)
+    return Solution(here, noise, corner[:n, :n], information, std, converged, steps, cost)
 
 
 _moved_all = jax.jit(jax.vmap(moved))

@@ -15,7 +15,7 @@ _FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5,
 _FLOOR["accelerometer"] = 1e-3
 _DEFECT_FLOOR = np.array([1e-4] * 6 + [1e-5] * 6)
 _UNSEEN = 0.02  # disturbance of velocities that nothing measures
-_SEES_VELOCITY, _SEES_RATE = {"position", "horizontal", "velocity"}, {"attitude", "gyro"}
+_SEES = {"position": "uvw", "velocity": "uvw", "horizontal": "uv", "depth": "w", "attitude": "pqr", "gyro": "pqr"}
 _PATIENCE = 4.0  # largest factor by which a noise changes at once
 
 
@@ -28,13 +28,13 @@ class Variances:
         self._floor = np.concatenate([[_FLOOR[name] for name, _ in problem.groups], _DEFECT_FLOOR])
         self._last = np.zeros(len(self._floor))
 
-    def step(self, blocks: Blocks, arrow: Arrow, noise: Noise, near: bool) -> tuple[Noise, np.ndarray, bool]:
+    def step(self, blocks: Blocks, arrow: Arrow, noise: Noise, near: bool) -> tuple[Noise, bool]:
         """Noise as the residuals say, not too far at once, and no less while the estimate still moves.
 
         A narrow valley is entered at its wide end. Variances that go to zero creep there, by a like factor each time
         (as any EM does: Dempster, Laird and Rubin 1977); Aitken's rule says where they are going.
         """
-        wanted, redundancy = self.wanted(blocks, arrow, noise)
+        wanted = self.wanted(blocks, arrow, noise)
         G = len(noise.sigma)
         now = np.concatenate([noise.sigma, noise.defect])
         step = np.log(np.concatenate([wanted.sigma, wanted.defect]) / now)
@@ -47,10 +47,10 @@ class Variances:
         moved = np.abs(np.log(new / now))
         # Defects fade slowly to nothing, and what is left of them no longer matters.
         settled = near and bool(np.all(moved[:G] < 0.03) and np.all(moved[G:] < 0.2))
-        return Noise(new[:G], new[G:]), redundancy, settled
+        return Noise(new[:G], new[G:]), settled
 
-    def wanted(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> tuple[Noise, np.ndarray]:
-        """Variances from squares over redundancies, and the redundancies of the readings."""
+    def wanted(self, blocks: Blocks, arrow: Arrow, noise: Noise) -> Noise:
+        """Variances as squares over redundancies say."""
         problem = self._problem
         n = len(problem.prior.mean)
         own, following, border, corner = arrow.factor().covariance()
@@ -64,7 +64,7 @@ class Variances:
         floor = np.array([_FLOOR[name] for name, _ in problem.groups])
         squares = blocks.squares.sum(axis=0)
         sigma = np.where(count > 10, np.sqrt(squares / np.maximum(redundancy, 1e-9)), noise.sigma)
-        return Noise(np.maximum(sigma, floor), self._defects(blocks, own, following, border, corner, noise)), redundancy
+        return Noise(np.maximum(sigma, floor), self._defects(blocks, own, following, border, corner, noise))
 
     def _defects(
         self,
@@ -96,7 +96,8 @@ class Variances:
         defect = _DEFECT_FLOOR.copy()
         defect[6:] = _UNSEEN
         # A disturbance of what nothing measures would only serve to explain the rest away.
-        moves, turns = (bool(kind & set(problem.segments.levers)) for kind in (_SEES_VELOCITY, _SEES_RATE))
-        seen = np.array([False] * 3 + [turns] * 3 + [moves] * 3 + [turns] * 3)
+        told = {axis for name in problem.segments.levers for axis in _SEES.get(name, "")}
+        moves, turns = ([axis in told for axis in axes] for axes in ("uvw", "pqr"))
+        seen = np.array([False] * 3 + turns + moves + turns)
         defect[seen] = wanted[seen]
         return defect

@@ -14,12 +14,12 @@ from rovtwin.vehicle import Vehicle
 class Options(Strict):
     """How the estimate is made; the defaults serve for small ROVs."""
 
-    step: Positive = Field(0.02, description="of the integration [s]; commands are held over a step")
+    step: Positive = Field(0.02, le=0.1, description="of the integration [s]; commands are held over a step")
     segment: Positive = Field(5.0, description="between nodes of the multiple shooting [s]")
     starts: Literal["estimated", "measured"] = Field(
         "estimated", description="of segments; measured: at the readings, where the model is known to lack something"
     )
-    rate: Positive = Field(20.0, description="highest rate of readings that is used [1/s]")
+    rate: Positive = Field(20.0, description="of the readings that are used [1/s], about: whole ones are left out")
     window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")
     accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")
     max_steps: int = Field(80, ge=1, description="of Gauss and Newton")
@@ -30,11 +30,14 @@ class Options(Strict):
         """Raises ConfigError with a line per mistake."""
         return parse(cls, dict(data), "options")
 
-    def groups_of(self, vehicle: Vehicle) -> dict[str, tuple[int, ...]]:
-        """Indices of thrusters by group."""
-        if self.groups is None:
-            return thruster_groups(vehicle)
+    def groups_of(self, vehicle: Vehicle, old: Vehicle | None = None) -> dict[str, tuple[int, ...]]:
+        """Indices of thrusters by group; where nobody says, those of an earlier identification, or by name."""
         names = vehicle.thruster_names
+        if self.groups is None:
+            before = None if old is None else old.file.identified
+            if before is None or not before.estimate.groups:
+                return thruster_groups(vehicle)
+            return {group: tuple(names.index(n) for n in members) for group, members in before.estimate.groups.items()}
         listed = [name for members in self.groups.values() for name in members]
         for name in listed:
             if name not in names:

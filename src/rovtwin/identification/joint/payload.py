@@ -4,7 +4,9 @@ The change is what formulas say of the new parts less what they say of the old o
 stays under it. This is what makes the swap of a payload an afternoon's work.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 
@@ -21,7 +23,8 @@ from rovtwin.vehicle.model import Model
 # the others, relative to the total.
 _RELATIVE = {"added_mass": 0.35, "linear_damping": 0.8, "quadratic_damping": 0.5}
 _INTERACTION = {"added_mass": 0.03, "linear_damping": 0.05, "quadratic_damping": 0.05}
-_WEIGHED = 0.1  # volume and place of a new part, relative
+# Volume of a part that comes or goes, relative, and its place [m].
+_VOLUME, _PLACE = 0.1, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +34,14 @@ class Change:
     Attributes:
         model: The new vehicle as predicted: the old identification plus the change.
         hydrodynamics: Change of the diagonals, shape (6,), by `added_mass` and the names in DAMPINGS.
-        net_buoyancy: Change of buoyancy less weight [N].
-        lever: Change of r_b - r_g [m], shape (3,).
+        displaced: Buoyancy of all parts that come or go [N]: what an error of their volumes is relative to.
+        moments: Of these forces about CO, by axis, and for each part as much as its place may be off [N m], shape (3,).
     """
 
     model: Model
     hydrodynamics: dict[str, np.ndarray]
-    net_buoyancy: float
-    lever: np.ndarray
+    displaced: float
+    moments: np.ndarray
 
 
 def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
@@ -64,7 +67,7 @@ def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
         },
     }
     matrices = {_FIELDS[name]: np.asarray(getattr(model, _FIELDS[name])) + d for name, d in differences.items()}
-    solid, was = new.assembly.solid, old.assembly.solid
+    solid = new.assembly.solid
     weight = solid.mass * GRAVITY
     net_change = _net(after) - _net(before)
     buoyancy = weight + float(model.buoyancy - model.weight) + net_change
@@ -80,9 +83,8 @@ def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
         center_of_buoyancy=center,
         thrusters=model.thrusters,
     )
-    lever = (center - solid.center_of_gravity) - (np.asarray(model.center_of_buoyancy) - was.center_of_gravity)
     diagonals = {name: d.diagonal() for name, d in differences.items()}
-    return Change(predicted, diagonals, net_change, lever)
+    return Change(predicted, diagonals, *_swapped(before, after))
 
 
 _MATRICES = ("linear_ahead", "quadratic_ahead", "linear_astern", "quadratic_astern")  # of Damping, as in DAMPINGS
@@ -101,6 +103,18 @@ def _parts_only(vehicle: Vehicle) -> Assembly:
     return assemble(vehicle.file.model_copy(update=plain), vehicle.where)
 
 
+def _swapped(before: Assembly, after: Assembly) -> tuple[float, np.ndarray]:
+    """Buoyancy of the parts that only one of both has [N], and their moments, errors of place included [N m]."""
+
+    def known(total: Assembly) -> set[tuple[float, ...]]:
+        return {tuple(np.round([b.volume, *b.placement.position, *b.size], 9)) for b in total.boxes}
+
+    swapped = known(before) ^ known(after)
+    lift = np.array([after.density * GRAVITY * part[0] for part in swapped])
+    place = np.array([part[1:4] for part in swapped]).reshape(-1, 3)
+    return float(lift.sum()), lift @ (_VOLUME * np.abs(place) + _PLACE)
+
+
 def _net(total: Assembly) -> float:
     return GRAVITY * (total.density * total.volume - total.solid.mass)
 
@@ -114,7 +128,9 @@ def without_shape(vehicle: Vehicle) -> list[str]:
     ]
 
 
-def prior_from(old: Vehicle, parameters: Parameters, prior: Gaussian, change: Change | None) -> Gaussian:
+def prior_from(
+    old: Vehicle, parameters: Parameters, prior: Gaussian, change: Change | None, said: Iterable[str] = ()
+) -> Gaussian:
     """The prior of a new identification from an old one.
 
     What the old file estimated comes with its covariance, widened where the parts changed; parameters that it lacks
@@ -125,12 +141,14 @@ def prior_from(old: Vehicle, parameters: Parameters, prior: Gaussian, change: Ch
         parameters: The new ones, their starting values those of `change`, or of the old file.
         prior: The default one.
         change: Of the parts, None where they are the same.
+        said: Patterns of names of which somebody stated something: they keep the given prior too.
     """
     found = old.file.identified
     if found is None:
         raise IdentificationError(f"{old.where}: has no 'identified:' block; give a file that rovtwin identify wrote")
     known = {p.name: j for j, p in enumerate(found.estimate.parameters)}
-    rows = [i for i, p in enumerate(parameters.free) if p.name in known]
+    stated = [p.name for p in parameters.free if any(fnmatchcase(p.name, pattern) for pattern in said)]
+    rows = [i for i, p in enumerate(parameters.free) if p.name in known and p.name not in stated]
     columns = [known[parameters.free[i].name] for i in rows]
     scale = np.array([_scale(parameters, i, found.estimate.parameters[j]) for i, j in zip(rows, columns, strict=True)])
     C = prior.covariance.copy()
@@ -139,6 +157,9 @@ def prior_from(old: Vehicle, parameters: Parameters, prior: Gaussian, change: Ch
     C[np.ix_(rows, rows)] = np.array(found.estimate.covariance)[np.ix_(columns, columns)] * np.outer(scale, scale)
     mean = prior.mean.copy()
     mean[rows] = 0.0
+    for i in rows:
+        if not _in_model(parameters.free[i].name):
+            mean[i] = parameters.free[i].theta(found.estimate.parameters[known[parameters.free[i].name]].value)
     if change is not None:
         for i in rows:
             C[i, i] += _widening(parameters, i, change) ** 2
@@ -149,7 +170,12 @@ def _scale(parameters: Parameters, i: int, was: object) -> float:
     """From a relative error of the old value to one of the new, larger or smaller value."""
     p = parameters.free[i]
     value = float(getattr(was, "value", p.base))
-    return value / p.base if p.positive else 1.0
+    return value / p.base if p.positive and _in_model(p.name) else 1.0
+
+
+def _in_model(name: str) -> bool:
+    """Whether the model starts at what was found; the rest starts at the catalogue's own value."""
+    return not name.startswith("tether.")
 
 
 def _widening(parameters: Parameters, i: int, change: Change) -> float:
@@ -161,8 +187,8 @@ def _widening(parameters: Parameters, i: int, change: Change) -> float:
         delta = abs(change.hydrodynamics[family][DIRECTIONS.index(where)])
         return float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind]))
     if p.name == "restoring.net_buoyancy":
-        return _WEIGHED * abs(change.net_buoyancy)
+        return _VOLUME * change.displaced
     if family == "restoring":
         axis = {"center_of_buoyancy_x": 0, "center_of_buoyancy_y": 1, "metacentric_height": 2}[where]
-        return _WEIGHED * abs(float(change.lever[axis])) / (p.base if p.positive else 1.0)
+        return float(change.moments[axis] / change.model.buoyancy) / (p.base if p.positive else 1.0)
     return 0.0

@@ -16,6 +16,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved
 from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.shooting import HUBER
 
 _LARGEST = 1500  # unknowns; beyond, a dense factor and the sampler take too long
 
@@ -120,6 +121,6 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
     return potential
 
 
-def _huber(r: Array, edge: float = 3.0) -> Array:
+def _huber(r: Array, edge: float = HUBER) -> Array:
     far = jnp.abs(r)
     return jnp.where(far > edge, 2.0 * edge * far - edge**2, r * r)

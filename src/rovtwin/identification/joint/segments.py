@@ -15,13 +15,14 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.logs.record import SIGNALS, Record, Signal
+from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.identification.logs.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 
 
 @dataclass(frozen=True)
 class Grid:
-    """How records are cut: integration step [s], steps in a segment, highest rate of readings used [1/s]."""
+    """How records are cut: integration step [s], steps in a segment, rate of readings used [1/s], about."""
 
     step: float = 0.02
     steps: int = 250
@@ -117,8 +118,13 @@ def cut(records: Sequence[Record], grid: Grid) -> Segments:
 _quaternions = jax.vmap(jax.vmap(quaternion_from_euler))
 
 
+def whole_steps(record: Record, step: float) -> int:
+    """How many steps fit into a record."""
+    return int((record.duration + 1e-9) / step)
+
+
 def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
-    steps = int((record.duration + 1e-9) / grid.step)
+    steps = whole_steps(record, grid.step)
     if steps < 2:
         raise IdentificationError(
             f"{record.source}: lasts {record.duration:.3g} s, expected at least {2 * grid.step} s"
@@ -164,7 +170,7 @@ def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Gr
 
 
 def _thinned(t: np.ndarray, value: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """At most `rate` readings a second, those nearest to the grid: interpolation costs them least."""
+    """About `rate` readings a second, never twice that, those nearest to the grid: interpolation costs them least."""
     if len(t) < 2:
         return t, value
     every = int(np.floor((len(t) - 1) / max(t[-1] - t[0], 1e-9) / grid.rate + 1e-6))
@@ -212,7 +218,7 @@ def nodes_from_data(
     Args:
         segments: With the readings.
         offsets: Constant errors of the sensors by signal, to be taken off.
-        exact: Take attitude, rates and velocities at the instant, not smoothed.
+        exact: Take rates and velocities at the instant, not smoothed; an attitude is its nearest reading anyway.
     """
     position, euler, nu = [], [], []
     bounds = [*segments.first, segments.count]
@@ -243,9 +249,6 @@ def _guess(
             value = np.stack([np.interp(t, signal.t, column) for column in signal.value.T], axis=1)
         return value - offsets.get(name, 0.0), slope
 
-    for name, columns in (("horizontal", [0, 1]), ("depth", [2]), ("position", [0, 1, 2])):
-        if name in record.signals:
-            position[:, columns], velocity[:, columns] = at(name)
     if "attitude" in record.signals:
         # The nearest reading: between two of them Euler angles may jump, at the vertical.
         signal = record.signals["attitude"]
@@ -255,19 +258,16 @@ def _guess(
         nu[:, 3:] = fitted(unwrapped(signal), t, _WIDTH["attitude"])[1]
     if "gyro" in record.signals:
         nu[:, 3:], _ = at("gyro")
-    nu[:, :3] = at("velocity")[0] if "velocity" in record.signals else _to_body(euler, velocity)
+    R, arm = matrices_from_euler(euler), np.zeros((n, 3))
+    for name, columns in (("horizontal", [0, 1]), ("depth", [2]), ("position", [0, 1, 2])):
+        if name in record.signals:
+            lever = record.signals[name].lever
+            value, velocity[:, columns] = at(name)
+            position[:, columns] = value - (R @ lever)[:, columns]
+            arm = lever if name != "depth" else arm
+    if "velocity" in record.signals:
+        nu[:, :3], arm = at("velocity")[0], record.signals["velocity"].lever
+    else:
+        nu[:, :3] = np.einsum("nji,nj->ni", R, velocity)
+    nu[:, :3] -= np.cross(nu[:, 3:], arm)
     return position, euler, nu
-
-
-def _to_body(euler: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    phi, theta, psi = euler.T
-    c1, s1, c2, s2, c3, s3 = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta), np.cos(psi), np.sin(psi)
-    x, y, z = velocity.T
-    return np.stack(
-        [
-            c3 * c2 * x + s3 * c2 * y - s2 * z,
-            (c3 * s2 * s1 - s3 * c1) * x + (s3 * s2 * s1 + c3 * c1) * y + c2 * s1 * z,
-            (c3 * s2 * c1 + s3 * s1) * x + (s3 * s2 * c1 - c3 * s1) * y + c2 * c1 * z,
-        ],
-        axis=1,
-    )

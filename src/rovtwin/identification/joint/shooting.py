@@ -173,7 +173,7 @@ class Shooting:
         self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
     ) -> tuple[dict[str, Array], Array]:
         """Residuals by signal (S, R, k), prediction less reading, and defects (S, 12)."""
-        flexible, _, tau, _ = self._without_derivatives(theta, arrays)
+        flexible, tau = self._plain(theta, arrays)
         following, own = self._per_segment(nodes, arrays)
 
         def one(segment: Any) -> tuple[dict[str, Array], Array]:
@@ -185,13 +185,14 @@ class Shooting:
 
         return _chunked(one, (nodes, following, tau, own))
 
-    def _without_derivatives(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, None, Array, None]:
+    def _plain(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Array]:
+        """Model arrays and wrenches."""
         model, extras = self.parameters.model_at(theta)
-        return (eqx.partition(model, eqx.is_inexact_array)[0], extras), None, self._wrenches(theta, arrays), None
+        return (eqx.partition(model, eqx.is_inexact_array)[0], extras), self._wrenches(theta, arrays)
 
     def _trajectories(self, theta: Array, nodes: Nodes, arrays: dict[str, Any]) -> Nodes:
         """States at all grid points from each node, leading axes (S, K + 1)."""
-        flexible, _, tau, _ = self._without_derivatives(theta, arrays)
+        flexible, tau = self._plain(theta, arrays)
         _, own = self._per_segment(nodes, arrays)
         return _chunked(lambda s: self._path(jnp.zeros(NODE), flexible, s[1], s[0], s[2])[0], (nodes, tau, own))
 

@@ -8,11 +8,13 @@ import numpy as np
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.payload import without_shape
-from rovtwin.identification.judgement.validation import Prediction
-from rovtwin.identification.judgement.verdict import Blind, scale_width
+from rovtwin.identification.judgement.validation import Prediction, judged
+from rovtwin.identification.judgement.verdict import scale_width
 from rovtwin.identification.judgement.whiteness import Residuals
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
+
+_SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 30 kg
 
 
 def about_parts(vehicle: Vehicle, old: Vehicle | None) -> list[str]:
@@ -21,6 +23,22 @@ def about_parts(vehicle: Vehicle, old: Vehicle | None) -> list[str]:
         return []
     new = set(without_shape(vehicle)) - {n.replace(old.name, vehicle.name, 1) for n in without_shape(old)}
     return [f"part '{name}' has no shape: its drag and added mass are predicted as nothing" for name in sorted(new)]
+
+
+def about_water(vehicle: Vehicle, records: Sequence[Record]) -> list[str]:
+    """Tests in water of another density than the vehicle's: its buoyancy and drag were not those of the file."""
+    own = vehicle.assembly.density
+    others = sorted(
+        {r.water_density for r in records if r.water_density and abs(r.water_density / own - 1) > _SAME_WATER}
+    )
+    if not others:
+        return []
+    found = " and ".join(f"{density:g}" for density in others)
+    return [
+        f"tests were flown in water of {found} kg/m3, the vehicle's numbers are for {own:g}: buoyancy, added mass and "
+        "drag that come out are those of the tests' water, and a mix of them where it changed; "
+        "identify each water apart, or state water_density in the vehicle file"
+    ]
 
 
 def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]:
@@ -39,7 +57,6 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
 def about_solution(
     parameters: Parameters,
     solution: Solution,
-    blind: Sequence[Blind],
     residuals: Mapping[str, Residuals],
     fitted: Sequence[Prediction],
     held_out: Sequence[Prediction],
@@ -50,10 +67,11 @@ def about_solution(
     if not solution.converged:
         said.append(f"the estimate has not settled after {solution.steps} steps: widths are not to be trusted")
     scale = scale_width(parameters, solution)
-    if not anchors and scale > 0.03:
+    if scale > 0.03:
+        source = "from the anchors and the prior" if anchors else "from the prior"
         said.append(
-            f"the common scale of all forces is known to {100 * scale:.0f} % only (one standard deviation), from the "
-            "prior: add a bollard pull (anchors), a towing table or a test with known ballast"
+            f"the common scale of all forces is known to {100 * scale:.0f} % only (one standard deviation), {source}: "
+            "add a bollard pull (anchors), a towing table or a test with known ballast"
         )
     coloured = [name for name, r in residuals.items() if r.inflation > 3]
     if coloured:
@@ -69,10 +87,8 @@ def about_solution(
 def _about_validation(fitted: Sequence[Prediction], held_out: Sequence[Prediction]) -> list[str]:
     said = []
     for p in (q for q in held_out if q.window is None):
-        for component, score in p.scores.items():
-            # Positions and headings drift in open loop, however good the model.
-            if not p.excited[component] or component.split(".")[0] not in ("gyro", "velocity"):
-                continue
+        for component in judged(p):
+            score = p.scores[component]
             own = [q.scores[component].fit for q in fitted if component in q.scores and q.excited[component]]
             if own and score.fit < np.mean(own) - 25:
                 said.append(

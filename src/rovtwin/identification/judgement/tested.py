@@ -18,7 +18,10 @@ def tested_ranges(problem: Problem, solution: Solution) -> dict[str, Range]:
     """Ranges of nu [m/s, rad/s] by direction, and of u by `thrusters.GROUP`, over all fitted tests."""
     unknowns, segments = solution.unknowns, problem.segments
     path = problem.shooting.trajectories(as_array(unknowns.theta), unknowns.nodes, segments.arrays)
-    nu = np.asarray(path.nu).reshape(-1, 6)
+    t = segments.starts()[:, None] + segments.grid.step * np.arange(segments.grid.steps + 1)
+    counts = np.diff([*segments.first, segments.count])
+    ends = np.repeat([record.end for record in segments.records], counts)
+    nu = np.asarray(path.nu)[t <= ends[:, None] + 1e-9]  # the last segment of a record runs on beyond its end
     found = {name: _range(nu[:, i]) for i, name in enumerate(DIRECTIONS)}
     command = np.concatenate([record.command for record in segments.records])
     for group, members in problem.shooting.parameters.groups.items():

@@ -13,7 +13,7 @@ from rovtwin.core.frames import euler_from_quaternion, quaternion_multiply, wrap
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.parameters import Parameters
-from rovtwin.identification.joint.segments import Grid, Segments, cut, nodes_from_data
+from rovtwin.identification.joint.segments import Grid, Segments, cut, nodes_from_data, whole_steps
 from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.logs.record import SIGNALS, Record
 
@@ -56,6 +56,15 @@ class Prediction:
     excited: dict[str, bool]
 
 
+def judged(prediction: Prediction) -> list[str]:
+    """Components by which a model is judged: rates and velocities that moved, without such all that moved.
+
+    Positions and headings drift in open loop, however good the model.
+    """
+    moved = [c for c in prediction.scores if prediction.excited[c]]
+    return [c for c in moved if c.split(".")[0] in ("gyro", "velocity")] or moved
+
+
 def predict(
     parameters: Parameters,
     theta: np.ndarray,
@@ -85,7 +94,7 @@ def _predict_one(
     step: float,
     offsets: dict[str, np.ndarray],
 ) -> Prediction:
-    steps = int(record.duration / step) if window is None else round(window / step)
+    steps = whole_steps(record, step) if window is None else round(window / step)
     segments = cut([record], Grid(step, steps, 50.0))
     shooting = Shooting(parameters, segments)
     path = _run(shooting, segments, theta, offsets)

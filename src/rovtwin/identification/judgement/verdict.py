@@ -15,6 +15,7 @@ from rovtwin.identification.joint.parameters import Parameters
 # Standard deviation after over before: below the first a parameter was learnt, above the second only the prior speaks.
 LEARNT, PRIOR_ONLY = 0.5, 0.9
 _TELLING = 1.0  # information over the prior's, below which a direction is not told by the readings
+_NOTHING = 0.05  # below that they say nothing of it
 _LOADING = 0.3  # share of the largest component from which a parameter is named
 
 
@@ -61,28 +62,48 @@ def _blind(parameters: Parameters, moved: np.ndarray, information: float) -> Bli
     rows = [i for i in order if np.abs(moved[i]) > _LOADING * largest]
     weights = moved[rows] * np.sign(moved[rows[0]]) / largest
     names = tuple(parameters.names[i] for i in rows)
-    return Blind(names, tuple(float(w) for w in weights), information, _in_words(names, weights))
+    return Blind(names, tuple(float(w) for w in weights), information, _in_words(names, weights, information))
 
 
-def _in_words(names: tuple[str, ...], weights: np.ndarray) -> str:
+def _in_words(names: tuple[str, ...], weights: np.ndarray, information: float) -> str:
+    nothing = information < _NOTHING
     if len(names) == 1:
-        return f"{said(names[0])}: the tests say nothing of it, the value is the prior's"
-    scaled = {n.split(".")[0] for n in names}
-    if len(names) >= 4 and np.all(weights > 0) and "thrusters" in scaled and len(scaled) >= 2:
-        return (
-            "the scale of all forces (thrust, added mass, damping and restoring times a common factor): motion alone "
-            "cannot tell it; a bollard pull, a towing test or a known ballast can"
+        if nothing:
+            return f"{said(names[0])}: the tests say nothing of it, the value is what was known before"
+        return f"{said(names[0])}: the tests say less of it than was known before"
+    if _is_scale(names, weights):
+        alone = "motion alone cannot tell it; a bollard pull, a towing test or a known ballast can"
+        little = "the tests say less of it than was known before"
+        return "the scale of all forces (thrust, added mass, damping and restoring times a common factor): " + (
+            alone if nothing else little
         )
-    if len(names) == 2 and np.prod(weights) < 0 and _same_direction(names):
+    if _is_sum(names, weights):
         kinds = " and ".join(sorted(n.split(".")[0].replace("_", " ") for n in names))
         return f"{names[0].split('.')[1]} {kinds}: only their sum at the speeds flown is known"
     signs = ", ".join(f"{said(n)} {'up' if w > 0 else 'down'}" for n, w in zip(names[:6], weights, strict=False))
     more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-    return f"together: {signs}{more}: only other combinations of them are known"
+    return f"together: {signs}{more}: " + (
+        "only other combinations of them are known" if nothing else "known less from the tests than before"
+    )
 
 
-def _same_direction(names: tuple[str, ...]) -> bool:
-    return len({n.split(".")[1] for n in names}) == 1
+def _is_scale(names: tuple[str, ...], weights: np.ndarray) -> bool:
+    """Forces of thrusters and those of the water, all up together."""
+    thrust = any(n.startswith("thrusters.") and ".force_" in n for n in names)
+    water = any(n.startswith(("added_mass.", "linear_damping", "quadratic_damping")) for n in names)
+    return len(names) >= 4 and bool(np.all(weights > 0)) and thrust and water
+
+
+def _is_sum(names: tuple[str, ...], weights: np.ndarray) -> bool:
+    """Linear against quadratic damping of one direction, on one side."""
+    kinds = {n.split(".")[0].removesuffix("_astern") for n in names}
+    places = {(n.split(".")[0].endswith("_astern"), n.split(".")[1]) for n in names}
+    return (
+        len(names) == 2
+        and weights[0] * weights[1] < 0
+        and kinds == {"linear_damping", "quadratic_damping"}
+        and len(places) == 1
+    )
 
 
 def said(name: str) -> str:

@@ -4,7 +4,7 @@
 
 Over a window the momentum balance is exact: mean drag = mean thrust + mean weight in water - mean C(nu) nu -
 M (nu_end - nu_start) / T, so that neither the last of a transient nor a slow turn biases the drag. The force comes from
-commands and the vehicle's thrust curve; a wrong curve is the main error of the method (errata 18), and nothing in these
+commands and the vehicle's thrust curve; a wrong curve is the main error of the method, and nothing in these
 tests can show its scale.
 
 The thesis's own way is kept as `method="thesis"`: average velocity by plain difference from the command to the end of

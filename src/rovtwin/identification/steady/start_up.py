@@ -2,7 +2,7 @@
 
     M v_dot = F(t) - d_l v - d_q |v| v,  s_dot = v,  residual = s measured - s predicted
 
-One step cannot tell mass from errors of thrust and damping (errata 6): whoever minimises this gets their errors in M.
+One step cannot tell mass from errors of thrust and damping: whoever minimises this gets their errors in M.
 """
 
 from collections.abc import Callable

@@ -3,7 +3,7 @@
     record -> low-pass -> steady windows -> less tare and rig -> F = d_l v + d_q |v| v, ahead and astern apart
 
 At constant speed drag is all that is left to hold the vehicle back. The thesis says a low-pass of '500 Hz', no tare and
-no rig, and takes a heave stroke of 0.15 m for steady drag (errata 28): here each of them is done, or called out.
+no rig, and takes a heave stroke of 0.15 m for steady drag: here each of them is done, or called out.
 """
 
 from collections.abc import Sequence

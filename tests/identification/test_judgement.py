@@ -1,0 +1,79 @@
+"""Blind directions in words, tested ranges, what old results and stated priors mean for new ones."""
+
+import numpy as np
+import pytest
+from tests.identification.synthetic import record, steps_command
+
+from rovtwin.identification.identify import identify
+from rovtwin.identification.judgement.remarks import about_water
+from rovtwin.identification.judgement.verdict import _in_words
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+
+
+@pytest.mark.parametrize(
+    ("names", "weights", "information", "said"),
+    [
+        (("linear_damping.surge", "quadratic_damping.surge"), [1.0, -0.8], 0.0, "only their sum"),
+        (("linear_damping_astern.sway", "quadratic_damping_astern.sway"), [1.0, -0.8], 0.0, "only their sum"),
+        (("linear_damping.surge", "quadratic_damping_astern.surge"), [1.0, -0.8], 0.0, "other combinations"),
+        (("added_mass.surge", "quadratic_damping.surge"), [1.0, -0.8], 0.0, "other combinations"),
+        (("thrusters.surge.force_ahead", "thrusters.surge.exponent"), [1.0, -0.8], 0.0, "other combinations"),
+        (
+            ("thrusters.surge.force_ahead", "added_mass.surge", "linear_damping.surge", "restoring.metacentric_height"),
+            [1.0, 1.0, 1.0, 1.0],
+            0.0,
+            "the scale of all forces",
+        ),
+        (
+            ("thrusters.a.exponent", "thrusters.a.dead_band", "thrusters.a.time_constant", "added_mass.surge"),
+            [1.0, 1.0, 1.0, 1.0],
+            0.0,
+            "other combinations",
+        ),
+        (("added_mass.yaw",), [1.0], 0.0, "say nothing of it"),
+        (("added_mass.yaw",), [1.0], 0.8, "say less of it than was known before"),
+    ],
+)
+def test_blind_directions_are_named_for_what_they_are(names, weights, information, said):
+    assert said in _in_words(names, np.array(weights), information)
+
+
+@pytest.fixture(scope="module")
+def old():
+    """A file as `rovtwin identify` writes it, tether drag among its parameters."""
+    vehicle = load_vehicle("double_blueye")
+    data = identify(vehicle, [], free=["added_mass.*", "thrusters.*", "tether.drag"]).file()
+    for row in data["identified"]["estimate"]["parameters"]:
+        if row["name"] == "tether.drag":
+            row["value"] = 0.2
+    return vehicle_from_dict(data, "identified.yaml")
+
+
+def test_the_tether_drag_of_an_old_file_is_kept(old):
+    found = identify(old, [], old=old)
+    assert found.values["tether.drag"] == pytest.approx(0.2)
+
+
+def test_what_somebody_states_counts_more_than_an_old_file(old):
+    said = {"added_mass.surge": {"value": 60.0, "factor": 1.01}}
+    found = identify(old, [], old=old, prior=said)
+    low, high = found.interval("added_mass.surge")
+    assert 58.0 < low < 60.0 < high < 62.0
+    assert identify(old, [], old=old).values["added_mass.surge"] == pytest.approx(31.3, rel=1e-3)
+
+
+def test_held_out_tests_of_a_prediction_are_predicted(old):
+    vehicle = load_vehicle("double_blueye")
+    t, u = steps_command(vehicle, 0, 10.0)
+    log = record(vehicle.model(), t, u, 10.0)
+    found = identify(old, [], validate=[log], old=old)
+    assert [p.record for p in found.held_out] == ["synthetic"]
+    assert found.held_out[0].scores["gyro.r"].fit > 50
+
+
+def test_tests_in_other_water_than_the_vehicles_are_named():
+    vehicle = load_vehicle("double_blueye")
+    t, u = steps_command(vehicle, 0, 5.0)
+    log = record(vehicle.model(), t, u, 5.0, water_density=1025.0)
+    assert "1025 kg/m3" in about_water(vehicle, [log])[0]
+    assert about_water(vehicle, [record(vehicle.model(), t, u, 5.0, water_density=998.0)]) == []
