@@ -15,6 +15,7 @@ from rovtwin.identification.joint.prior import default_prior
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.damping import Damping
 from rovtwin.vehicle.soundness import driving_velocity
+from rovtwin.vehicle.thrusters import static_force
 
 
 @pytest.fixture(scope="module")
@@ -155,3 +156,22 @@ def test_options_name_their_mistakes(vehicle):
         Options.read({"groups": {"a": ["port.surge"]}}).groups_of(vehicle)
     with pytest.raises(IdentificationError, match="no thruster 'port.surg'"):
         Options.read({"groups": {"a": ["port.surg"]}}).groups_of(vehicle)
+
+
+def test_all_forces_scaled_is_the_same_motion():
+    """Thrust, inertia of body and water, damping and net buoyancy, all times 1.3."""
+    vehicle = load_vehicle("double_blueye")
+    parameters = catalogue(vehicle)
+    rng = np.random.default_rng(0)
+    theta = 0.2 * rng.standard_normal(len(parameters))
+    theta[[i for i, p in enumerate(parameters.free) if p.name.startswith("restoring.center")]] = 0.0
+    one = parameters.model_at(theta)[0]
+    other = parameters.model_at(np.asarray(parameters.scaled(theta, np.log(1.3))))[0]
+    np.testing.assert_allclose(np.diag(other.mass), 1.3 * np.diag(one.mass), rtol=1e-12)
+    for field in ("linear_damping_ahead", "quadratic_damping_astern"):
+        np.testing.assert_allclose(np.diag(getattr(other, field)), 1.3 * np.diag(getattr(one, field)), rtol=1e-12)
+    np.testing.assert_allclose(other.thrusters.force_ahead, 1.3 * one.thrusters.force_ahead)
+    np.testing.assert_allclose(other.buoyancy - other.weight, 1.3 * (one.buoyancy - one.weight), rtol=1e-9)
+    u = rng.uniform(-1, 1, one.thrusters.count)
+    forces = [np.asarray(m.thrusters.configuration @ static_force(m.thrusters, u)) for m in (one, other)]
+    np.testing.assert_allclose(forces[1], 1.3 * forces[0])

@@ -19,6 +19,7 @@ from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.nodes import NODE, Nodes
 from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.problem import offset_widths
 from rovtwin.identification.joint.segments import Grid, Segments, cut
 from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.logs.record import Record
@@ -26,9 +27,6 @@ from rovtwin.identification.logs.record import Record
 GRID = Grid(step=0.05, steps=100, rate=20.0)
 # What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models.
 DEFECT = np.array([1e-4] * 6 + [5e-3] * 6)
-# Zero errors of sensors, as the joint estimate takes them; others are held.
-OFFSET = {"gyro": (0.01,) * 3, "accelerometer": (0.1,) * 3, "attitude": (0.01, 0.01, 1e-6)}
-HELD = 1e-6
 # What readings of a real vehicle miss any model by, whatever the data sheet says: a gyro of 0.03 mrad/s would otherwise
 # promise thrust curves to a part in ten thousand.
 MISFIT = {"horizontal": 0.01, "position": 0.01, "depth": 0.005, "attitude": 0.005, "gyro": 0.005, "velocity": 0.01}
@@ -108,7 +106,7 @@ class Sensitivities:
         bounds = [*self.segments.first, self.segments.count]
         of_record = [_reduced(readings[a:b], defects[a:b]) for a, b in pairwise(bounds)]
         matrices = [np.sum(of_record[a:b], axis=0) for a, b in pairwise(np.cumsum([0, *self.counts]))]
-        widths = np.array([OFFSET.get(name, (HELD,) * 3)[i] for name, i in groups])
+        widths = offset_widths(groups)
         return Information(np.stack(matrices), widths**-2.0, self.seconds)
 
 

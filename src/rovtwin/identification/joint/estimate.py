@@ -142,11 +142,13 @@ def _rescaled(problem: Problem, here: Unknowns, noise: Noise, cost: float) -> tu
     Along that scale the readings say nothing, and it is a curve in theta: steps along its tangent leave the narrow
     valley and would be refused one after the other.
     """
-    scaled = problem.shooting.parameters.scaled
-    best: Any = minimize_scalar(
-        lambda s: problem.static_cost(scaled(here.theta, s)), bounds=(-0.7, 0.7), method="bounded"
-    )
-    trial = replace(here, theta=scaled(here.theta, float(best.x)))
+    parameters = problem.shooting.parameters
+
+    def scaled(s: float) -> np.ndarray:
+        return np.asarray(parameters.scaled(here.theta, s))
+
+    best: Any = minimize_scalar(lambda s: problem.static_cost(scaled(s)), bounds=(-0.7, 0.7), method="bounded")
+    trial = replace(here, theta=scaled(float(best.x)))
     new = problem.cost(trial, noise)
     return (trial, new) if new < cost else (here, cost)
 

@@ -24,12 +24,12 @@ from rovtwin.vehicle.model import Model
 
 DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 DAMPINGS = ("linear_damping", "quadratic_damping", "linear_damping_astern", "quadratic_damping_astern")
-_UNITS = {
-    "added_mass": ("kg",) * 3 + ("kg m2",) * 3,
+UNITS = {
+    "added": ("kg",) * 3 + ("kg m2",) * 3,
     "linear": ("N s/m",) * 3 + ("N m s/rad",) * 3,
     "quadratic": ("N s2/m2",) * 3 + ("N m s2/rad2",) * 3,
 }
-_THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
+THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
 # Linear damping that a file leaves at zero starts as this share of the quadratic, at 1 m/s or 1 rad/s.
 _LINEAR_FLOOR = 0.03
 _TIME_CONSTANT_FLOOR = 0.05  # of a thruster whose file gives none [s]
@@ -103,22 +103,20 @@ class Parameters:
         """Coordinates of values by name; what is not given stays at its starting value."""
         return np.array([p.theta(values[p.name]) if p.name in values else 0.0 for p in self.free])
 
-    def scaled(self, theta: np.ndarray, s: float) -> np.ndarray:
+    def scaled(self, theta: Any, s: Any) -> Array:
         """theta with thrust, inertia, damping and restoring times exp(s): the same motion, if all of them are free."""
-        out = np.array(theta, dtype=float)
+        theta, base = jnp.asarray(theta), np.array([p.base for p in self.free])
         rigid = np.asarray(self.model.rigid_body_mass).diagonal()
-        for i, p in enumerate(self.free):
-            family, _, where = p.name.partition(".")
-            if family == "added_mass":
-                own = rigid[DIRECTIONS.index(where)]
-                out[i] = np.log(max((own + p.value(out[i])) * np.exp(s) - own, 1e-3 * p.base) / p.base)
-            elif family == "thrusters" and not where.split(".")[1].startswith("force"):
-                continue
-            elif p.positive:
-                out[i] += s
-            else:
-                out[i] = p.value(out[i]) * np.exp(s) - p.base
-        return out
+        families = [p.name.split(".") for p in self.free]
+        added = np.array([f[0] == "added_mass" for f in families])
+        shape = np.array([f[0] == "thrusters" and not f[-1].startswith("force") for f in families])
+        positive = np.array([p.positive for p in self.free])
+        own = np.array([rigid[DIRECTIONS.index(f[1])] if f[0] == "added_mass" else 0.0 for f in families])
+        # Of the inertia only the water's share can give way.
+        water = (own + base * jnp.exp(jnp.where(added, theta, 0.0))) * jnp.exp(s) - own
+        water = jnp.log(jnp.where(added, jnp.maximum(water, 1e-3 * base) / base, 1.0))
+        rest = jnp.where(positive, theta + s, (base + theta) * jnp.exp(s) - base)
+        return jnp.where(shape, theta, jnp.where(added, water, rest))
 
     def model_at(self, theta: Any) -> tuple[Model, Extras]:
         """The model and the test's own parameters at theta, shape (n,); differentiable."""
@@ -158,12 +156,12 @@ class Parameters:
 
     def _thrusters(self, value: Mapping[str, Array]) -> Any:
         thrusters = self.model.thrusters
-        fields = {name: getattr(thrusters, name) for name in _THRUST_UNITS}
+        fields = {name: getattr(thrusters, name) for name in THRUST_UNITS}
         table = thrusters.table_force
         for group, members in self.groups.items():
             rows = np.array(members)
             mine = np.isin(np.arange(thrusters.count), rows)
-            for name in _THRUST_UNITS:
+            for name in THRUST_UNITS:
                 given = value.get(f"thrusters.{group}.{name}")
                 if given is None:
                     continue
@@ -234,7 +232,7 @@ def _hydrodynamics(model: Model) -> Iterable[Parameter]:
     added = np.asarray(model.added_mass).diagonal()
     for i, direction in enumerate(DIRECTIONS):
         if added[i] > 0:
-            yield Parameter(f"added_mass.{direction}", _UNITS["added_mass"][i], float(added[i]), True)
+            yield Parameter(f"added_mass.{direction}", UNITS["added"][i], float(added[i]), True)
     diagonals = {
         kind: np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
         for kind in DAMPINGS
@@ -246,7 +244,7 @@ def _hydrodynamics(model: Model) -> Iterable[Parameter]:
             if base <= 0 and order == "linear":
                 base = _LINEAR_FLOOR * float(diagonals[kind.replace("linear", "quadratic")][i])
             if base > 0:
-                yield Parameter(f"{kind}.{direction}", _UNITS[order][i], base, True)
+                yield Parameter(f"{kind}.{direction}", UNITS[order][i], base, True)
 
 
 def _restoring_parameters(model: Model) -> Iterable[Parameter]:
@@ -262,7 +260,7 @@ def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> I
     for group, members in groups.items():
         first = members[0]
         tabulated = bool(thrusters.tabulated[first])
-        for name, unit in _THRUST_UNITS.items():
+        for name, unit in THRUST_UNITS.items():
             if tabulated and name in ("exponent", "dead_band"):
                 continue  # the table has them
             base = float(getattr(thrusters, name)[first])

@@ -4,7 +4,7 @@ Added up are the weighted squares of readings, of defects between segments, of s
 the prior. Each signal component has a variance of its own and so has the disturbance in each direction of motion.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,15 @@ class Unknowns:
     nodes: Nodes
 
 
+def offset_widths(groups: Sequence[tuple[str, int]]) -> np.ndarray:
+    """How far the zero of each (signal, component) may be off throughout, shape (G,); of a reference hardly at all."""
+    placed = any(name == "position" for name, _ in groups)
+    widths = [_OFFSET.get(name, [0.0] * 3)[i] for name, i in groups]
+    # Depth next to a full position has a zero of its own; every other position says where the origin is.
+    widths = [0.1 if name == "depth" and placed else w for (name, _), w in zip(groups, widths, strict=True)]
+    return np.maximum(widths, _HELD)
+
+
 class Problem:
     """One estimation: compiled residuals, prior and static evidence."""
 
@@ -67,17 +76,11 @@ class Problem:
         self.guess = Nodes(**nodes_from_data(self.segments, exact=measured_starts))
         self.groups = self.segments.groups
         self.information, self.width = prior.information, np.sqrt(np.diag(prior.covariance))
-        self.offset_information = np.array([self._offset_width(name, i) for name, i in self.groups]) ** -2.0
+        self.offset_information = offset_widths(self.groups) ** -2.0
         self.start_information = self._start_widths(measured_starts) ** -2.0
         self.static_linear = (
             None if static is None else jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
         )
-
-    def _offset_width(self, name: str, i: int) -> float:
-        # Depth next to a full position has a zero of its own; every other position says where the origin is.
-        if name == "depth" and "position" in self.segments.levers:
-            return 0.1
-        return max(_OFFSET.get(name, [0.0] * 3)[i], _HELD)
 
     def _start_widths(self, measured: bool) -> np.ndarray:
         """How well the guess of each node is known apart from the readings that follow, shape (S, 12)."""

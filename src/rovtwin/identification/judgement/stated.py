@@ -6,12 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameter, Parameters
+from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, THRUST_UNITS, UNITS, Parameter, Parameters
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
-
-_UNITS = {"added": ("kg", "kg m2"), "linear": ("N s/m", "N m s/rad"), "quadratic": ("N s2/m2", "N m s2/rad2")}
-_THRUST = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
 
 
 @dataclass(frozen=True)
@@ -86,9 +83,9 @@ def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Va
         name: getattr(model, name if "astern" in name else f"{name}_ahead") for name in DAMPINGS
     }
     for name, matrix in diagonals.items():
-        units = _UNITS[name.split("_")[0]]
+        units = UNITS[name.split("_")[0]]
         for i, direction in enumerate(DIRECTIONS):
-            said[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i // 3]
+            said[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i]
     lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
     said["restoring.metacentric_height"] = float(-lever[2]), "m"
     said["restoring.center_of_buoyancy_x"] = float(lever[0]), "m"
@@ -96,7 +93,7 @@ def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Va
     said["restoring.net_buoyancy"] = float(model.buoyancy - model.weight), "N"
     for group, members in groups.items():
         tabulated = bool(model.thrusters.tabulated[members[0]])
-        for name, unit in _THRUST.items():
+        for name, unit in THRUST_UNITS.items():
             if not (tabulated and name in ("exponent", "dead_band")):  # the table has them
                 said[f"thrusters.{group}.{name}"] = float(getattr(model.thrusters, name)[members[0]]), unit
     signed = ("restoring.center", "restoring.net")
