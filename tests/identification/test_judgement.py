@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from tests.identification.synthetic import record, steps_command
 
+from rovtwin.core.errors import ConfigError
 from rovtwin.identification.identify import identify
+from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.judgement.remarks import about_water
 from rovtwin.identification.judgement.verdict import _in_words
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -60,6 +62,33 @@ def test_what_somebody_states_counts_more_than_an_old_file(old):
     low, high = found.interval("added_mass.surge")
     assert 58.0 < low < 60.0 < high < 62.0
     assert identify(old, [], old=old).values["added_mass.surge"] == pytest.approx(31.3, rel=1e-3)
+
+
+EXTRA = {"name": "sonar", "mass": 1.0, "shape": {"box": [0.1, 0.1, 0.1]}, "pose": {"position": [0.2, 0.0, 0.2]}}
+
+
+@pytest.mark.parametrize("way", ["as a part", "a copy of the identified file"])
+def test_a_part_is_added_in_either_natural_way(old, way, tmp_path):
+    if way == "as a part":
+        inner = old.to_dict() | {"pose": {"position": [0.0, 0.0, 0.0]}, "name": "rov"}
+        for key in ("identified", "sources", "version"):
+            inner.pop(key, None)
+        data = {"name": "with_sonar", "parts": [inner, EXTRA]}
+    else:
+        data = old.to_dict()
+        data["parts"] = [*data["parts"], EXTRA]
+    (tmp_path / "new.yaml").write_text(to_yaml(data, "a text editor"))
+    found = identify(load_vehicle(tmp_path / "new.yaml", identified=False), [], old=old)
+    assert found.model().weight == pytest.approx(float(old.model().weight) + 9.81, abs=0.01)
+    assert found.values["added_mass.surge"] > identify(old, [], old=old).values["added_mass.surge"]
+
+
+def test_an_identified_vehicle_is_no_part_of_another(old, tmp_path):
+    (tmp_path / "found.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    path = tmp_path / "new.yaml"
+    path.write_text("name: new\nparts:\n  - {name: rov, part: found.yaml}\n")
+    with pytest.raises(ConfigError, match=r"found.yaml was identified as a whole.* --prior found.yaml"):
+        load_vehicle(path)
 
 
 def test_held_out_tests_of_a_prediction_are_predicted(old):

@@ -69,7 +69,7 @@ def identify(
         raise ConfigError(f"{out}: expected a name that ends in .yaml; the report goes into a folder of that name")
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
-    wanted = load_vehicle(name)
+    wanted = load_vehicle(name, identified=prior is None)
     fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
     _warn(screen, wanted, whole, trust_logs)
     with _progress(screen) as told:
@@ -107,6 +107,9 @@ def _records(
 
     if fit_share is not None and not 0 < fit_share <= 1:
         raise IdentificationError(f"--fit-share: found {fit_share:g}, expected more than 0 and at most 1")
+    logs, validate = _files(logs), _files(validate)
+    for path in {p for p in [*logs, *validate] if [*logs, *validate].count(p) > 1}:
+        raise IdentificationError(f"{path}: given twice; a log is either fitted or held out, and once")
     tests = read_tests(said, vehicle) if said else []
     fitted = [t.record for t in tests if t.use == "fit"]
     held_out = [t.record for t in tests if t.use == "validate"]
@@ -122,6 +125,11 @@ def _records(
         fitted.append(record.cut(record.start, split))
         held_out.append(record.cut(split, record.end))
     return fitted, held_out, whole
+
+
+def _files(paths: list[Path]) -> list[Path]:
+    """A run's folder stands for the log in it."""
+    return [p / "log.mcap" if p.is_dir() and (p / "log.mcap").is_file() else p for p in paths]
 
 
 def _warn(screen: Console, vehicle: Any, records: list["Record"], trust: bool) -> None:
@@ -176,10 +184,15 @@ def _command_line(
     vehicle: str | None, logs: list[Path] | None, evidence: Path | None, prior: str | None, more: list[str]
 ) -> str:
     """Without folders: a file that is passed on says nothing of the machine it was made on."""
-    words = ["rovtwin identify", Path(vehicle).name if vehicle else "", *(p.name for p in logs or [])]
+    words = ["rovtwin identify", Path(vehicle).name if vehicle else "", *(_short(p) for p in logs or [])]
     words += [f"--evidence {evidence.name}"] if evidence else []
     words += [f"--prior {Path(prior).name}"] if prior else []
     return " ".join(word for word in [*words, *more] if word)
+
+
+def _short(path: Path) -> str:
+    """A run's log goes by the name of its folder: all of them are called log.mcap."""
+    return f"{path.parent.name}/{path.name}" if path.stem == "log" and path.parent.name else path.name
 
 
 def as_object(result: "Identification") -> dict[str, Any]:
@@ -232,6 +245,8 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 
 def _print(screen: Console, result: "Identification") -> None:
+    from rovtwin.report.identification_words import doubts_about
+
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
     )
@@ -257,6 +272,8 @@ def _print(screen: Console, result: "Identification") -> None:
             screen.print(f"\n{heading}", style="bold")
             for line in lines:
                 screen.print(f"- {line}", markup=False)
+    if result.solution is not None and (doubts := doubts_about(result)):
+        screen.print(f"\nNot to be relied on: {'; '.join(doubts)}", style="bold red", markup=False)
     screen.print(f"\n{result.seconds:.0f} s", style="dim")
 
 

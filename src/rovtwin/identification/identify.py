@@ -145,6 +145,9 @@ def identify(
     begin = time.perf_counter()
     settings = Options.read(options or {})
     told = progress or (lambda text, share: None)
+    if old is not None:
+        # A copy of an identified file with other parts: what was found of them is in `old`.
+        vehicle = vehicle.without_identification()
     if any(r.command.shape[1] != len(vehicle.thruster_names) for r in [*records, *validate]):
         raise IdentificationError(f"{vehicle.name}: a test has another number of thrusters than the vehicle")
     parameters, start = _parameters_and_prior(vehicle, records, free, prior, old, settings)

@@ -30,7 +30,8 @@ def verdict(result: Any, curves: Curves) -> Verdict:
     sentences += _held_out(result)
     sentences += [f"Finding: {text}." for text in result.findings[:_SHOWN]]
     if len(result.findings) > _SHOWN:
-        sentences.append(f"{len(result.findings) - _SHOWN} more findings are listed below.")
+        more = len(result.findings) - _SHOWN
+        sentences.append(f"{more} more finding{'s are' if more > 1 else ' is'} listed below.")
     if doubts := doubts_about(result):
         told = f"By their widths alone, {learnt}."
         return Verdict(False, f"Not to be relied on: {'; '.join(doubts)}", [told, *sentences], [])

@@ -80,6 +80,11 @@ def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Pa
         names = [p.name for p in chain[chain.index(target.resolve()) :]] + [target.name]
         raise ConfigError(f"{path.name}: {here}.part: a vehicle cannot be a part of itself: {' -> '.join(names)}")
     inner = _filled(parse(VehicleFile, read_yaml(target), target.name), target, (*chain, target.resolve()))
+    if inner.identified is not None:
+        raise ConfigError(
+            f"{path.name}: {here}.part: {target.name} was identified as a whole, which does not carry over to a part. "
+            f"Use the vehicle that it was made from, and run: rovtwin identify NEW --prior {target.name} -o NEW_FILE"
+        )
     own = {key: getattr(inner, key) for key in Body.model_fields}
     said = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
     return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose)

@@ -91,6 +91,10 @@ class Vehicle:
         """
         return replace(self, water_density=check_density(density))
 
+    def without_identification(self) -> Vehicle:
+        """The same parts with their own values, without what tests found of them."""
+        return replace(self, file=self.file.model_copy(update={"identified": None}))
+
     def model(
         self,
         *,
@@ -158,14 +162,19 @@ def _ballasted(total: Assembly, buoyancy: float) -> Assembly:
     return replace(total, volume=buoyancy / (total.density * GRAVITY))
 
 
-def load_vehicle(name_or_path: str | Path) -> Vehicle:
+def load_vehicle(name_or_path: str | Path, *, identified: bool = True) -> Vehicle:
     """A vehicle of the library by name, or any vehicle file by path.
+
+    Args:
+        name_or_path: `double_blueye`, `my_vehicle.yaml`.
+        identified: Whether what tests found counts; False: the parts alone, also where they were changed since.
 
     Raises:
         ConfigError: With a line per mistake: file, place, what was found, what was expected, the fix.
     """
     path = files.find(name_or_path)
     vehicle = Vehicle(files.load(path), path.name)
+    vehicle = vehicle if identified else vehicle.without_identification()
     _ = vehicle.assembly  # so that mistakes show here
     return vehicle
 

@@ -35,9 +35,10 @@ class Options(Strict):
         names = vehicle.thruster_names
         if self.groups is None:
             before = None if old is None else old.file.identified
-            if before is None or not before.estimate.groups:
+            if old is None or before is None or not before.estimate.groups:
                 return thruster_groups(vehicle)
-            return {group: tuple(names.index(n) for n in members) for group, members in before.estimate.groups.items()}
+            told = old.thruster_names  # a new vehicle may have the old one as a part: other names, the same order
+            return {group: tuple(told.index(n) for n in members) for group, members in before.estimate.groups.items()}
         listed = [name for members in self.groups.values() for name in members]
         for name in listed:
             if name not in names:

@@ -113,8 +113,9 @@ class Parameters:
         positive = np.array([p.positive for p in self.free])
         own = np.array([rigid[DIRECTIONS.index(f[1])] if f[0] == "added_mass" else 0.0 for f in families])
         # Of the inertia only the water's share can give way.
-        water = (own + base * jnp.exp(jnp.where(added, theta, 0.0))) * jnp.exp(s) - own
-        water = jnp.log(jnp.where(added, jnp.maximum(water, 1e-3 * base) / base, 1.0))
+        share = np.where(added, base, 1.0)
+        water = (own + share * jnp.exp(jnp.where(added, theta, 0.0))) * jnp.exp(s) - own
+        water = jnp.log(jnp.maximum(water, 1e-3 * share) / share)
         rest = jnp.where(positive, theta + s, (base + theta) * jnp.exp(s) - base)
         return jnp.where(shape, theta, jnp.where(added, water, rest))
 

@@ -52,7 +52,7 @@ def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
     """
     if fingerprint(old.file) == fingerprint(new.file):
         return None
-    if old.thruster_names != new.thruster_names:
+    if not _same_thrusters(old.thruster_names, new.thruster_names):
         raise IdentificationError(
             f"{new.where}: has thrusters {', '.join(new.thruster_names)}, but the prior's vehicle {old.where} has "
             f"{', '.join(old.thruster_names)}; a prior must come from the same vehicle with other parts"
@@ -101,6 +101,15 @@ def _parts_only(vehicle: Vehicle) -> Assembly:
     """Totals by formula: nothing published or measured of the whole."""
     plain = {"hydrodynamics": None, "restoring": None, "rigid_body": None, "identified": None}
     return assemble(vehicle.file.model_copy(update=plain), vehicle.where)
+
+
+def _same_thrusters(old: list[str], new: list[str]) -> bool:
+    """Whether they are the same ones, or all of them within one part of the new vehicle (`rov.port.surge`)."""
+    if len(old) != len(new):
+        return False
+    prefixes = {n[: -len(o)] if n.endswith(o) else None for o, n in zip(old, new, strict=True)}
+    prefix = prefixes.pop() if len(prefixes) == 1 else None
+    return prefix is not None and (prefix == "" or prefix.endswith("."))
 
 
 def _swapped(before: Assembly, after: Assembly) -> tuple[float, np.ndarray]:

@@ -17,6 +17,7 @@ from rovtwin.identification.joint.segments import Grid, Segments, cut, nodes_fro
 from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.logs.record import SIGNALS, Record
 
+_MOVED = 3.0  # times the noise: what spreads less has stood still
 _PASSES = 12  # what no sensor measures travels from window to window, one window a pass
 
 
@@ -116,7 +117,7 @@ def _predict_one(
         window_of = np.nonzero(used)[0]
         for i, component in enumerate(SIGNALS[name][0]):
             scores[f"{name}.{component}"] = _score(measured[:, i], predicted[:, i], window_of, name)
-            excited[f"{name}.{component}"] = bool(np.std(measured[:, i]) > 5 * _noise(measured[:, i]))
+            excited[f"{name}.{component}"] = bool(np.std(measured[:, i]) > _MOVED * _noise(measured[:, i]))
     return Prediction(record.name, window, readings, scores, excited)
 
 

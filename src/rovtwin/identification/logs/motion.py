@@ -82,7 +82,10 @@ def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> 
     R = np.full_like(smooth, np.nan)
     if good.any():
         u, _, vt = np.linalg.svd(smooth[good])
-        R[good] = u @ vt
+        nearest = u @ vt
+        # Angles that cannot be right (degrees, say) average to anything, mirrors included: those say nothing.
+        nearest[np.linalg.det(nearest) < 0] = np.nan
+        R[good] = nearest
     return R, rate
 
 

@@ -193,7 +193,7 @@ def _record(part: Part, spec: LogSpec, origin: float, density: float | None, len
     if abs(origin) > 1e-9:
         notes.append(f"time zero is {origin:.3f} s of the recording's clock")
     record = Record(
-        name=spec.name or Path(spec.sources[0].file).stem,
+        name=spec.name or _name_of(Path(spec.sources[0].file)),
         t_command=part.t_command,
         command=part.command,
         signals=part.signals,
@@ -247,3 +247,8 @@ def _for_use(record: Record, spec: LogSpec) -> list[Test]:
 
 
 __all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]
+
+
+def _name_of(file: Path) -> str:
+    """A run's log goes by the name of its folder: all of them are called log.mcap."""
+    return file.parent.name if file.stem == "log" and file.parent.name else file.stem
