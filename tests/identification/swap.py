@@ -17,7 +17,7 @@ from tests.identification.calibration import flown
 from tests.identification.synthetic import record, steps_command
 
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.joint.parameters import DIRECTIONS, catalogue, choose
+from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, catalogue, choose
 from rovtwin.identification.joint.payload import predicted_change
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
@@ -68,7 +68,7 @@ def truly_changed(model, old, new, rng):
         center_of_buoyancy=np.asarray(change.model.center_of_gravity) + lever,
     )
     everything = catalogue(new, model=added)
-    free = choose(everything, [p.name for p in everything.free if p.name.split(".")[1] in DIRECTIONS])
+    free = choose(everything, [n for n in everything.names if n.split(".")[0] in ("added_mass", *DAMPINGS)])
     panels = np.diag(panels_of(new) - panels_of(old))
     true = {}
     for p in free.free:

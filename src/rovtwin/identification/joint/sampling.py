@@ -122,7 +122,8 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
         at = jax.vmap(moved)(nodes, x[n + G :].reshape(-1, NODE))
         gaps, defects = problem.shooting.residuals(theta, offsets, at, problem.segments.arrays)
         total, group = jnp.sum((defects / defect) ** 2), 0
-        for name, gap in gaps.items():
+        for name in problem.segments.levers:  # compiled functions return dictionaries in another order
+            gap = gaps[name]
             k = gap.shape[-1]
             used = problem.segments.arrays[name]["used"][..., None]
             total += jnp.sum(used * _huber(gap / sigma[group : group + k]))
