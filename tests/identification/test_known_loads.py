@@ -62,15 +62,12 @@ def test_a_known_piece_of_ballast_gives_the_scale_of_forces(vehicle):
     t, u = steps_command(vehicle, 0, DURATION)
     bare = record(model, t, u, DURATION, 0)
     loaded = replace(record(carrying(model, PIECE), t, u, DURATION, 1), ballast=(PIECE,))
-    without = identify(vehicle, [bare, replace(loaded, ballast=())])
     found = identify(vehicle, [bare, loaded])
     assert scale_width(identify(vehicle, [bare, bare]))[0] > 0.05
     width, scale = scale_width(found)
     assert width < 0.02
     assert abs(scale) < 3 * width
     assert np.sqrt(np.mean((found.theta / found.std) ** 2)) < 1.5
-    # Kept from the estimate, the same piece is taken for the vehicle's own, and the two logs contradict each other.
-    assert without.solution.cost > 2.0 * found.solution.cost
 
 
 def tethered(model, t, u, length, drag, seed):
