@@ -83,6 +83,7 @@ def sensed(parameters):
     return sensitivities(parameters, tests, paths, [3.0, 6.0, 3.0], GRID)
 
 
+@pytest.mark.slow
 def test_information_is_that_of_finite_differences_of_the_plant(parameters, sensed):
     n, command = len(parameters), jnp.asarray(surge(parameters.model, STEPS))
     found = sensed.information(misfit={}).matrices[0][:n, :n]

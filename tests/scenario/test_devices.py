@@ -174,6 +174,7 @@ def drained(tmp_path_factory):
     return fly(load_scenario("lawnmower_calm", settings), tmp_path_factory.mktemp("runs") / "drained")
 
 
+@pytest.mark.slow
 def test_a_unit_whose_battery_is_empty_loses_its_thrusters(drained):
     battery, thrust = drained.log["truth/battery"], drained.log["truth/thrust"]
     assert battery.channel.fields == ("port_charge", "starboard_charge", "port_power", "starboard_power")

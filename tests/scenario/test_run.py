@@ -104,6 +104,7 @@ def test_a_batch_agrees_with_single_runs_to_1e9_over_a_minute_of_calm_water():
                 np.testing.assert_allclose(many[j], one, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_batch_ends_each_run_where_it_ends():
     calm = load_scenario("lawnmower_calm", ["duration=12"])
     scores = score_batch(calm, [1, 2])

@@ -149,6 +149,7 @@ def test_the_log_has_every_command_every_reading_and_what_a_reader_must_know(fli
     assert np.std(error) == pytest.approx(0.03, rel=0.1)
 
 
+@pytest.mark.slow
 def test_records_are_what_the_log_holds_without_the_hands(flight, records, scenario):
     mine = records[0]
     assert [(r.start, r.end) for r in mine] == free_spans(scenario) == [(0.0, 26.0), (31.0, 36.0)]

@@ -189,7 +189,9 @@ def identify(
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
-    findings += about_solution(parameters, solution, residuals, fitted, held_out, anchors)
+    findings += about_solution(
+        parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
+    )
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,

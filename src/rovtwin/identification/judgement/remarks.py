@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.identification.joint.estimate import Solution
+from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.payload import without_shape
 from rovtwin.identification.judgement.validation import Prediction, judged
@@ -56,22 +57,30 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
 
 def about_solution(
     parameters: Parameters,
+    prior: Gaussian,
     solution: Solution,
     residuals: Mapping[str, Residuals],
     fitted: Sequence[Prediction],
     held_out: Sequence[Prediction],
     anchors: Sequence[Any],
+    ballasted: bool,
 ) -> list[str]:
     """Remarks: what did not converge, what is not white, what validates badly."""
     said = []
     if not solution.converged:
         said.append(f"the estimate has not settled after {solution.steps} steps: widths are not to be trusted")
-    scale = scale_width(parameters, solution)
+    scale, before = (scale_width(parameters, C) for C in (solution.covariance, prior.covariance))
     if scale > 0.03:
         source = "from the anchors and the prior" if anchors else "from the prior"
         said.append(
             f"the common scale of all forces is known to {100 * scale:.0f} % only (one standard deviation), {source}: "
             "add a bollard pull (anchors), a towing table or a test with known ballast"
+        )
+    elif not anchors and not ballasted and scale < 0.5 * before:
+        said.append(
+            f"the common scale of all forces seems known to {100 * scale:.1f} % from motion alone, by couplings "
+            "of a rigid body whose centre of gravity is off CO: that trusts couplings of added mass and drag which are "
+            "taken from the parts; do not rely on it, add a bollard pull (anchors) or a test with known ballast"
         )
     coloured = [name for name, r in residuals.items() if r.inflation > 3]
     if coloured:

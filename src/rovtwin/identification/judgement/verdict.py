@@ -112,11 +112,11 @@ def said(name: str) -> str:
     return f"{first.replace('_', ' ')}, {' '.join(rest).replace('_', ' ')}"
 
 
-def scale_width(parameters: Parameters, solution: Solution) -> float:
+def scale_width(parameters: Parameters, covariance: np.ndarray) -> float:
     """Relative standard deviation of the common scale of all forces: the mean thrust, known no better than this."""
     rows = [i for i, n in enumerate(parameters.names) if n.startswith("thrusters.") and ".force_" in n]
     if not rows:
         return 0.0
     mean = np.zeros(len(parameters))
     mean[rows] = 1.0 / len(rows)
-    return float(np.sqrt(mean @ solution.covariance @ mean))
+    return float(np.sqrt(mean @ covariance @ mean))
