@@ -31,7 +31,7 @@ class Solution:
         covariance: Of theta, shape (n, n).
         information: Of theta from the readings and static evidence alone, without the prior, shape (n, n).
         offset_std: Standard deviation of the offsets, shape (G,).
-        converged: Whether the last step was below a hundredth of a standard deviation, or gained nothing.
+        converged: Whether the last step was below a hundredth of a standard deviation, or none gained anything.
         steps: Gauss-Newton steps taken.
         cost: Sum of squares at the end.
     """
@@ -79,6 +79,7 @@ def estimate(
         found = _better(problem, here, noise, arrow, cost, damping)
         if found is None:
             if fresh:
+                idle = 2  # no step lowers the sum of squares: the edge of a dead band has no slope to follow
                 break
             # What counts as an outlier was still that of the noise before.
             blocks, fresh = problem.blocks(here, noise), True
