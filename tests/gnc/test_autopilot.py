@@ -161,7 +161,7 @@ def test_lost_estimate_aborts(model):
 # What goes out
 
 
-def test_wrench_is_what_the_thrusters_are_told(model):
+def load_wrench_is_what_the_thrusters_are_told(model):
     _, output = flown(pilot(model, gains="pole_placement"), model, START, requests(SHORT))
     told = jax.vmap(lambda u: static_force(model.thrusters, u))(output.command.u) @ two_bodies().T
     free = ~np.any(output.wrench.saturated, axis=1)

@@ -74,6 +74,12 @@ def test_damping_raises_the_diagonal_of_the_border_only():
     np.testing.assert_allclose(found, np.linalg.solve(H, b), rtol=1e-9)
 
 
+def test_the_gain_is_what_a_quadratic_sum_of_squares_loses():
+    arrow = random_arrow(1)
+    H, b = dense(arrow)
+    assert arrow.gain() == pytest.approx(b @ np.linalg.solve(H, b), rel=1e-9)
+
+
 def test_a_singular_matrix_is_said_to_be_one():
     arrow = random_arrow(0)
     arrow.own[2] = 0.0

@@ -30,6 +30,12 @@ class Arrow:
     b: np.ndarray
     b_corner: np.ndarray
 
+    def gain(self) -> float:
+        """b' H^-1 b: by how much the sum of squares falls at z, were it quadratic."""
+        factored = self.factor()
+        theta = factored.border()
+        return float(self.b_corner @ theta + np.sum(self.b * factored.nodes(theta)))
+
     def factor(self) -> "Factored":
         """Raises LinAlgError where H is not positive definite."""
         S, d = self.b.shape

@@ -15,7 +15,7 @@ import numpy as np
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.loads import test_wrench, thrust_history
+from rovtwin.identification.joint.loads import load_wrench, thrust_history
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.path import KERNEL, smoothed_path
@@ -87,7 +87,7 @@ class Balance:
             if "ballast_mass" in own:
                 heavier = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
             calm = Environment.calm(velocity=own["current"])
-            return acceleration(heavier, x.position, x.attitude, x.nu, tau + test_wrench(x, own, extras), calm)
+            return acceleration(heavier, x.position, x.attitude, x.nu, tau + load_wrench(x, own, extras), calm)
 
         rates = jax.vmap(rate)(arrays["path"], tau[arrays["rows"]], arrays["own"])
         change = self.grid.step * rates.reshape(-1, self.window, 6).sum(axis=1)
@@ -179,7 +179,10 @@ def _through(kernel: np.ndarray, series: Array) -> Array:
     """Weighted sums of neighbours, shape (N, k), by adding shifted series: XLA's convolution crashes on some shapes."""
     reach = len(kernel) // 2
     wide = jnp.pad(series, ((reach, reach), (0, 0)), mode="edge")
-    return sum(weight * wide[i : i + len(series)] for i, weight in enumerate(kernel))  # type: ignore[return-value]
+    total = jnp.zeros_like(series)
+    for i, weight in enumerate(kernel):
+        total = total + weight * wide[i : i + len(series)]
+    return total
 
 
 def _gauss(width: float) -> np.ndarray:

@@ -79,7 +79,9 @@ def estimate(
         found = _better(problem, here, noise, arrow, cost, damping)
         if found is None:
             if fresh:
-                idle = 2  # no step lowers the sum of squares: the edge of a dead band has no slope to follow
+                # No step lowers the sum of squares: at the edge of a dead band there is no slope to follow. That is an
+                # end only where an undamped step promised less than a standard deviation.
+                idle = 2 if arrow.gain() < 1.0 else 0
                 break
             # What counts as an outlier was still that of the noise before.
             blocks, fresh = problem.blocks(here, noise), True

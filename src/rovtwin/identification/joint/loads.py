@@ -32,7 +32,7 @@ def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: flo
     return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
 
 
-def test_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
+def load_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
     """Wrench of what belongs to the test: known ballast, and the tether's drag, b at CO."""
     R_bn = rotation_from_quaternion(x.attitude).T
     through = x.nu[:3] - R_bn @ own["current"]

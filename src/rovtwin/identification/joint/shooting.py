@@ -22,7 +22,7 @@ from rovtwin.core.frames import (
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.balance import Balance
-from rovtwin.identification.joint.loads import test_wrench, thrust_history
+from rovtwin.identification.joint.loads import load_wrench, thrust_history
 from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved, rotation_between
 from rovtwin.identification.joint.parameters import Extras, Parameters
 from rovtwin.identification.joint.segments import Segments
@@ -118,7 +118,7 @@ class Shooting:
         step = self.segments.grid.step
 
         def rate(x: Nodes, wrench: Array) -> Array:
-            extra = test_wrench(x, own, extras)
+            extra = load_wrench(x, own, extras)
             return acceleration(model, x.position, x.attitude, x.nu, wrench + extra, calm)
 
         def advance(x: Nodes, wrenches: Array) -> tuple[Nodes, Nodes]:
