@@ -1,26 +1,17 @@
 """`rovtwin evidence decay` and `thrust`: what is printed and written, and bad input without a traceback."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 import yaml
+from tests.identification.commands import run
 
-import rovtwin.cli
 from rovtwin.identification.decay.motion import swing
 from rovtwin.identification.decay.read import read_angle
 from rovtwin.vehicle import load_vehicle
 
 J, K, D_L, D_Q = 5.17, 7.36, 3.04, 4.04
-
-
-def run(monkeypatch, capsys, *words):
-    monkeypatch.setattr(sys, "argv", ["rovtwin", "evidence", *map(str, words)])
-    with pytest.raises(SystemExit) as stopped:
-        rovtwin.cli.main()
-    told = capsys.readouterr()
-    return stopped.value.code or 0, told.out, told.err
 
 
 def write_decay(path, seed=0, added_k=0.0, added_J=0.0, header="t,roll_deg"):

@@ -1,12 +1,11 @@
 """Meshes from files: what comes out, and every mistake of such files named."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
+from tests.identification.commands import run
 
-import rovtwin.cli
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.priors.mesh_file import mesher_of_file
 from rovtwin.identification.priors.panel import panel_added_mass
@@ -117,14 +116,6 @@ def test_frame_and_origin_place_the_body(meshes):
 def test_mistakes_are_named(meshes, name, options, message):
     with pytest.raises(IdentificationError, match=message):
         mesher_of_file(meshes / name, **options)
-
-
-def run(monkeypatch, capsys, *words):
-    monkeypatch.setattr(sys, "argv", ["rovtwin", "evidence", *map(str, words)])
-    with pytest.raises(SystemExit) as stopped:
-        rovtwin.cli.main()
-    shown = capsys.readouterr()
-    return stopped.value.code or 0, shown.out, shown.err
 
 
 def test_the_command_on_a_mesh(meshes, tmp_path, monkeypatch, capsys):

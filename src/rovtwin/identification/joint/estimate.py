@@ -48,8 +48,6 @@ class Solution:
 
 def estimate(
     problem: Problem,
-    start: tuple[Unknowns, Noise] | None = None,
-    fixed_noise: bool = False,
     max_steps: int = 60,
     progress: Callable[[int, float], None] | None = None,
 ) -> Solution:
@@ -57,16 +55,14 @@ def estimate(
 
     Args:
         problem: Readings, prior and static evidence.
-        start: Where to begin; None: `start()`.
-        fixed_noise: Keep the noise of the start.
         max_steps: Of Gauss-Newton.
         progress: Called with the number of steps and the largest change in standard deviations.
 
     Raises:
         IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
     """
-    here, noise = problem.start() if start is None else start
-    damping, change, steps, settled, idle = 1.0, np.inf, 0, fixed_noise, 0
+    here, noise = problem.start()
+    damping, change, steps, settled, idle = 1.0, np.inf, 0, False, 0
     variances = Variances(problem)
     fresh = True
     blocks = problem.blocks(here, noise)
@@ -93,11 +89,10 @@ def estimate(
         idle = idle + 1 if before - cost < _GAIN else 0
         blocks = problem.blocks(here, noise)
         arrow, _ = problem.assembled(blocks, here, noise)
-        if not fixed_noise:
-            fresh = False
-            noise, settled = variances.step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
-            arrow, _ = problem.assembled(blocks, here, noise)
-            cost = problem.cost(here, noise)
+        fresh = False
+        noise, settled = variances.step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
+        arrow, _ = problem.assembled(blocks, here, noise)
+        cost = problem.cost(here, noise)
         if progress:
             progress(steps, change)
     done = settled and (change < _SMALL or idle >= 2)
