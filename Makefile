@@ -10,7 +10,7 @@ export MPLBACKEND := Agg
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
 PIP     := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
-PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --durations=10
+PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder --durations=10
 SOURCES := src tests $(wildcard benchmarks examples)
 
 .DEFAULT_GOAL := help

@@ -16,6 +16,14 @@ settings.register_profile(
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
+# Modules that take long begin first, so that no process waits for the other at the end (make: --no-loadscope-reorder).
+_LONG = ("test_docs.py", "test_joint.py", "test_devices.py", "test_cli.py", "test_twin.py", "test_tether.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
+
+
 SHARED = Path(__file__).parents[1] / ".." / "shared"
 
 

@@ -8,9 +8,9 @@ import pytest
 
 import rovtwin.cli
 from rovtwin.cli.compare import labels
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.overlay import identified_file, to_yaml
-from rovtwin.identification.joint.parameters import catalogue, choose
 from rovtwin.identification.judgement.differences import as_a_whole, difference
 from rovtwin.identification.judgement.stated import Value, stated
 from rovtwin.report.vehicle_comparison import agreement, compare_files, said_difference, said_relative

@@ -7,7 +7,7 @@ from tests.identification.synthetic import record, steps_command
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.balance import Balance, balanced
-from rovtwin.identification.joint.parameters import catalogue, choose
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.path import smoothed_path
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.segments import Grid, cut

@@ -20,8 +20,8 @@ from rovtwin.identification.experiment import (
     variance_ratio,
     with_anchors,
 )
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import catalogue, choose
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.segments import Grid
 from rovtwin.identification.logs.record import Record, Signal

@@ -8,12 +8,14 @@ from hypothesis import strategies as st
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
 from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.catalogue import catalogue, choose
+from rovtwin.identification.joint.couplings import COUPLINGS
 from rovtwin.identification.joint.groups import thruster_groups
 from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import catalogue, choose
 from rovtwin.identification.joint.prior import default_prior
-from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.damping import Damping
+from rovtwin.vehicle.dynamics import damping_wrench
 from rovtwin.vehicle.soundness import driving_velocity
 from rovtwin.vehicle.thrusters import static_force
 
@@ -159,15 +161,18 @@ def test_options_name_their_mistakes(vehicle):
 
 
 def test_all_forces_scaled_is_the_same_motion():
-    """Thrust, inertia of body and water, damping and net buoyancy, all times 1.3."""
-    vehicle = load_vehicle("double_blueye")
-    parameters = catalogue(vehicle)
+    """Thrust, inertia of body and water, damping and net buoyancy, all times 1.3, the centre of gravity off CO."""
+    data = load_vehicle("double_blueye").to_dict()
+    part = {"name": "camera", "mass": 2.5, "shape": {"box": [0.2, 0.12, 0.1]}}
+    data["parts"].append(part | {"pose": {"position": [0.1, 0.1, 0.26]}})
+    parameters = catalogue(vehicle_from_dict(data, "camera"))
     rng = np.random.default_rng(0)
     theta = 0.2 * rng.standard_normal(len(parameters))
     theta[[i for i, p in enumerate(parameters.free) if p.name.startswith("restoring.center")]] = 0.0
     one = parameters.model_at(theta)[0]
     other = parameters.model_at(np.asarray(parameters.scaled(theta, np.log(1.3))))[0]
     np.testing.assert_allclose(np.diag(other.mass), 1.3 * np.diag(one.mass), rtol=1e-12)
+    np.testing.assert_allclose(other.mass, 1.3 * one.mass, atol=1e-3)
     for field in ("linear_damping_ahead", "quadratic_damping_astern"):
         np.testing.assert_allclose(np.diag(getattr(other, field)), 1.3 * np.diag(getattr(one, field)), rtol=1e-12)
     np.testing.assert_allclose(other.thrusters.force_ahead, 1.3 * one.thrusters.force_ahead)
@@ -175,3 +180,37 @@ def test_all_forces_scaled_is_the_same_motion():
     u = rng.uniform(-1, 1, one.thrusters.count)
     forces = [np.asarray(m.thrusters.configuration @ static_force(m.thrusters, u)) for m in (one, other)]
     np.testing.assert_allclose(forces[1], 1.3 * forces[0])
+
+
+def test_what_rotation_does_to_a_force_is_an_element_of_its_own(everything):
+    before = everything.model
+    after = everything.model_at(everything.thetas({"quadratic_damping.pitch_surge": 0.1}))[0]
+    more = np.asarray(after.damping) - np.asarray(before.damping)
+    assert set(zip(*np.nonzero(np.abs(more) > 1e-9), strict=True)) == {(0, 16), (0, 22)}  # quadratic, ahead and astern
+    d_surge, d_pitch = 158.86, 0.534
+    assert more[0, 16] == pytest.approx(0.1 * d_surge ** (1 / 3) * d_pitch ** (2 / 3), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", COUPLINGS)
+def test_a_coupling_is_a_lever(everything, name):
+    """Drag that acts 2 cm off CO turns the vehicle as much as its force times 2 cm, ahead and astern, and no more."""
+    i, j = COUPLINGS[name]
+    lever = 0.02
+    before = everything.model
+    sides = np.asarray(before.quadratic_damping_ahead), np.asarray(before.quadratic_damping_astern)
+    least, most = np.minimum(*(np.diag(D) for D in sides)), np.maximum(*(np.diag(D) for D in sides))
+    share = lever * most[i] / (least[i] ** (2 / 3) * least[j] ** (1 / 3))
+    after = everything.model_at(everything.thetas({f"quadratic_damping.{name}": share}))[0]
+    nu = np.zeros(6)
+    for nu[i] in (0.5, -0.5):
+        more = np.asarray(damping_wrench(after, nu) - damping_wrench(before, nu))
+        force = np.asarray(damping_wrench(before, nu))[i]
+        assert more[j] == pytest.approx(lever * force, rel=0.05)  # linear damping follows as far as it stays passive
+        assert np.count_nonzero(np.abs(more) > 1e-9) == 1
+
+
+def test_a_coupling_beyond_its_bound_is_named(everything):
+    coupling = next(p for p in everything.free if p.name == "added_mass.surge_pitch")
+    with pytest.raises(IdentificationError, match="added_mass.surge_pitch: found 0.6, expected between -0.37 and 0.37"):
+        coupling.theta(0.6)
+    assert -0.37 < coupling.value(-4.0) < coupling.value(4.0) < 0.37

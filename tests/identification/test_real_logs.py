@@ -8,8 +8,8 @@ import pytest
 from tests.conftest import shared_folder
 
 from rovtwin.identification.identify import Identification, identify
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import catalogue, choose
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.readers import read_tests

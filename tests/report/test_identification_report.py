@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from rovtwin.identification.identify import Identification, identify
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import catalogue, choose
 from rovtwin.identification.joint.problem import Noise
 from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.judgement.verdict import Blind, verdicts
@@ -162,8 +162,10 @@ def test_parameters_known_together_only_are_grouped(result):
 
 
 def test_the_parameter_table_agrees_with_the_result(result):
-    rows = {row[0]: row for row in parameter_table(result).rows}
-    assert list(rows) == result.parameters.names
+    rows = {row[0]: row for row in parameter_table(result, False).rows}
+    coupled = {row[0]: row for row in parameter_table(result, True).rows}
+    assert sorted([*rows, *coupled]) == sorted(result.parameters.names)
+    assert "added_mass.surge_pitch" in coupled and not set(rows) & set(coupled)
     row = rows["added_mass.surge"]
     assert float(row[1]) == pytest.approx(result.values["added_mass.surge"], rel=1e-3)
     low, high = (float(x) for x in row[2].split(" to "))

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError
+from rovtwin.report.identification_words import is_coupling
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.plan_tests import Tank, candidates, in_words, thesis_pulls, what_is_known
@@ -68,7 +69,9 @@ def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
     said = json.loads(result.stdout)
     assert said["variance_ratio"] < 0.5, "half the variances, geometric mean"
     assert said["minutes"] <= 15.0 and said["room_m"] > 0.0
-    learnt = [p for p in said["parameters"] if p["sd_after"] < 0.5 * p["sd_before"]]
+    # Couplings count in the mean above. Single ones are best seen in long pulls, which no tank of 6 m has room for.
+    own = [p for p in said["parameters"] if not is_coupling(p["name"])]
+    learnt = [p for p in own if p["sd_after"] < 0.5 * p["sd_before"]]
     assert len(learnt) >= 30
     better = [p["name"] for p in learnt if p["sd_after"] < p["sd_after_steady_steps"]]
     assert len(better) > 0.9 * len(learnt)

@@ -245,13 +245,16 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 
 def _print(screen: Console, result: "Identification") -> None:
-    from rovtwin.report.identification_words import doubts_about
+    from rovtwin.report.identification_words import doubts_about, in_families, is_coupling
 
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
     )
     styles = {"learnt": "green", "partly": "yellow", "prior only": "red"}
+    learnt = {p.name: said for p, said in zip(result.parameters.free, result.verdicts, strict=True)}
     for i, p in enumerate(result.parameters.free):
+        if is_coupling(p.name):
+            continue
         low, high = result.interval(p.name)
         verdict = result.verdicts[i]
         rows.add_row(
@@ -263,6 +266,9 @@ def _print(screen: Console, result: "Identification") -> None:
             f"[{styles[verdict]}]{verdict}[/]",
         )
     screen.print(rows)
+    if couplings := [name for name in learnt if is_coupling(name)]:
+        known = in_families(couplings, [name for name in couplings if learnt[name] == "learnt"]) or "none"
+        screen.print(f"learnt of {len(couplings)} couplings between directions (values: report, --json): {known}")
     _print_predictions(screen, result)
     for heading, lines in (
         ("What the tests could not tell", [b.text for b in result.blind]),

@@ -68,12 +68,16 @@ def plan_tests(
 
 
 def _print(plan: "Plan", screen: Any) -> None:
+    from rovtwin.report.identification_words import is_coupling
+
     expected = plan.expected
     rows = table(
         "expected standard deviations, shares of the value where it is positive",
         "parameter", "value", "before", "after", "steady steps", "variance ratio",
     )  # fmt: skip
     for i, name in enumerate(expected.names):
+        if is_coupling(name):
+            continue
         scale = 1.0 if expected.relative[i] else 0.0
         cells = [_sd(s[i], bool(scale)) for s in (expected.prior, expected.plan, plan.thesis)]
         ratio = f"{(expected.plan[i] / plan.thesis[i]) ** 2:.2f}" if plan.known[i] else "not learnt"
@@ -82,7 +86,13 @@ def _print(plan: "Plan", screen: Any) -> None:
     minutes = expected.each_minute()
     shown = [m for m in minutes if m[0] in (1, 2, 3, 5, 7, 10, 15, 20, 30, 45, 60)]
     line = ", ".join(f"{m:.0f} min: {100 * left:.1f} %" for m, left in shown)
-    screen.print(f"\nlearnt: {int(expected.learnt.sum())} of {len(expected.names)} parameters")
+    learnt: dict[bool, list[bool]] = {False: [], True: []}
+    for name, known in zip(expected.names, expected.learnt, strict=True):
+        learnt[is_coupling(name)].append(bool(known))
+    screen.print(
+        f"\nlearnt: {sum(learnt[False])} of {len(learnt[False])} parameters and "
+        f"{sum(learnt[True])} of {len(learnt[True])} couplings between directions (--json)"
+    )
     if shown:
         screen.print(f"standard deviation over the one before, geometric mean: {line}")
     if len(minutes) > 1:

@@ -9,11 +9,12 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.estimate import Solution, estimate
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.overlay import identified_file
-from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters, catalogue, choose
+from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem

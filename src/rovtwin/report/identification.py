@@ -16,7 +16,7 @@ from rovtwin.report import identification_tables as tables
 from rovtwin.report.curves import DIRECTIONS, Curves, Subject, curves, speed_grid
 from rovtwin.report.html import Picture, save, write_page
 from rovtwin.report.identification_tests import prediction_figure
-from rovtwin.report.identification_words import assumptions, verdict
+from rovtwin.report.identification_words import assumptions, is_coupling, verdict
 from rovtwin.report.tables import Table
 from rovtwin.vehicle.model import Model
 
@@ -105,8 +105,9 @@ def _parameters(result: Any, now: Curves, before: Curves, folder: Path) -> Secti
         figures.added_mass_figure(now, before), folder, "added_mass", "Added mass",
         "Diagonal of M_A with 95 % intervals, before and after the tests.",
     )  # fmt: skip
+    coupled = [table] if (table := tables.parameter_table(result, True)).rows else []
     return Section("parameters", "Parameters", ["What the 95 % intervals assume:"], assumptions(result),
-                   [tables.parameter_table(result), added])  # fmt: skip
+                   [tables.parameter_table(result, False), added, *coupled])  # fmt: skip
 
 
 def _blind(result: Any, folder: Path) -> Section:
@@ -116,10 +117,13 @@ def _blind(result: Any, folder: Path) -> Section:
         items.append(tables.blind_table(result))
     elif result.solution is not None:
         words.append("In every direction of the parameters the tests say more than the prior.")
+    names = result.parameters.names
+    kept = [i for i, name in enumerate(names) if not is_coupling(name)]
+    shown = [names[i] for i in kept], result.covariance[np.ix_(kept, kept)]
     correlations = save(
-        figures.correlation_figure(result.parameters.names, result.covariance), folder, "correlation", "Correlations",
-        "Of the estimate's errors, prior included. Dark red: known as a ratio; dark blue: known as a sum. "
-        "What is pale is known by itself.",
+        figures.correlation_figure(*shown), folder, "correlation", "Correlations",
+        "Of the estimate's errors, prior included, without the couplings. Dark red: known as a ratio; dark blue: known "
+        "as a sum. What is pale is known by itself.",
     )  # fmt: skip
     strongest = tables.correlated_table(result)
     return Section(

@@ -9,7 +9,7 @@ import numpy as np
 from rovtwin import __version__
 from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves
 from rovtwin.report.identification_tests import component_name, how, scaled, unit_of
-from rovtwin.report.identification_words import excitation, in_families, naive
+from rovtwin.report.identification_words import excitation, in_families, is_coupling, naive
 from rovtwin.report.tables import Table
 from rovtwin.vehicle.identified import fingerprint
 
@@ -54,11 +54,13 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
 
 
-def parameter_table(result: Any) -> Table:
-    """Value, interval, prior, how much narrower, verdict and excitation of every free parameter."""
+def parameter_table(result: Any, couplings: bool) -> Table:
+    """Value, interval, prior, how much narrower, verdict and excitation of the free parameters, or of the couplings."""
     std, before = result.std, np.sqrt(np.diag(result.prior.covariance))
     rows = []
     for i, (p, said, moved) in enumerate(zip(result.parameters.free, result.verdicts, excitation(result), strict=True)):
+        if is_coupling(p.name) != couplings:
+            continue
         mean = result.prior.mean[i]
         prior = (p.value(mean - _Z * before[i]), p.value(mean + _Z * before[i]))
         rows.append([
@@ -66,6 +68,12 @@ def parameter_table(result: Any) -> Table:
             between(*prior), pretty(p.unit), f"{std[i] / before[i]:.2g}", said, moved,
         ])  # fmt: skip
     head = ["Parameter", "Value", "95 %", "Prior", "95 % of it", "Unit", "Width left", "Verdict", "Excitation"]
+    if couplings:
+        note = (
+            "Shares of what the diagonals allow: M_ij of sqrt(M_ii M_jj) for added mass; for damping what the first "
+            "motion does in the second, of D_ii^(2/3) D_jj^(1/3). Drag that acts on one side of CO has them."
+        )
+        return Table("Couplings", head, rows, note)
     note = (
         "Width left: standard deviation now over that of the prior; below 0.5 is learnt, above 0.9 only the prior "
         "speaks. Excitation: whether the tests would tell the parameter if all others were known, and whether they "

@@ -97,6 +97,12 @@ def in_families(every: Sequence[str], chosen: Sequence[str]) -> str:
     return "; ".join(parts)
 
 
+def is_coupling(name: str) -> bool:
+    """Whether a parameter couples two directions: `added_mass.surge_pitch`."""
+    family, _, where = name.partition(".")
+    return family in ("added_mass", "quadratic_damping") and "_" in where
+
+
 def _family(name: str) -> tuple[str, str]:
     if name.startswith("thrusters."):
         _, group, what = name.split(".")
@@ -104,6 +110,7 @@ def _family(name: str) -> tuple[str, str]:
     if name.startswith(("restoring.", "tether.")):
         return name.replace("restoring.", "").replace(".", " ").replace("_", " "), ""
     first, _, rest = name.partition(".")
+    first = f"couplings of {first}" if is_coupling(name) else first
     return first.replace("_", " "), rest.replace("_", " ")
 
 

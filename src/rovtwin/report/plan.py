@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from rovtwin.report.identification_words import is_coupling
 from rovtwin.report.style import (
     BLACK,
     BLUE,
@@ -108,16 +109,18 @@ def _gain(axes: Axes, test: PlannedTest) -> None:
 
 
 def _bars(axes: Axes, test: PlannedTest) -> None:
-    """Standard deviations over the prior's, the best learnt on top."""
-    order = np.argsort(test.plan / test.prior)[:SHOWN][::-1]
+    """Standard deviations over the prior's, the best learnt on top; couplings between directions are left out."""
+    ratio = np.where([is_coupling(name) for name in test.names], np.inf, test.plan / test.prior)
+    order = [i for i in np.argsort(ratio)[:SHOWN][::-1] if np.isfinite(ratio[i])]
     rows = np.arange(len(order))
     axes.set_xscale("log")
     dress(axes, "", "sd over the one before the test")
-    axes.barh(rows, (test.steady / test.prior)[order], height=0.7, color=ORANGE, alpha=0.55, label="steady steps")
-    axes.barh(rows, (test.plan / test.prior)[order], height=0.7, color=BLUE, label="this plan")
+    axes.barh(rows, ratio[order], height=0.7, color=BLUE, label="this plan")
+    # A mark, not a bar: bars of one colour would hide the other wherever it is shorter.
+    axes.plot((test.steady / test.prior)[order], rows, "D", color=ORANGE, markersize=3.5, label="steady steps")
     axes.set_yticks(rows, [str(test.names[i]).replace("_", " ").replace(".", " ") for i in order], fontsize=TINY)
     axes.grid(False, axis="y")
-    axes.set_xlim(min(2e-3, float((test.plan / test.prior).min())), 1.0)
+    axes.set_xlim(min(2e-3, 0.9 * float(ratio.min())), 1.05)
     axes.set_ylim(-0.6, len(order) - 0.4)
     axes.legend(fontsize=SMALL, loc="upper right", framealpha=0.9)
     name_panel(axes, "What is learnt, expected")

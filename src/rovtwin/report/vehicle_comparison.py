@@ -16,6 +16,7 @@ from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curves, 
 from rovtwin.report.html import save, write_page
 from rovtwin.report.identification import Section
 from rovtwin.report.identification_tables import between, number, percent, pretty
+from rovtwin.report.identification_words import is_coupling
 from rovtwin.report.tables import Table
 from rovtwin.report.verdict import Verdict
 from rovtwin.vehicle.identified import fingerprint
@@ -133,12 +134,17 @@ def _reach(files: Sequence[Any], axis: int) -> tuple[float, float]:
 
 
 def parameter_table(comparison: Comparison, short: bool = False) -> Table:
-    """Values with 95 % intervals where known, or `short` half of them, and differences from the first file."""
+    """Values with 95 % intervals where known, and differences from the first file.
+
+    `short` is for narrow screens: half intervals, and no couplings.
+    """
     files = comparison.files
     head = ["Parameter", "Unit", *(one.label for one in files)]
     head += _difference_heads(files)
     rows = []
     for name in comparison.rows:
+        if short and is_coupling(name):
+            continue
         values = [one.values.get(name) for one in files]
         unit = next(v.unit for v in values if v is not None)
         cells = ["-" if v is None else said_value(v, short) for v in values]
@@ -147,6 +153,8 @@ def parameter_table(comparison: Comparison, short: bool = False) -> Table:
         f"Differences are from {files[0].label}; in brackets in standard deviations (sd) of the difference. "
         "A ~ says that only one of the files was identified; the other is taken as exact."
     )
+    if short and any(map(is_coupling, comparison.rows)):
+        note += " Couplings between directions are in the report and in --json."
     return Table("", head, rows, note)
 
 

@@ -32,8 +32,9 @@ from rovtwin.identification.experiment import (
     with_anchors,
 )
 from rovtwin.identification.identify import default_free
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import Parameters, catalogue, choose
+from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.payload import prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.logs.record import Record

@@ -110,13 +110,14 @@ def _better(
     std = factored.border_std()
     while damping < 1e9:
         corner, held_back = _within_reach(problem, factored, damping)
-        # Nodes follow; where theta hardly moves any more, they are what went too far.
-        trial = _stepped(here, min(1.0, _NODES / max(damping, 1e-9)) * factored.nodes(corner), corner)
-        new = problem.cost(trial, noise)
         change = float(np.max(np.abs(corner) / std))
-        if np.isfinite(new) and new <= cost * (1 + 1e-9):
-            change = np.inf if held_back or damping > 1e-2 else change
-            return trial, new, damping / 10 if damping > 1e-3 else 0.0, change
+        # Nodes follow; where theta hardly moves any more, they may be what went too far.
+        for share in (1.0, _NODES / damping) if damping > _NODES else (1.0,):
+            trial = _stepped(here, share * factored.nodes(corner), corner)
+            new = problem.cost(trial, noise)
+            if np.isfinite(new) and new <= cost * (1 + 1e-9):
+                change = np.inf if held_back or damping > 1e-2 else change
+                return trial, new, damping / 10 if damping > 1e-3 else 0.0, change
         if damping == 0.0 and change < _SMALL:
             return here, cost, 0.0, change  # nothing is left but rounding
         damping = max(10 * damping, 0.1)
@@ -140,10 +141,9 @@ def _rescaled(problem: Problem, here: Unknowns, noise: Noise, cost: float) -> tu
     Along that scale the readings say nothing, and it is a curve in theta: steps along its tangent leave the narrow
     valley and would be refused one after the other.
     """
-    parameters = problem.shooting.parameters
 
     def scaled(s: float) -> np.ndarray:
-        return np.asarray(parameters.scaled(here.theta, s))
+        return np.asarray(problem.shooting.scaled(here.theta, s))
 
     best: Any = minimize_scalar(lambda s: problem.static_cost(scaled(s)), bounds=(-0.7, 0.7), method="bounded")
     trial = replace(here, theta=scaled(float(best.x)))

@@ -1,24 +1,30 @@
 """The parameters that can be identified: their names, where each sits in the Model, and how it is kept sensible.
 
 Names say the place: `added_mass.surge`, `quadratic_damping_astern.heave`, `restoring.metacentric_height`,
-`thrusters.surge.exponent`. What must be positive is estimated as the logarithm of its ratio to a starting value, the
-rest as the difference from it; couplings (off-diagonal elements) follow the diagonal so that M_A stays positive
-definite and damping passive. `theta` is the vector of these coordinates, zero at the starting values.
+`thrusters.surge.exponent`. What must be positive is estimated as the logarithm of its ratio to a starting value, a
+coupling as a bounded share of what its diagonals allow (see `couplings`), the rest as the difference from the start.
+Elements that are no parameters follow the diagonal, so that M_A stays positive definite and damping passive. `theta`
+is the vector of these coordinates, zero at the starting values.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.vehicle import Vehicle
+from rovtwin.identification.joint.couplings import (
+    added_mass_share,
+    bound_of,
+    drag_lever,
+    place_of,
+    with_added_mass,
+    with_linear,
+    with_quadratic,
+)
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
 
@@ -30,9 +36,8 @@ UNITS = {
     "quadratic": ("N s2/m2",) * 3 + ("N m s2/rad2",) * 3,
 }
 THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
-# Linear damping that a file leaves at zero starts as this share of the quadratic, at 1 m/s or 1 rad/s.
-_LINEAR_FLOOR = 0.03
-_TIME_CONSTANT_FLOOR = 0.05  # of a thruster whose file gives none [s]
+_LINEAR = ("linear_damping_ahead", "linear_damping_astern")
+_QUADRATIC = ("quadratic_damping_ahead", "quadratic_damping_astern")
 
 
 @dataclass(frozen=True)
@@ -44,24 +49,50 @@ class Parameter:
         unit: Of its value.
         base: Value where theta = 0.
         positive: Whether theta = log(value / base), else theta = value - base.
+        bound: Of a coupling: theta = bound (artanh(value / bound) - artanh(base / bound)).
     """
 
     name: str
     unit: str
     base: float
     positive: bool
+    bound: float = np.inf
+
+    @classmethod
+    def at(cls, name: str, unit: str, base: float, positive: bool) -> "Parameter":
+        """With the bound that its name implies."""
+        return cls(name, unit, base, positive, bound_of(name))
 
     def value(self, theta: Any) -> Any:
         """In its unit, of its coordinate."""
-        return self.base * np.exp(theta) if self.positive else self.base + theta
+        xp = np if isinstance(theta, float | np.ndarray) else jnp
+        if self.positive:
+            return self.base * xp.exp(theta)
+        if np.isfinite(self.bound):
+            return self.bound * xp.tanh(np.arctanh(self.base / self.bound) + theta / self.bound)
+        return self.base + theta
 
     def theta(self, value: float) -> float:
-        """Coordinate of a value in its unit."""
-        if not self.positive:
-            return value - self.base
-        if value <= 0:
-            raise IdentificationError(f"{self.name}: found {value:g} {self.unit}, expected more than 0")
-        return float(np.log(value / self.base))
+        """Coordinate of a value in its unit.
+
+        Raises:
+            IdentificationError: It cannot have this value.
+        """
+        if self.positive:
+            if value <= 0:
+                raise IdentificationError(f"{self.name}: found {value:g} {self.unit}, expected more than 0")
+            return float(np.log(value / self.base))
+        if np.isfinite(self.bound):
+            if abs(value) >= self.bound:
+                raise IdentificationError(
+                    f"{self.name}: found {value:g}, expected between {-self.bound:g} and {self.bound:g}"
+                )
+            return float(self.bound * (np.arctanh(value / self.bound) - np.arctanh(self.base / self.bound)))
+        return value - self.base
+
+    def slope(self, value: float) -> float:
+        """Change of the value by that of its coordinate."""
+        return value if self.positive else 1.0 - (value / self.bound) ** 2
 
 
 class Extras(eqx.Module):
@@ -105,35 +136,39 @@ class Parameters:
 
     def scaled(self, theta: Any, s: Any) -> Array:
         """theta with thrust, inertia, damping and restoring times exp(s): the same motion, if all of them are free."""
-        theta, base = jnp.asarray(theta), np.array([p.base for p in self.free])
-        rigid = np.asarray(self.model.rigid_body_mass).diagonal()
-        families = [p.name.split(".") for p in self.free]
-        added = np.array([f[0] == "added_mass" for f in families])
-        shape = np.array([f[0] == "thrusters" and not f[-1].startswith("force") for f in families])
-        positive = np.array([p.positive for p in self.free])
-        own = np.array([rigid[DIRECTIONS.index(f[1])] if f[0] == "added_mass" else 0.0 for f in families])
+        theta = jnp.asarray(theta)
+        matrix = self.model_at(theta)[0].added_mass
+        rigid = self.model.rigid_body_mass
         # Of the inertia only the water's share can give way.
-        share = np.where(added, base, 1.0)
-        water = (own + share * jnp.exp(jnp.where(added, theta, 0.0))) * jnp.exp(s) - own
-        water = jnp.log(jnp.maximum(water, 1e-3 * share) / share)
-        rest = jnp.where(positive, theta + s, (base + theta) * jnp.exp(s) - base)
-        return jnp.where(shape, theta, jnp.where(added, water, rest))
+        water = (rigid + matrix) * jnp.exp(s) - rigid
+        out = []
+        for p, t in zip(self.free, theta, strict=True):
+            family, where, at = p.name.split(".")[0], p.name.split(".")[-1], place_of(p.name)
+            if family == "added_mass" and where in DIRECTIONS:
+                i = DIRECTIONS.index(where)
+                out.append(jnp.log(jnp.maximum(water[i, i], 1e-3 * p.base) / p.base))
+            elif family == "added_mass" and at is not None:
+                share = added_mass_share(water, *at)
+                share = jnp.clip(share / p.bound, -0.999, 0.999)
+                out.append(p.bound * (jnp.arctanh(share) - np.arctanh(p.base / p.bound)))
+            elif at is not None or (family == "thrusters" and not where.startswith("force")):
+                out.append(t)
+            else:
+                out.append(t + s if p.positive else (p.base + t) * jnp.exp(s) - p.base)
+        return jnp.stack(out)
 
     def model_at(self, theta: Any) -> tuple[Model, Extras]:
         """The model and the test's own parameters at theta, shape (n,); differentiable."""
         theta = jnp.asarray(theta)
-        at = {p.name: i for i, p in enumerate(self.free)}
-        value = {p.name: p.base * jnp.exp(theta[i]) if p.positive else p.base + theta[i] for p, i in self._indexed()}
-        ratio = {p.name: jnp.exp(theta[at[p.name]]) for p in self.free if p.positive}
+        value = {p.name: p.value(theta[i]) for i, p in enumerate(self.free)}
+        ratio = {p.name: jnp.exp(theta[i]) for i, p in enumerate(self.free) if p.positive}
         model = self.model
         changes: dict[str, Any] = {"added_mass": _scaled(model.added_mass, _ratios(ratio, "added_mass"), (0.5, 0.5))}
         changes |= self._damping(value)
+        changes |= _coupled(changes, value)
         changes |= _restoring(model, value)
         changes["thrusters"] = self._thrusters(value)
         return model.replace(**changes), Extras(value.get("tether.drag", as_array(0.0)))
-
-    def _indexed(self) -> Iterable[tuple[Parameter, int]]:
-        return ((p, i) for i, p in enumerate(self.free))
 
     def _damping(self, value: Mapping[str, Array]) -> dict[str, Array]:
         changes = {}
@@ -194,6 +229,31 @@ def _with_diagonal(matrix: Array, diagonal: Array, share: tuple[float, float]) -
     return _scaled(matrix, ratio, share) + jnp.diag(jnp.where(old > 0, 0.0, diagonal))
 
 
+def _coupled(matrices: Mapping[str, Array], value: Mapping[str, Array]) -> dict[str, Array]:
+    """Added mass and damping with the couplings that are parameters."""
+    changed = dict(matrices)
+    names, i, j = _couplings_of("added_mass", value)
+    if names:
+        changed["added_mass"] = with_added_mass(changed["added_mass"], i, j, jnp.stack([value[n] for n in names]))
+    names, i, j = _couplings_of("quadratic_damping", value)
+    if names:
+        # One lever for all drag of a direction: linear and quadratic, ahead and astern.
+        ahead, astern = (changed[f] for f in _QUADRATIC)
+        lever = drag_lever(ahead, astern, i, j, jnp.stack([value[n] for n in names]))
+        changed |= zip(_QUADRATIC, (with_quadratic(m, i, j, lever) for m in (ahead, astern)), strict=True)
+        once = i < j  # linear damping is symmetric, both ways are one
+        ahead, astern = (changed[f] for f in _LINEAR)
+        changed |= zip(_LINEAR, with_linear(ahead, astern, i[once], j[once], lever[once]), strict=True)
+    return changed
+
+
+def _couplings_of(family: str, names: Iterable[str]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Couplings of a family among some names, and their places."""
+    found = [(n, at) for n in names if n.startswith(f"{family}.") and (at := place_of(n)) is not None]
+    i, j = np.array([at for _, at in found], int).reshape(-1, 2).T
+    return [n for n, _ in found], i, j
+
+
 def _restoring(model: Model, value: Mapping[str, Array]) -> dict[str, Array]:
     lever = model.center_of_buoyancy - model.center_of_gravity
     parts = [
@@ -208,83 +268,3 @@ def _restoring(model: Model, value: Mapping[str, Array]) -> dict[str, Array]:
         "buoyancy": buoyancy,
         "displaced_mass": buoyancy / GRAVITY,
     }
-
-
-def catalogue(
-    vehicle: Vehicle, groups: Mapping[str, tuple[int, ...]] | None = None, model: Model | None = None
-) -> Parameters:
-    """Every parameter of a vehicle that can be identified, at the values of its file.
-
-    Damping astern has parameters of its own where the file's values differ from those ahead; ask for others by name.
-
-    Args:
-        vehicle: What its parts say is the starting point.
-        groups: Thrusters that share a curve; None: by name, or by orientation (see `thruster_groups`).
-        model: Starting values in place of the vehicle's.
-    """
-    model = vehicle.model() if model is None else model
-    groups = thruster_groups(vehicle) if groups is None else groups
-    found = [*_hydrodynamics(model), *_restoring_parameters(model), *_thrust_parameters(model, groups)]
-    found.append(Parameter("tether.drag", "N s2/m3", 0.05, True))
-    return Parameters(model, tuple(found), groups)
-
-
-def _hydrodynamics(model: Model) -> Iterable[Parameter]:
-    added = np.asarray(model.added_mass).diagonal()
-    for i, direction in enumerate(DIRECTIONS):
-        if added[i] > 0:
-            yield Parameter(f"added_mass.{direction}", UNITS["added"][i], float(added[i]), True)
-    diagonals = {
-        kind: np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
-        for kind in DAMPINGS
-    }
-    for kind in DAMPINGS:
-        order = kind.split("_")[0]
-        for i, direction in enumerate(DIRECTIONS):
-            base = float(diagonals[kind][i])
-            if base <= 0 and order == "linear":
-                base = _LINEAR_FLOOR * float(diagonals[kind.replace("linear", "quadratic")][i])
-            if base > 0:
-                yield Parameter(f"{kind}.{direction}", UNITS[order][i], base, True)
-
-
-def _restoring_parameters(model: Model) -> Iterable[Parameter]:
-    lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
-    yield Parameter("restoring.metacentric_height", "m", float(-lever[2]), bool(lever[2] < 0))
-    yield Parameter("restoring.center_of_buoyancy_x", "m", float(lever[0]), False)
-    yield Parameter("restoring.center_of_buoyancy_y", "m", float(lever[1]), False)
-    yield Parameter("restoring.net_buoyancy", "N", float(model.buoyancy - model.weight), False)
-
-
-def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> Iterable[Parameter]:
-    thrusters = model.thrusters
-    for group, members in groups.items():
-        first = members[0]
-        tabulated = bool(thrusters.tabulated[first])
-        for name, unit in THRUST_UNITS.items():
-            if tabulated and name in ("exponent", "dead_band"):
-                continue  # the table has them
-            base = float(getattr(thrusters, name)[first])
-            if name == "time_constant":
-                base = max(base, _TIME_CONSTANT_FLOOR)
-            if name == "dead_band":
-                base = max(base, 0.01)
-            if base > 0:
-                yield Parameter(f"thrusters.{group}.{name}", unit, base, True)
-
-
-def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
-    """Those whose names fit one of the patterns (`added_mass.*`); the rest stay at their starting values.
-
-    Raises:
-        IdentificationError: A pattern fits nothing.
-    """
-    patterns = list(patterns)
-    for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in everything.names):
-            raise IdentificationError(
-                f"free: '{pattern}' is no parameter of this vehicle.{near(pattern, everything.names)} "
-                f"There are: {', '.join(everything.names)}"
-            )
-    kept = tuple(p for p in everything.free if any(fnmatchcase(p.name, pattern) for pattern in patterns))
-    return Parameters(everything.model, kept, everything.groups)

@@ -11,6 +11,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.couplings import place_of, share_of_change
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameters
 from rovtwin.vehicle import Vehicle
@@ -33,7 +34,7 @@ class Change:
 
     Attributes:
         model: The new vehicle as predicted: the old identification plus the change.
-        hydrodynamics: Change of the diagonals, shape (6,), by `added_mass` and the names in DAMPINGS.
+        hydrodynamics: Change of the matrices, arrays of shape (6, 6), by `added_mass` and the names in DAMPINGS.
         displaced: Buoyancy of all parts that come or go [N]: what an error of their volumes is relative to.
         moments: Of these forces about CO, by axis, and for each part as much as its place may be off [N m], shape (3,).
     """
@@ -83,8 +84,7 @@ def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
         center_of_buoyancy=center,
         thrusters=model.thrusters,
     )
-    diagonals = {name: d.diagonal() for name, d in differences.items()}
-    return Change(predicted, diagonals, *_swapped(before, after))
+    return Change(predicted, differences, *_swapped(before, after))
 
 
 _MATRICES = ("linear_ahead", "quadratic_ahead", "linear_astern", "quadratic_astern")  # of Damping, as in DAMPINGS
@@ -167,7 +167,7 @@ def prior_from(
     mean = prior.mean.copy()
     mean[rows] = 0.0
     for i in rows:
-        if not _in_model(parameters.free[i].name):
+        if not _of_the_parts(parameters.free[i].name):
             mean[i] = parameters.free[i].theta(found.estimate.parameters[known[parameters.free[i].name]].value)
     if change is not None:
         for i in rows:
@@ -176,15 +176,15 @@ def prior_from(
 
 
 def _scale(parameters: Parameters, i: int, was: object) -> float:
-    """From a relative error of the old value to one of the new, larger or smaller value."""
+    """From an error of the old coordinate to one of the new: the error of the value itself stays."""
     p = parameters.free[i]
     value = float(getattr(was, "value", p.base))
-    return value / p.base if p.positive and _in_model(p.name) else 1.0
+    return p.slope(value) / p.slope(p.base) if _of_the_parts(p.name) else 1.0
 
 
-def _in_model(name: str) -> bool:
-    """Whether the model starts at what was found; the rest starts at the catalogue's own value."""
-    return not name.startswith("tether.")
+def _of_the_parts(name: str) -> bool:
+    """Whether it starts at the predicted value; thrusters and tether stay as they were found, whatever the parts."""
+    return not name.startswith(("tether.", "thrusters."))
 
 
 def _widening(parameters: Parameters, i: int, change: Change) -> float:
@@ -193,8 +193,11 @@ def _widening(parameters: Parameters, i: int, change: Change) -> float:
     family, _, where = p.name.partition(".")
     if where in DIRECTIONS:
         kind = family.removesuffix("_astern")
-        delta = abs(change.hydrodynamics[family][DIRECTIONS.index(where)])
+        delta = abs(change.hydrodynamics[family][DIRECTIONS.index(where), DIRECTIONS.index(where)])
         return float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind]))
+    if place_of(p.name) is not None:
+        share = _RELATIVE[family] * abs(share_of_change(change.hydrodynamics[family], change.model, p.name))
+        return float(np.hypot(share, _INTERACTION[family]) / p.slope(p.base))
     if p.name == "restoring.net_buoyancy":
         return _VOLUME * change.displaced
     if family == "restoring":

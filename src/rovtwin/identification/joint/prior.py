@@ -13,6 +13,7 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.couplings import SKEW
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.priors.widths import prior_widths
@@ -20,6 +21,9 @@ from rovtwin.vehicle import Vehicle
 
 # Standard deviation of theta by pattern, of what `widths` (added mass, damping) does not know.
 WIDTHS: dict[str, float] = {
+    **{f"added_mass.{name}": 0.02 for name in SKEW},
+    "added_mass.*_*": 0.1,  # couplings, as shares: a centre some centimetres off
+    "quadratic_damping.*_*": 0.1,
     "restoring.metacentric_height": 0.5,
     "restoring.center_of_buoyancy_*": 0.003,  # [m]
     "restoring.net_buoyancy": 2.0,  # [N]
@@ -31,6 +35,8 @@ WIDTHS: dict[str, float] = {
 }
 # Share of the variance that parameters of one kind have in common.
 COMMON: dict[str, float] = {
+    "added_mass.*_*": 0.0,  # before the diagonals, the first pattern that fits counts
+    "quadratic_damping.*_*": 0.0,
     "added_mass.*": 0.5,
     "linear_damping*": 0.5,
     "quadratic_damping*": 0.5,
@@ -46,7 +52,8 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
     Args:
         parameters: Free ones.
         vehicle: How good its parts' numbers are, see `widths.prior_widths`.
-        said: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of two,
+        said: By pattern of names, in place of the defaults: `{factor: 2}` is one standard deviation of a factor of two
+            (of those that are positive),
             `{sd: 0.3}` one in the parameter's unit, `{value: 20, sd: 0.4}` moves the middle too; `common: 0.9` beside
             them is the share of their variance that the parameters of the pattern have in common.
 
@@ -63,6 +70,9 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
         rows = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not rows:
             raise IdentificationError(f"prior: '{pattern}' fits no free parameter.{near(pattern, names)}")
+        if isinstance(words, Mapping) and "factor" in words:
+            # A coupling has a sign; a pattern for its whole family does not mean it.
+            rows = [i for i in rows if parameters.free[i].positive] or rows
         for i in rows:
             mean[i], width[i] = _said(parameters.free[i], pattern, words, width[i])
             kind[i] = pattern  # what somebody states has errors of its own
@@ -105,5 +115,5 @@ def _said(parameter: Any, pattern: str, words: Any, width: float) -> tuple[float
             raise IdentificationError(
                 f"{where}.sd: found {words['sd']:g}, expected more than 0; leave it out of 'free'"
             )
-        return mean, float(words["sd"]) / (value if parameter.positive else 1.0)
+        return mean, float(words["sd"]) / parameter.slope(value)
     return mean, width

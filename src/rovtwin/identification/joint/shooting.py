@@ -67,6 +67,7 @@ class Shooting:
         self.blocks = jax.jit(self._blocks)
         self.residuals = jax.jit(self._residuals)
         self.trajectories = jax.jit(self._trajectories)
+        self.scaled = jax.jit(parameters.scaled)
 
     # Thrust: known from the commands alone, so that it is integrated once through each whole record.
 

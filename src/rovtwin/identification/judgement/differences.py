@@ -45,7 +45,7 @@ class Whole:
 def difference(first: Value, other: Value) -> Difference:
     """Of two values of a parameter."""
     logarithmic = first.positive and other.positive and first.value > 0 and other.value > 0
-    gap = np.log(other.value / first.value) if logarithmic else other.value - first.value
+    gap = _gap(first, other) if logarithmic or not first.positive else other.value - first.value
     widths = [w for w in (first.std, other.std) if np.isfinite(w) and w > 0]
     deviations = float(gap / np.sqrt(sum(w**2 for w in widths))) if widths else float("nan")
     relative = other.value / first.value - 1.0 if logarithmic else float("nan")
@@ -75,7 +75,7 @@ def _known(one: Stated) -> list[str]:
 
 
 def _gap(a: Value, b: Value) -> float:
-    return float(np.log(b.value / a.value)) if a.positive else b.value - a.value
+    return a.parameter.theta(b.value)
 
 
 def _covariance(one: Stated, names: list[str]) -> np.ndarray:

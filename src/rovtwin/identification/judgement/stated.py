@@ -5,8 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.identification.joint.couplings import bound_of, place_of, shares
 from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, THRUST_UNITS, UNITS, Parameter, Parameters
+from rovtwin.identification.joint.parameters import (
+    DAMPINGS,
+    DIRECTIONS,
+    THRUST_UNITS,
+    UNITS,
+    Parameter,
+    Parameters,
+)
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
@@ -20,6 +28,7 @@ class Value:
         unit: Of the value.
         std: Standard deviation of its coordinate; NaN where nobody said.
         positive: Whether the coordinate is its logarithm.
+        name: Of the parameter.
     """
 
     value: float
@@ -27,11 +36,17 @@ class Value:
     std: float
     positive: bool
 
+    name: str = ""
+
+    @property
+    def parameter(self) -> Parameter:
+        """Its coordinate, zero at the value."""
+        return Parameter.at(self.name, self.unit, self.value, self.positive)
+
     def interval(self, z: float = 1.96) -> tuple[float, float]:
         """Ends of the 95 % interval, in the unit; NaN without a standard deviation."""
-        if self.positive:
-            return self.value * float(np.exp(-z * self.std)), self.value * float(np.exp(z * self.std))
-        return self.value - z * self.std, self.value + z * self.std
+        p = self.parameter
+        return float(p.value(-z * self.std)), float(p.value(z * self.std))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +83,10 @@ def stated(vehicle: Vehicle, label: str) -> Stated:
     estimate, names = found.estimate, vehicle.thruster_names
     groups = {g: tuple(names.index(n) for n in members) for g, members in estimate.groups.items()}
     groups = groups or thruster_groups(vehicle)
-    free = tuple(Parameter(p.name, p.unit, p.value, p.positive) for p in estimate.parameters)
+    free = tuple(Parameter.at(p.name, p.unit, p.value, p.positive) for p in estimate.parameters)
     values = _values(model, groups)
     for p in estimate.parameters:
-        values[p.name] = Value(p.value, p.unit, p.std, p.positive)
+        values[p.name] = Value(p.value, p.unit, p.std, p.positive, p.name)
     covariance = np.array(estimate.covariance).reshape(len(free), len(free))
     return Stated(label, vehicle, Parameters(model, free, groups), covariance, values, estimate.tested)
 
@@ -86,6 +101,9 @@ def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Va
         units = UNITS[name.split("_")[0]]
         for i, direction in enumerate(DIRECTIONS):
             said[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i]
+    for name, share in shares(model.added_mass, model.quadratic_damping_ahead, model.quadratic_damping_astern).items():
+        if abs(share) < bound_of(name):
+            said[name] = share, "1"
     lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
     said["restoring.metacentric_height"] = float(-lever[2]), "m"
     said["restoring.center_of_buoyancy_x"] = float(lever[0]), "m"
@@ -98,6 +116,8 @@ def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Va
                 said[f"thrusters.{group}.{name}"] = float(getattr(model.thrusters, name)[members[0]]), unit
     signed = ("restoring.center", "restoring.net")
     return {
-        name: Value(value, unit, float("nan"), value > 0 and not name.startswith(signed))
+        name: Value(
+            value, unit, float("nan"), value > 0 and not name.startswith(signed) and place_of(name) is None, name
+        )
         for name, (value, unit) in said.items()
     }

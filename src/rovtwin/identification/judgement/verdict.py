@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
@@ -91,7 +92,8 @@ def _is_scale(names: tuple[str, ...], weights: np.ndarray) -> bool:
     """Forces of thrusters and those of the water, all up together."""
     thrust = any(n.startswith("thrusters.") and ".force_" in n for n in names)
     water = any(n.startswith(("added_mass.", "linear_damping", "quadratic_damping")) for n in names)
-    return len(names) >= 4 and bool(np.all(weights > 0)) and thrust and water
+    own = np.array([place_of(n) is None for n in names])  # couplings give way with either sign
+    return len(names) >= 4 and bool(np.all(np.asarray(weights)[own] > 0)) and thrust and water
 
 
 def _is_sum(names: tuple[str, ...], weights: np.ndarray) -> bool:

@@ -1,0 +1,100 @@
+"""What can be identified of a vehicle: every parameter at the value of its file, and the choice among them."""
+
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from rovtwin.core.config import near
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.couplings import bound_of, shares
+from rovtwin.identification.joint.groups import thruster_groups
+from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, THRUST_UNITS, UNITS, Parameter, Parameters
+from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.model import Model
+
+# Linear damping that a file leaves at zero starts as this share of the quadratic, at 1 m/s or 1 rad/s.
+_LINEAR_FLOOR = 0.03
+_STARTS = {"time_constant": 0.05, "dead_band": 0.01}  # [s], [1], of a thruster whose file gives none
+_WIDEST = 0.9  # of the bound of a coupling, beyond which it has no room to move
+
+
+def catalogue(
+    vehicle: Vehicle, groups: Mapping[str, tuple[int, ...]] | None = None, model: Model | None = None
+) -> Parameters:
+    """Every parameter of a vehicle that can be identified, at the values of its file.
+
+    Damping astern has parameters of its own where the file's values differ from those ahead; ask for others by name. A
+    coupling larger than its bound has none, it follows the diagonal.
+
+    Args:
+        vehicle: What its parts say is the starting point.
+        groups: Thrusters that share a curve; None: by name, or by orientation (see `thruster_groups`).
+        model: Starting values in place of the vehicle's.
+    """
+    model = vehicle.model() if model is None else model
+    groups = thruster_groups(vehicle) if groups is None else groups
+    found = [*_hydrodynamics(model), *_restoring_parameters(model), *_thrust_parameters(model, groups)]
+    found.append(Parameter("tether.drag", "N s2/m3", 0.05, True))
+    return Parameters(model, tuple(found), groups)
+
+
+def _hydrodynamics(model: Model) -> Iterable[Parameter]:
+    added = np.asarray(model.added_mass).diagonal()
+    for i, direction in enumerate(DIRECTIONS):
+        if added[i] > 0:
+            yield Parameter(f"added_mass.{direction}", UNITS["added"][i], float(added[i]), True)
+    diagonals = {
+        kind: np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
+        for kind in DAMPINGS
+    }
+    for kind in DAMPINGS:
+        order = kind.split("_")[0]
+        for i, direction in enumerate(DIRECTIONS):
+            base = float(diagonals[kind][i])
+            if base <= 0 and order == "linear":
+                base = _LINEAR_FLOOR * float(diagonals[kind.replace("linear", "quadratic")][i])
+            if base > 0:
+                yield Parameter(f"{kind}.{direction}", UNITS[order][i], base, True)
+    for name, share in shares(model.added_mass, model.quadratic_damping_ahead, model.quadratic_damping_astern).items():
+        if abs(share) < _WIDEST * bound_of(name):
+            yield Parameter.at(name, "1", share, False)
+
+
+def _restoring_parameters(model: Model) -> Iterable[Parameter]:
+    lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
+    yield Parameter("restoring.metacentric_height", "m", float(-lever[2]), bool(lever[2] < 0))
+    yield Parameter("restoring.center_of_buoyancy_x", "m", float(lever[0]), False)
+    yield Parameter("restoring.center_of_buoyancy_y", "m", float(lever[1]), False)
+    yield Parameter("restoring.net_buoyancy", "N", float(model.buoyancy - model.weight), False)
+
+
+def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> Iterable[Parameter]:
+    thrusters = model.thrusters
+    for group, members in groups.items():
+        first = members[0]
+        tabulated = bool(thrusters.tabulated[first])
+        for name, unit in THRUST_UNITS.items():
+            if tabulated and name in ("exponent", "dead_band"):
+                continue  # the table has them
+            base = float(getattr(thrusters, name)[first])
+            base = base or _STARTS.get(name, 0.0)
+            if base > 0:
+                yield Parameter(f"thrusters.{group}.{name}", unit, base, True)
+
+
+def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
+    """Those whose names fit one of the patterns (`added_mass.*`); the rest stay at their starting values.
+
+    Raises:
+        IdentificationError: A pattern fits nothing.
+    """
+    patterns = list(patterns)
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in everything.names):
+            raise IdentificationError(
+                f"free: '{pattern}' is no parameter of this vehicle.{near(pattern, everything.names)} "
+                f"There are: {', '.join(everything.names)}"
+            )
+    kept = tuple(p for p in everything.free if any(fnmatchcase(p.name, pattern) for pattern in patterns))
+    return Parameters(everything.model, kept, everything.groups)
