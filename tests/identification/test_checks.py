@@ -104,6 +104,16 @@ MISTAKES = {
     "commands 1 s late": (lambda r: all_late(r, -1.0), "clock", "commands"),
     "z up, body": (lambda r: only(changed(r, "gyro", lambda x: x * FLU), "gyro", "attitude"), "z_up", "gyro"),
     "z up, depth": (lambda r: changed(r, "depth", lambda x: -x), "z_up", "depth"),
+    "north and east swapped": (
+        lambda r: only(changed(r, "position", swapped(1, 0)), "position", "attitude", "gyro"),
+        "horizontal",
+        "position",
+    ),
+    "east with the wrong sign": (
+        lambda r: only(changed(r, "position", lambda x: x * [1, -1, 1]), "position", "attitude", "gyro"),
+        "horizontal",
+        "position",
+    ),
     "velocity in n": (in_world, "frame", "velocity"),
     "velocity three times too large": (lambda r: changed(r, "velocity", lambda x: 3 * x), "disagree", "velocity"),
     "motion capture blind for 6 s": (lambda r: without(r, "position", 20.0, 26.0), "gap", "position"),

@@ -182,6 +182,13 @@ def test_all_forces_scaled_is_the_same_motion():
     np.testing.assert_allclose(forces[1], 1.3 * forces[0])
 
 
+def test_a_scale_below_the_body_s_own_inertia_leaves_some_water():
+    parameters = catalogue(load_vehicle("bluerov2"))
+    theta = np.asarray(parameters.scaled(np.zeros(len(parameters)), -0.7))  # 17 kg in surge, of which 11.5 are the body
+    assert np.all(np.isfinite(theta))
+    assert 0 < parameters.model_at(theta)[0].added_mass[0, 0] < 0.01
+
+
 def test_what_rotation_does_to_a_force_is_an_element_of_its_own(everything):
     before = everything.model
     after = everything.model_at(everything.thetas({"quadratic_damping.pitch_surge": 0.1}))[0]
@@ -207,6 +214,15 @@ def test_a_coupling_is_a_lever(everything, name):
         force = np.asarray(damping_wrench(before, nu))[i]
         assert more[j] == pytest.approx(lever * force, rel=0.05)  # linear damping follows as far as it stays passive
         assert np.count_nonzero(np.abs(more) > 1e-9) == 1
+
+
+def test_a_dead_band_stays_below_full_command(everything):
+    dead = next(p for p in everything.free if p.name == "thrusters.surge.dead_band")
+    assert dead.value(0.0) == pytest.approx(dead.base) and 0.99 < dead.value(8.0) < 1.0
+    h = 1e-6
+    assert (dead.value(h) - dead.value(-h)) / (2 * h) == pytest.approx(dead.slope(dead.base), rel=1e-6)
+    with pytest.raises(IdentificationError, match="found 1.2, expected between 0 and 1"):
+        dead.theta(1.2)
 
 
 def test_a_coupling_beyond_its_bound_is_named(everything):

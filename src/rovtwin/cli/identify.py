@@ -1,5 +1,7 @@
 """rovtwin identify: from a vehicle file and test logs to an identified.yaml with covariance, and a report."""
 
+import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -157,18 +159,28 @@ def _warn(screen: Console, vehicle: Any, records: list["Record"], trust: bool) -
 
 
 class _progress:
-    """A line that says what is being done; nothing where nobody looks."""
+    """A bar on a screen; in a pipe or a file a line on standard error now and then."""
+
+    _EVERY = 10.0  # [s] between such lines
 
     def __init__(self, screen: Console):
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+        self._screen, self._said = screen, time.monotonic()
         self._bar = Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
 
     def __enter__(self) -> Any:
         self._bar.start()
         task = self._bar.add_task("reading", total=1.0)
-        return lambda text, share: self._bar.update(task, description=text, completed=min(share, 0.99))
+
+        def update(text: str, share: float) -> None:
+            self._bar.update(task, description=text, completed=min(share, 0.99))
+            if not self._screen.is_terminal and time.monotonic() - self._said > self._EVERY:
+                self._said = time.monotonic()
+                print(text, file=sys.stderr, flush=True)
+
+        return update
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()

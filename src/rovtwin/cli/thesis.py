@@ -27,8 +27,11 @@ def thesis(output: Output = None, no_report: NoReport = False, as_json: AsJson =
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn
 
+    from rovtwin.core.errors import ConfigError
     from rovtwin.identification.thesis import rederive
 
+    if output is not None and output.exists() and not output.is_dir():
+        raise ConfigError(f"{output}: is a file, expected a folder for the report")
     screen = console(as_json)
     with Progress(SpinnerColumn(), TextColumn("{task.description}"), console=screen, transient=True) as progress:
         task = progress.add_task("deriving")

@@ -260,7 +260,7 @@ class IdentifiedThruster(Strict):
 
 
 class EstimatedParameter(Strict):
-    """One estimated scalar; `std` and the covariance are of its coordinate, log(value / base) if positive."""
+    """One estimated scalar; `std` and the covariance are of its coordinate, such as log(value / base)."""
 
     name: str
     unit: str

@@ -1,8 +1,8 @@
 """Mistakes in logs, found before they become parameters: units, signs, axes, frames, clocks, gaps, clipping.
 
-Three kinds of comparison: readings with what is possible at all (here), signals with each other (`among_signals`), and
-accelerations with what the thrusters push (`against_model`). A model that is not identified yet must raise no alarm:
-only patterns and factors of a slip of units count, never sizes.
+Comparisons: readings with what is possible at all (here), signals with each other (`among_signals`), accelerations
+with what the thrusters push (`against_model`), places with where they push (`horizontal`). A model that is not
+identified yet must raise no alarm: only patterns and factors of a slip of units count, never sizes.
 """
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from rovtwin.identification.checks.against_model import check_response
 from rovtwin.identification.checks.among_signals import check_motion
 from rovtwin.identification.checks.findings import RANK, Finding
+from rovtwin.identification.checks.horizontal import check_horizontal
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.logs.rotations import matrices_from_euler
@@ -38,6 +39,8 @@ def check_record(record: Record, model: Model) -> list[Finding]:
         found += check_motion(motion)
         if not any(f.severity == "error" for f in found):
             found += check_response(model, motion)
+        if not any(f.severity == "error" for f in found):
+            found += check_horizontal(model, motion)
     once = {(f.what, f.where): f for f in reversed(found)}
     return sorted(once.values(), key=lambda f: RANK[f.severity])
 

@@ -80,7 +80,7 @@ def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> I
             base = float(getattr(thrusters, name)[first])
             base = base or _STARTS.get(name, 0.0)
             if base > 0:
-                yield Parameter(f"thrusters.{group}.{name}", unit, base, True)
+                yield Parameter.at(f"thrusters.{group}.{name}", unit, base, True)
 
 
 def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
@@ -92,9 +92,11 @@ def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
     patterns = list(patterns)
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in everything.names):
+            families = list(dict.fromkeys(f"{name.rpartition('.')[0]}.*" for name in everything.names))
+            close = near(pattern, everything.names)
+            hint = close if "Did you mean" in close else ""
             raise IdentificationError(
-                f"free: '{pattern}' is no parameter of this vehicle.{near(pattern, everything.names)} "
-                f"There are: {', '.join(everything.names)}"
+                f"free: '{pattern}' is no parameter of this vehicle.{hint} There are: {', '.join(families)}"
             )
     kept = tuple(p for p in everything.free if any(fnmatchcase(p.name, pattern) for pattern in patterns))
     return Parameters(everything.model, kept, everything.groups)

@@ -2,7 +2,8 @@
 
 Names say the place: `added_mass.surge`, `quadratic_damping_astern.heave`, `restoring.metacentric_height`,
 `thrusters.surge.exponent`. What must be positive is estimated as the logarithm of its ratio to a starting value, a
-coupling as a bounded share of what its diagonals allow (see `couplings`), the rest as the difference from the start.
+coupling as a bounded share of what its diagonals allow (see `couplings`), a dead band as a share of the command, the
+rest as the difference from the start.
 Elements that are no parameters follow the diagonal, so that M_A stays positive definite and damping passive. `theta`
 is the vector of these coordinates, zero at the starting values.
 """
@@ -48,8 +49,9 @@ class Parameter:
         name: Its place in the model.
         unit: Of its value.
         base: Value where theta = 0.
-        positive: Whether theta = log(value / base), else theta = value - base.
-        bound: Of a coupling: theta = bound (artanh(value / bound) - artanh(base / bound)).
+        positive: Whether it cannot be negative: theta = log(value / base), else theta = value - base.
+        bound: That a value stays below, either sign: of a coupling theta = bound (artanh(value / bound) - artanh(base /
+            bound)), of what is positive theta = logit(value / bound) - logit(base / bound).
     """
 
     name: str
@@ -61,13 +63,14 @@ class Parameter:
     @classmethod
     def at(cls, name: str, unit: str, base: float, positive: bool) -> "Parameter":
         """With the bound that its name implies."""
-        return cls(name, unit, base, positive, bound_of(name))
+        return cls(name, unit, base, positive, 1.0 if name.endswith(".dead_band") else bound_of(name))
 
     def value(self, theta: Any) -> Any:
         """In its unit, of its coordinate."""
         xp = np if isinstance(theta, float | np.ndarray) else jnp
         if self.positive:
-            return self.base * xp.exp(theta)
+            grown = self.base * xp.exp(theta)
+            return grown / (1.0 + (grown - self.base) / self.bound)
         if np.isfinite(self.bound):
             return self.bound * xp.tanh(np.arctanh(self.base / self.bound) + theta / self.bound)
         return self.base + theta
@@ -78,21 +81,22 @@ class Parameter:
         Raises:
             IdentificationError: It cannot have this value.
         """
+        if self.positive and value <= 0:
+            raise IdentificationError(f"{self.name}: found {value:g} {self.unit}, expected more than 0")
+        if abs(value) >= self.bound:
+            least = 0.0 if self.positive else -self.bound
+            raise IdentificationError(f"{self.name}: found {value:g}, expected between {least:g} and {self.bound:g}")
         if self.positive:
-            if value <= 0:
-                raise IdentificationError(f"{self.name}: found {value:g} {self.unit}, expected more than 0")
-            return float(np.log(value / self.base))
+            return float(np.log(value / self.base) - np.log1p(-value / self.bound) + np.log1p(-self.base / self.bound))
         if np.isfinite(self.bound):
-            if abs(value) >= self.bound:
-                raise IdentificationError(
-                    f"{self.name}: found {value:g}, expected between {-self.bound:g} and {self.bound:g}"
-                )
             return float(self.bound * (np.arctanh(value / self.bound) - np.arctanh(self.base / self.bound)))
         return value - self.base
 
     def slope(self, value: float) -> float:
         """Change of the value by that of its coordinate."""
-        return value if self.positive else 1.0 - (value / self.bound) ** 2
+        if self.positive:
+            return value * (1.0 - value / self.bound)
+        return 1.0 - (value / self.bound) ** 2
 
 
 class Extras(eqx.Module):
@@ -137,16 +141,13 @@ class Parameters:
     def scaled(self, theta: Any, s: Any) -> Array:
         """theta with thrust, inertia, damping and restoring times exp(s): the same motion, if all of them are free."""
         theta = jnp.asarray(theta)
-        matrix = self.model_at(theta)[0].added_mass
-        rigid = self.model.rigid_body_mass
-        # Of the inertia only the water's share can give way.
-        water = (rigid + matrix) * jnp.exp(s) - rigid
+        water = self._water_scaled(theta, s)
         out = []
         for p, t in zip(self.free, theta, strict=True):
             family, where, at = p.name.split(".")[0], p.name.split(".")[-1], place_of(p.name)
             if family == "added_mass" and where in DIRECTIONS:
                 i = DIRECTIONS.index(where)
-                out.append(jnp.log(jnp.maximum(water[i, i], 1e-3 * p.base) / p.base))
+                out.append(jnp.log(water[i, i] / p.base))
             elif family == "added_mass" and at is not None:
                 share = added_mass_share(water, *at)
                 share = jnp.clip(share / p.bound, -0.999, 0.999)
@@ -156,6 +157,14 @@ class Parameters:
             else:
                 out.append(t + s if p.positive else (p.base + t) * jnp.exp(s) - p.base)
         return jnp.stack(out)
+
+    def _water_scaled(self, theta: Array, s: Any) -> Array:
+        """M_A with which total inertia is exp(s) times what it is: of that only the water's share can give way."""
+        matrix, rigid = self.model_at(theta)[0].added_mass, self.model.rigid_body_mass
+        water = (rigid + matrix) * jnp.exp(s) - rigid
+        # No added mass is negative, however small the scale that is tried.
+        least = 1e-3 * jnp.diagonal(matrix)
+        return water + jnp.diag(jnp.maximum(least - jnp.diagonal(water), 0.0))
 
     def model_at(self, theta: Any) -> tuple[Model, Extras]:
         """The model and the test's own parameters at theta, shape (n,); differentiable."""

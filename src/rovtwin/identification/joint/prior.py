@@ -29,7 +29,7 @@ WIDTHS: dict[str, float] = {
     "restoring.net_buoyancy": 2.0,  # [N]
     "thrusters.*.force_*": 0.15,
     "thrusters.*.exponent": 0.35,
-    "thrusters.*.dead_band": 1.5,
+    "thrusters.*.dead_band": 1.0,
     "thrusters.*.time_constant": 0.5,
     "tether.drag": 0.7,
 }
