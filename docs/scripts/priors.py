@@ -1,4 +1,4 @@
-"""The figures of docs/identification/priors.md, and the comparisons behind the widths of rovtwin.identification.priors.widths.
+"""The figures of docs/identification/priors.md, and the comparisons behind rovtwin.identification.priors.widths.
 
 python docs/scripts/priors.py
 """

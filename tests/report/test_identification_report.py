@@ -11,6 +11,7 @@ import pytest
 
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
+from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.problem import Noise
 from rovtwin.identification.judgement.validation import Prediction, Score
@@ -170,6 +171,11 @@ def test_the_parameter_table_agrees_with_the_result(result):
     assert float(row[1]) == pytest.approx(result.values["added_mass.surge"], rel=1e-3)
     low, high = (float(x) for x in row[2].split(" to "))
     assert (low, high) == pytest.approx(result.interval("added_mass.surge"), rel=0.02)
+
+
+def test_report_and_estimate_mean_the_same_by_a_coupling():
+    for name in catalogue(load_vehicle("double_blueye")).names:
+        assert is_coupling(name) == (place_of(name) is not None), name
 
 
 def test_coloured_residuals_widen_what_is_said_of_the_intervals(result):

@@ -78,9 +78,9 @@ def about_solution(
         )
     elif not anchors and not ballasted and scale < 0.5 * before:
         said.append(
-            f"the common scale of all forces seems known to {100 * scale:.1f} % from motion alone, by couplings "
-            "of a rigid body whose centre of gravity is off CO: that trusts couplings of added mass and drag which are "
-            "taken from the parts; do not rely on it, add a bollard pull (anchors) or a test with known ballast"
+            f"the common scale of all forces seems known to {100 * scale:.1f} % from motion alone, by the "
+            "inertia of a rigid body whose centre of gravity is off CO: that trusts couplings of added mass and drag "
+            "that are not estimated; do not rely on it, add a bollard pull (anchors) or a test with known ballast"
         )
     coloured = [name for name, r in residuals.items() if r.inflation > 3]
     if coloured:

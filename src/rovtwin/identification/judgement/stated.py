@@ -7,14 +7,7 @@ import numpy as np
 
 from rovtwin.identification.joint.couplings import bound_of, place_of, shares
 from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.identification.joint.parameters import (
-    DAMPINGS,
-    DIRECTIONS,
-    THRUST_UNITS,
-    UNITS,
-    Parameter,
-    Parameters,
-)
+from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, THRUST_UNITS, UNITS, Parameter, Parameters
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
@@ -27,7 +20,7 @@ class Value:
         value: In its unit.
         unit: Of the value.
         std: Standard deviation of its coordinate; NaN where nobody said.
-        positive: Whether the coordinate is its logarithm.
+        positive: Whether it cannot be negative, see `Parameter`.
         name: Of the parameter.
     """
 
@@ -35,7 +28,6 @@ class Value:
     unit: str
     std: float
     positive: bool
-
     name: str = ""
 
     @property

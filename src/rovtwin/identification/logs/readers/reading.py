@@ -246,9 +246,9 @@ def _for_use(record: Record, spec: LogSpec) -> list[Test]:
     ]
 
 
-__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]
-
-
 def _name_of(file: Path) -> str:
     """A run's log goes by the name of its folder: all of them are called log.mcap."""
     return file.parent.name if file.stem == "log" and file.parent.name else file.stem
+
+
+__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]
