@@ -16,7 +16,7 @@ import numpy as np
 
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import SKEW
+from rovtwin.identification.joint.couplings import BOTH_WAYS, SKEW
 from rovtwin.identification.joint.parameters import DIRECTIONS
 from rovtwin.identification.steady.free_running import NU, free_running
 from rovtwin.scenario.files import load_scenario
@@ -28,8 +28,10 @@ from rovtwin.vehicle.thrusters import static_force
 
 EXPONENT, PULL = 1.75, 0.02
 # The first pattern that fits counts. Couplings are shares: 0.05 is a lever of one or two centimetres.
-SPREAD = {f"added_mass.{name}": 0.02 for name in SKEW} | {"*.*_*": 0.05}
-SPREAD |= {"added_mass.*": 0.25, "linear_damping*": 0.4, "quadratic_damping*": 0.25}
+SPREAD = {f"added_mass.{name}": 0.02 for name in SKEW} | {
+    f"*.{name}": 0.02 for name in BOTH_WAYS if min(BOTH_WAYS[name]) > 2
+}
+SPREAD |= {"*.*_*": 0.05, "added_mass.*": 0.25, "linear_damping*": 0.4, "quadratic_damping*": 0.25}
 
 
 def with_thrust(vehicle, curve):

@@ -82,7 +82,8 @@ def truly_changed(model, old, new, rng):
             own = float(np.asarray(getattr(model, field))[i, i])
             true[p.name] = own * np.exp(flow) + float(formula[field][i, i]) * np.exp(drag)
         else:
-            part = share_of_change(formula[f"{family}_ahead"], added, p.name)
+            field = family if family in SIDES else f"{family}_ahead"
+            part = share_of_change(formula[field], added, p.name)
             true[p.name] = p.base + part * (np.exp(drag) - 1.0) + flow
     return free.model_at(free.thetas(true))[0]
 

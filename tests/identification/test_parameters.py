@@ -9,12 +9,12 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
 from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import COUPLINGS
+from rovtwin.identification.joint.couplings import COUPLINGS, place_of, shares
 from rovtwin.identification.joint.groups import thruster_groups
 from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.damping import Damping
+from rovtwin.vehicle.damping import Damping, coupling_load
 from rovtwin.vehicle.dynamics import damping_wrench
 from rovtwin.vehicle.soundness import driving_velocity
 from rovtwin.vehicle.thrusters import static_force
@@ -28,6 +28,12 @@ def vehicle():
 @pytest.fixture(scope="module")
 def everything(vehicle):
     return catalogue(vehicle)
+
+
+@pytest.fixture(scope="module")
+def alike(everything):
+    """Without damping astern of its own."""
+    return choose(everything, [name for name in everything.names if "damping_astern" not in name])
 
 
 @pytest.fixture(scope="module")
@@ -189,9 +195,9 @@ def test_a_scale_below_the_body_s_own_inertia_leaves_some_water():
     assert 0 < parameters.model_at(theta)[0].added_mass[0, 0] < 0.01
 
 
-def test_what_rotation_does_to_a_force_is_an_element_of_its_own(everything):
-    before = everything.model
-    after = everything.model_at(everything.thetas({"quadratic_damping.pitch_surge": 0.1}))[0]
+def test_what_rotation_does_to_a_force_is_an_element_of_its_own(alike):
+    before = alike.model
+    after = alike.model_at(alike.thetas({"quadratic_damping.pitch_surge": 0.1}))[0]
     more = np.asarray(after.damping) - np.asarray(before.damping)
     assert set(zip(*np.nonzero(np.abs(more) > 1e-9), strict=True)) == {(0, 16), (0, 22)}  # quadratic, ahead and astern
     d_surge, d_pitch = 158.86, 0.534
@@ -199,21 +205,36 @@ def test_what_rotation_does_to_a_force_is_an_element_of_its_own(everything):
 
 
 @pytest.mark.parametrize("name", COUPLINGS)
-def test_a_coupling_is_a_lever(everything, name):
-    """Drag that acts 2 cm off CO turns the vehicle as much as its force times 2 cm, ahead and astern, and no more."""
+def test_a_coupling_of_drag_is_a_lever(alike, name):
+    """Quadratic drag that acts 2 cm off CO turns the vehicle as much as its force times 2 cm, ahead and astern."""
     i, j = COUPLINGS[name]
     lever = 0.02
-    before = everything.model
+    before = alike.model
     sides = np.asarray(before.quadratic_damping_ahead), np.asarray(before.quadratic_damping_astern)
     least, most = np.minimum(*(np.diag(D) for D in sides)), np.maximum(*(np.diag(D) for D in sides))
     share = lever * most[i] / (least[i] ** (2 / 3) * least[j] ** (1 / 3))
-    after = everything.model_at(everything.thetas({f"quadratic_damping.{name}": share}))[0]
+    after = alike.model_at(alike.thetas({f"quadratic_damping.{name}": share}))[0]
     nu = np.zeros(6)
-    for nu[i] in (0.5, -0.5):
+    for nu[i], side in ((0.5, sides[0]), (-0.5, sides[1])):
         more = np.asarray(damping_wrench(after, nu) - damping_wrench(before, nu))
-        force = np.asarray(damping_wrench(before, nu))[i]
-        assert more[j] == pytest.approx(lever * force, rel=0.05)  # linear damping follows as far as it stays passive
+        assert more[j] == pytest.approx(lever * side[i, i] * abs(nu[i]) * nu[i])
         assert np.count_nonzero(np.abs(more) > 1e-9) == 1
+
+
+def test_linear_damping_takes_energy_whatever_its_couplings(everything):
+    names = [p.name for p in everything.free if p.name.startswith("linear_damping.") and place_of(p.name)]
+    assert len(names) == 9
+    rng = np.random.default_rng(0)
+    for size in (0.05, 0.3, 0.94):
+        wanted = dict(zip(names, rng.uniform(-size, size, len(names)), strict=True))
+        model = everything.model_at(everything.thetas(wanted))[0]
+        ahead, astern = np.asarray(model.linear_damping_ahead), np.asarray(model.linear_damping_astern)
+        np.testing.assert_allclose(ahead, ahead.T, atol=1e-12)
+        assert np.all(coupling_load(ahead, astern, power=1) < 1 + 1e-9)
+        assert np.all(np.linalg.eigvalsh(astern) > -1e-12)
+        if size == 0.05:  # small ones are what they say
+            found = shares(model)
+            assert {n: found[n] for n in names} == pytest.approx(wanted, rel=1e-6)
 
 
 def test_a_dead_band_stays_below_full_command(everything):
@@ -230,3 +251,20 @@ def test_a_coupling_beyond_its_bound_is_named(everything):
     with pytest.raises(IdentificationError, match="added_mass.surge_pitch: found 0.6, expected between -0.37 and 0.37"):
         coupling.theta(0.6)
     assert -0.37 < coupling.value(-4.0) < coupling.value(4.0) < 0.37
+
+
+def test_astern_couplings_move_the_astern_side_alone(everything, alike):
+    """And the couplings ahead move both, as far as astern has none of its own."""
+    wanted = {"quadratic_damping.surge_pitch": 0.1, "quadratic_damping_astern.surge_pitch": -0.05}
+    wanted |= {"linear_damping.surge_pitch": 0.02, "linear_damping_astern.surge_pitch": -0.03}
+    both = everything.model_at(everything.thetas(wanted))[0]
+    found = shares(both)
+    assert {n: found[n] for n in wanted} == pytest.approx(wanted)
+    ahead = alike.model_at(alike.thetas(wanted))[0]
+    np.testing.assert_allclose(ahead.quadratic_damping_ahead, both.quadratic_damping_ahead)
+    np.testing.assert_allclose(ahead.linear_damping_ahead, both.linear_damping_ahead)
+    levers = [
+        np.asarray(D)[4, 0] / np.asarray(D)[0, 0]
+        for D in (ahead.quadratic_damping_ahead, ahead.quadratic_damping_astern)
+    ]
+    assert levers[0] == pytest.approx(levers[1]) and levers[0] > 0.01

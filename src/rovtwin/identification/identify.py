@@ -10,6 +10,7 @@ import numpy as np
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.catalogue import catalogue, choose
+from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution, estimate
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
@@ -224,7 +225,8 @@ def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]
             ahead, astern = (
                 np.asarray(getattr(model, field)).diagonal() for field in (family.replace("astern", "ahead"), family)
             )
-            if np.isclose(*(d[DIRECTIONS.index(where)] for d in (ahead, astern))):
+            at = place_of(p.name) or (DIRECTIONS.index(where),)
+            if np.isclose(*(d[at[0]] for d in (ahead, astern))):
                 continue
         out.append(p.name)
     return out

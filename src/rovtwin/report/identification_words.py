@@ -100,7 +100,7 @@ def in_families(every: Sequence[str], chosen: Sequence[str]) -> str:
 def is_coupling(name: str) -> bool:
     """Whether a parameter couples two directions: `added_mass.surge_pitch`."""
     family, _, where = name.partition(".")
-    return family in ("added_mass", "quadratic_damping") and "_" in where
+    return family.removesuffix("_astern") in ("added_mass", "linear_damping", "quadratic_damping") and "_" in where
 
 
 def _family(name: str) -> tuple[str, str]:
@@ -195,9 +195,9 @@ def assumptions(result: Any) -> list[str]:
         "the curvature), in the logarithm of what must be positive: hence not symmetric.",
         "The prior counts as evidence. Where a verdict says 'prior only', the interval is the prior's own width, and "
         "it is as good as that prior.",
-        "The model's form is taken as right: linear plus quadratic damping, couplings in proportion to the diagonal, "
-        "thrust curves shared within a group, still water or the stated current. A mistake of form shows as residuals "
-        "that are not white and as held-out tests that are predicted worse, not as wider intervals.",
+        "The model's form is taken as right: linear plus quadratic damping, what is not free in proportion to the "
+        "diagonal, thrust curves shared within a group, still water or the stated current. A mistake of form shows as "
+        "residuals that are not white and as held-out tests that are predicted worse, not as wider intervals.",
         "Parameters that were not free (mass, centre of gravity, moments of inertia of the rigid body, places of the "
         "thrusters) are taken as exact.",
         "Noise of each sensor and the disturbance of each direction are Gaussian and white, their sizes estimated from "

@@ -56,7 +56,7 @@ def _hydrodynamics(model: Model) -> Iterable[Parameter]:
                 base = _LINEAR_FLOOR * float(diagonals[kind.replace("linear", "quadratic")][i])
             if base > 0:
                 yield Parameter(f"{kind}.{direction}", UNITS[order][i], base, True)
-    for name, share in shares(model.added_mass, model.quadratic_damping_ahead, model.quadratic_damping_astern).items():
+    for name, share in shares(model).items():
         if abs(share) < _WIDEST * bound_of(name):
             yield Parameter.at(name, "1", share, False)
 

@@ -1,10 +1,11 @@
-"""Couplings between a force and the moments about the axes across it: where added mass and drag act.
+"""Couplings between two directions: where added mass and drag act, and how they lie askew.
 
 Added mass and drag of one direction rarely act at CO: a foam block on top, a sensor below, a part bolted on at one
-side. Each direction of translation has two levers across it, so two couplings. They are kept as shares,
-M_ij = share sqrt(M_ii M_jj) for added mass and D_ji = share D_ii^(2/3) D_jj^(1/3) for what motion i does in j by
-quadratic damping (of ahead and astern the larger element and the smaller diagonals). Their bounds keep M_A positive
-definite and damping passive (Young's inequality, see `vehicle.damping.coupling_load`).
+side. Each direction of translation has two levers across it, so two couplings; a part beside an axis also couples two
+rotations. They are kept as shares: M_ij = share sqrt(M_ii M_jj) of added mass and of linear damping, D_ji = share
+D_ii^(2/3) D_jj^(1/3) for what motion i does in j by quadratic damping; of ahead and astern damping the smaller
+diagonals. Their bounds keep M_A positive definite and quadratic damping passive (Young's inequality, see
+`vehicle.damping.coupling_load`); couplings of linear damping give way together, see `with_linear`.
 """
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.vehicle.model import Model
 
+Sides = tuple[Array, Array]  # damping ahead and astern
 Place = int | np.ndarray  # row or column, or those of several couplings at once
 
 # Force i and moment j, by name.
@@ -36,13 +38,19 @@ SKEW = {
     "roll_yaw": (3, 5),
     "pitch_yaw": (4, 5),
 }
+# Of rotations with each other: the part of the lever arms that damping has too.
+ROTATIONS = {"roll_pitch": (3, 4), "roll_yaw": (3, 5), "pitch_yaw": (4, 5)}
+_ONE_WAY = COUPLINGS | ROTATIONS
 # Quadratic damping is not symmetric: what a motion does to each response is an element of its own.
-BOTH_WAYS = COUPLINGS | {"_".join(reversed(name.split("_"))): (j, i) for name, (i, j) in COUPLINGS.items()}
+BOTH_WAYS = _ONE_WAY | {"_".join(reversed(name.split("_"))): (j, i) for name, (i, j) in _ONE_WAY.items()}
 _PLACES = {f"added_mass.{name}": ij for name, ij in (COUPLINGS | SKEW).items()}
+_PLACES |= {f"linear_damping.{name}": ij for name, ij in _ONE_WAY.items()}
 _PLACES |= {f"quadratic_damping.{name}": ij for name, ij in BOTH_WAYS.items()}
-# Of a share, b and s. With every element at its bound no row of three by three adds up to more than 2 s on the diagonal
-# and 2 b + s beside it, so that the least eigenvalue of M_A in units of its diagonal is above 1 - 2 s - (2 b + s) > 0.
-_BOUND, _SKEW_BOUND = 0.37, 0.08
+_PLACES |= {name.replace(".", "_astern."): ij for name, ij in _PLACES.items() if "damping" in name}
+# Of a share, b and s. Of added mass with every element at its bound no row of three by three adds up to more than 2 s
+# on the diagonal and 2 b + s beside it, so that the least eigenvalue of M_A in units of its diagonal is above
+# 1 - 2 s - (2 b + s) > 0. Of quadratic damping a rotation's own must carry 2 b + 2 s < 1.
+_BOUND, _SKEW_BOUND, _ROTATION_BOUND, _LINEAR_BOUND = 0.37, 0.08, 0.12, 0.95
 
 
 def place_of(name: str) -> tuple[int, int] | None:
@@ -54,7 +62,26 @@ def bound_of(name: str) -> float:
     """Largest share of a coupling, either sign; infinite for what is none."""
     if name not in _PLACES:
         return np.inf
+    if name.startswith("linear_damping"):
+        return _LINEAR_BOUND
+    if name.startswith("quadratic_damping"):
+        return _ROTATION_BOUND if min(_PLACES[name]) > 2 else _BOUND
     return _SKEW_BOUND if name.partition(".")[2] in SKEW else _BOUND
+
+
+def share_of(model: Model, name: str) -> Array:
+    """Share of a coupling, `added_mass.surge_pitch`, in what its diagonals allow."""
+    family = name.partition(".")[0]
+    sides = _sides(model, family)
+    side = sides[1 if family.endswith("_astern") else 0]
+    i, j = _PLACES[name]
+    if family == "added_mass":
+        return added_mass_share(side, i, j)
+    return (
+        side[i, j] / _linear_unit(*sides, i, j)
+        if family.startswith("linear")
+        else side[j, i] / _most(*sides, side, i, j)
+    )
 
 
 def added_mass_share(matrix: Array, i: Place, j: Place) -> Array:
@@ -68,59 +95,83 @@ def with_added_mass(matrix: Array, i: Place, j: Place, share: Array) -> Array:
     return matrix.at[i, j].set(element).at[j, i].set(element)
 
 
-def damping_share(ahead: Array, astern: Array, i: Place, j: Place) -> Array:
-    """Share of the response j to motion i by quadratic damping, on the side where it is larger."""
-    return ahead[j, i] / ahead[i, i] / _longest(ahead, astern, i, j)
+def with_quadratic(sides: Sides, i: Place, j: Place, share: Array, astern: bool = False) -> Sides:
+    """Quadratic damping ahead and astern, shape (6, 6), of motion i acting farther out, by another share of response j.
+
+    Astern it acts as much farther out, unless `astern`: then it moves alone.
+    """
+    moved = sides[astern]
+    lever = (share * _most(*sides, moved, i, j) - moved[j, i]) / moved[i, i]
+    more = [matrix.at[j, i].add(lever * matrix[i, i]) for matrix in sides]
+    return (sides[0] if astern else more[0]), more[1]
 
 
-def drag_lever(ahead: Array, astern: Array, i: Place, j: Place, share: Array) -> Array:
-    """How far drag of motion i must move for another share of its response j [m], or [1/m] of a rotation."""
-    return share * _longest(ahead, astern, i, j) - ahead[j, i] / ahead[i, i]
+def with_linear(sides: Sides, i: Place, j: Place, share: Array, astern: bool = False) -> Sides:
+    """Linear damping ahead and astern, shape (6, 6), with another share of L_ij = L_ji; with `astern` there alone."""
+    change = share * _linear_unit(*sides, i, j) - sides[astern][i, j]
+    more = [matrix.at[i, j].add(change).at[j, i].add(change) for matrix in sides]
+    return (sides[0] if astern else more[0]), more[1]
 
 
-def with_quadratic(matrix: Array, i: Place, j: Place, lever: Array) -> Array:
-    """Quadratic damping, shape (6, 6), of motion i acting `lever` farther out."""
-    return matrix.at[j, i].add(lever * matrix[i, i])
+def passive_linear(sides: Sides, before: Sides) -> Sides:
+    """Linear damping ahead and astern that takes energy whatever its couplings.
+
+    Where the couplings of a direction come to more than its own damping, or than they were before if that was more,
+    all of them give way.
+    """
+    keep = jnp.minimum(1.0, jnp.maximum(_linear_load(*before), 1.0) / jnp.maximum(_linear_load(*sides), 1e-12))
+    factor = jnp.where(np.eye(6) > 0, 1.0, jnp.minimum(keep[:, None], keep[None, :]))
+    return factor * sides[0], factor * sides[1]
 
 
-def with_linear(ahead: Array, astern: Array, i: Place, j: Place, lever: Array) -> tuple[Array, Array]:
-    """Linear damping of both sides, shape (6, 6), acting `lever` farther out, as far as it stays passive."""
-    product = jnp.minimum(ahead[i, i], astern[i, i]) * jnp.minimum(ahead[j, j], astern[j, j])
-    most = _BOUND * jnp.sqrt(jnp.where(product > 0, product, 1.0))
-
-    def moved(matrix: Array) -> Array:
-        element = jnp.where(product > 0, most * jnp.tanh(lever * matrix[i, i] / most), 0.0)
-        return matrix.at[i, j].add(element).at[j, i].add(element)
-
-    return moved(ahead), moved(astern)
-
-
-def shares(added_mass: Array, ahead: Array, astern: Array) -> dict[str, float]:
-    """By name, `added_mass.surge_pitch`, of matrices (6, 6), damping quadratic; where the diagonals are there."""
+def shares(model: Model) -> dict[str, float]:
+    """By name, `added_mass.surge_pitch`, of all couplings whose diagonals are there."""
     found = {}
-    for name, (i, j) in _PLACES.items():
-        of_inertia = name.startswith("added_mass")
-        if min(matrix[k, k] for matrix in ([added_mass] if of_inertia else [ahead, astern]) for k in (i, j)) > 0:
-            found[name] = float(
-                added_mass_share(added_mass, i, j) if of_inertia else damping_share(ahead, astern, i, j)
-            )
+    for name, at in _PLACES.items():
+        if min(matrix[k, k] for matrix in _sides(model, name.partition(".")[0]) for k in at) > 0:
+            found[name] = float(share_of(model, name))
     return found
 
 
 def share_of_change(change: Array | np.ndarray, model: Model, name: str) -> float:
     """What a change of a matrix (6, 6) adds to the share of a coupling, `added_mass.surge_pitch`."""
     i, j = _PLACES[name]
-    if name.startswith("added_mass"):
-        return float(change[i, j] / _added_mass_unit(model.added_mass, i, j))
-    ahead, astern = model.quadratic_damping_ahead, model.quadratic_damping_astern
-    return float(change[j, i] / ahead[i, i] / _longest(ahead, astern, i, j))
+    family = name.partition(".")[0]
+    sides = _sides(model, family)
+    if family == "added_mass":
+        return float(change[i, j] / _added_mass_unit(sides[0], i, j))
+    if family.startswith("linear"):
+        return float(change[i, j] / _linear_unit(*sides, i, j))
+    return float(change[j, i] / _most(*sides, sides[family.endswith("_astern")], i, j))
+
+
+def _sides(model: Model, family: str) -> Sides:
+    """Damping ahead and astern of a family's order; of added mass, which has no sides, the same twice."""
+    if family == "added_mass":
+        return model.added_mass, model.added_mass
+    order = family.removesuffix("_astern")
+    return getattr(model, f"{order}_ahead"), getattr(model, f"{order}_astern")
 
 
 def _added_mass_unit(matrix: Array, i: Place, j: Place) -> Array:
     return (matrix[i, i] * matrix[j, j]) ** (1 / 2)
 
 
-def _longest(ahead: Array, astern: Array, i: Place, j: Place) -> Array:
-    """The lever of which a share is a share [m], or [1/m] of a rotation."""
+def _linear_unit(ahead: Array, astern: Array, i: Place, j: Place) -> Array:
     least = [jnp.minimum(ahead[k, k], astern[k, k]) for k in (i, j)]
-    return least[0] ** (2 / 3) * least[1] ** (1 / 3) / jnp.maximum(ahead[i, i], astern[i, i])
+    return (least[0] * least[1]) ** (1 / 2)
+
+
+def _linear_load(ahead: Array, astern: Array) -> Array:
+    """How much of each direction's own damping its couplings use up, shape (6,): see `damping.coupling_load`."""
+    own = jnp.minimum(jnp.diagonal(ahead), jnp.diagonal(astern))
+    root = jnp.where(own > 0, own, jnp.inf) ** (1 / 2)
+    coupling = jnp.where(np.eye(6) > 0, 0.0, jnp.maximum(jnp.abs(ahead), jnp.abs(astern)))
+    return jnp.sum(coupling / root[:, None] / root[None, :], axis=1)
+
+
+def _most(ahead: Array, astern: Array, side: Array, i: Place, j: Place) -> Array:
+    """The element D_ji of one side of which a share is a share: less than the bound allows on the weaker side."""
+    least = [jnp.minimum(ahead[k, k], astern[k, k]) for k in (i, j)]
+    lever = least[0] ** (2 / 3) * least[1] ** (1 / 3) / jnp.maximum(ahead[i, i], astern[i, i])
+    return lever * side[i, i]

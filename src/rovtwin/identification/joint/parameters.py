@@ -20,7 +20,7 @@ from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.identification.joint.couplings import (
     added_mass_share,
     bound_of,
-    drag_lever,
+    passive_linear,
     place_of,
     with_added_mass,
     with_linear,
@@ -244,15 +244,14 @@ def _coupled(matrices: Mapping[str, Array], value: Mapping[str, Array]) -> dict[
     names, i, j = _couplings_of("added_mass", value)
     if names:
         changed["added_mass"] = with_added_mass(changed["added_mass"], i, j, jnp.stack([value[n] for n in names]))
-    names, i, j = _couplings_of("quadratic_damping", value)
-    if names:
-        # One lever for all drag of a direction: linear and quadratic, ahead and astern.
-        ahead, astern = (changed[f] for f in _QUADRATIC)
-        lever = drag_lever(ahead, astern, i, j, jnp.stack([value[n] for n in names]))
-        changed |= zip(_QUADRATIC, (with_quadratic(m, i, j, lever) for m in (ahead, astern)), strict=True)
-        once = i < j  # linear damping is symmetric, both ways are one
-        ahead, astern = (changed[f] for f in _LINEAR)
-        changed |= zip(_LINEAR, with_linear(ahead, astern, i[once], j[once], lever[once]), strict=True)
+    for fields, moved in ((_LINEAR, with_linear), (_QUADRATIC, with_quadratic)):
+        order = fields[0].removesuffix("_ahead")
+        before = sides = changed[fields[0]], changed[fields[1]]
+        for family in (order, f"{order}_astern"):
+            names, i, j = _couplings_of(family, value)
+            if names:
+                sides = moved(sides, i, j, jnp.stack([value[n] for n in names]), family != order)
+        changed |= zip(fields, passive_linear(sides, before) if fields is _LINEAR else sides, strict=True)
     return changed
 
 

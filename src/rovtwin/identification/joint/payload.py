@@ -196,8 +196,9 @@ def _widening(parameters: Parameters, i: int, change: Change) -> float:
         delta = abs(change.hydrodynamics[family][DIRECTIONS.index(where), DIRECTIONS.index(where)])
         return float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind]))
     if place_of(p.name) is not None:
-        share = _RELATIVE[family] * abs(share_of_change(change.hydrodynamics[family], change.model, p.name))
-        return float(np.hypot(share, _INTERACTION[family]) / p.slope(p.base))
+        kind = family.removesuffix("_astern")
+        share = _RELATIVE[kind] * abs(share_of_change(change.hydrodynamics[family], change.model, p.name))
+        return float(np.hypot(share, _INTERACTION[kind]) / p.slope(p.base))
     if p.name == "restoring.net_buoyancy":
         return _VOLUME * change.displaced
     if family == "restoring":

@@ -13,7 +13,7 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.couplings import SKEW
+from rovtwin.identification.joint.couplings import BOTH_WAYS, ROTATIONS, SKEW
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.priors.widths import prior_widths
@@ -23,7 +23,10 @@ from rovtwin.vehicle import Vehicle
 WIDTHS: dict[str, float] = {
     **{f"added_mass.{name}": 0.02 for name in SKEW},
     "added_mass.*_*": 0.1,  # couplings, as shares: a centre some centimetres off
+    **{f"quadratic_damping.{name}": 0.03 for name, at in BOTH_WAYS.items() if min(at) > 2},
     "quadratic_damping.*_*": 0.1,
+    **{f"linear_damping.{name}": 0.03 for name in ROTATIONS},
+    "linear_damping.*_*": 0.1,
     "restoring.metacentric_height": 0.5,
     "restoring.center_of_buoyancy_*": 0.003,  # [m]
     "restoring.net_buoyancy": 2.0,  # [N]
@@ -36,6 +39,7 @@ WIDTHS: dict[str, float] = {
 # Share of the variance that parameters of one kind have in common.
 COMMON: dict[str, float] = {
     "added_mass.*_*": 0.0,  # before the diagonals, the first pattern that fits counts
+    "linear_damping.*_*": 0.0,
     "quadratic_damping.*_*": 0.0,
     "added_mass.*": 0.5,
     "linear_damping*": 0.5,
@@ -63,7 +67,7 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
     names = parameters.names
     mean = np.zeros(len(names))
     known = prior_widths(vehicle)
-    width = np.array([known.get(name.replace("_astern", ""), 0.0) or _width(name) for name in names])
+    width = np.array([known.get(ahead, 0.0) or _width(ahead) for ahead in (n.replace("_astern.", ".") for n in names)])
     kind = np.array([_kind(name) for name in names], dtype=object)
     shares = dict(COMMON)
     for pattern, words in (said or {}).items():
@@ -90,7 +94,7 @@ def _width(name: str) -> float:
 
 
 def _kind(name: str) -> str:
-    return next((pattern for pattern in COMMON if fnmatchcase(name, pattern)), "")
+    return next((pattern for pattern in COMMON if fnmatchcase(name.replace("_astern.", "."), pattern)), "")
 
 
 def _said(parameter: Any, pattern: str, words: Any, width: float) -> tuple[float, float]:

@@ -93,7 +93,7 @@ def _values(model: Model, groups: Mapping[str, tuple[int, ...]]) -> dict[str, Va
         units = UNITS[name.split("_")[0]]
         for i, direction in enumerate(DIRECTIONS):
             said[f"{name}.{direction}"] = float(np.asarray(matrix)[i, i]), units[i]
-    for name, share in shares(model.added_mass, model.quadratic_damping_ahead, model.quadratic_damping_astern).items():
+    for name, share in shares(model).items():
         if abs(share) < bound_of(name):
             said[name] = share, "1"
     lever = np.asarray(model.center_of_buoyancy) - np.asarray(model.center_of_gravity)
