@@ -7,13 +7,10 @@ defect x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill.
 Reference: Bock (1983), Recent advances in parameter identification techniques for ODE; Schittkowski (2002), sec. 2.6.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import numpy as np
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import (
@@ -67,7 +64,7 @@ class Shooting:
         self.balance = Balance(parameters, segments.grid)
         _, self._static = eqx.partition(parameters.model, eqx.is_inexact_array)
         self._names = list(segments.levers)
-        self._linear, self._piece = jax.jit(self._linearised), jax.jit(self._blocks)
+        self.blocks = jax.jit(self._blocks)
         self.residuals = jax.jit(self._residuals)
         self.trajectories = jax.jit(self._trajectories)
         self.scaled = jax.jit(parameters.scaled)
@@ -150,23 +147,10 @@ class Shooting:
         own = {key: value for key, value in arrays.items() if key not in ("command", "fresh")}
         return following, own
 
-    def blocks(
-        self, theta: np.ndarray, offsets: np.ndarray, nodes: Nodes, sigma: np.ndarray, arrays: dict[str, Any]
-    ) -> Blocks:
-        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers.
-
-        Segments do not depend on each other and a compiled loop uses one core: each core gets a piece of them.
-        """
-        flexible, d_flexible, tau, d_tau = self._linear(theta, arrays)
+    def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
+        """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
+        flexible, d_flexible, tau, d_tau = self._linearised(theta, arrays)
         following, own = self._per_segment(nodes, arrays)
-        whole = jax.tree.map(np.asarray, (nodes, following, tau, d_tau, own))
-        with ThreadPoolExecutor() as pool:
-            work = partial(self._piece, offsets, sigma, flexible, d_flexible)
-            found = list(pool.map(lambda piece: jax.tree.map(np.asarray, work(piece)), _pieces(whole)))
-        return jax.tree.map(lambda *parts: np.concatenate(parts)[: self.segments.count], *found)
-
-    def _blocks(self, offsets: Array, sigma: Array, flexible: Any, d_flexible: Any, piece: Any) -> Blocks:
-        """Of the segments of a piece."""
 
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
@@ -184,7 +168,7 @@ class Shooting:
             squared = _squared(self._names, value[0], columns[0], own, offsets, sigma)
             return Blocks(*squared, own["linked"] * value[1], defect_jacobian)
 
-        return _chunked(one, piece)
+        return _chunked(one, (nodes, following, tau, d_tau, own))
 
     def _residuals(
         self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
@@ -296,19 +280,6 @@ def _chunked(function: Any, segments: Any) -> Any:
 
     out = jax.lax.map(jax.vmap(function), jax.tree.map(folded, segments))
     return jax.tree.map(lambda x: x.reshape(chunks * _CHUNK, *x.shape[2:])[:count], out)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _pieces(segments: Any) -> list[Any]:
-    """Equal pieces of arrays with leading axis S, one per core, the last segment repeated to fill them."""
-    count = jax.tree.leaves(segments)[0].shape[0]
-    chunks = -(-count // _CHUNK)
-    size = _CHUNK * -(-chunks // min(_cores(), chunks))
-    rows = np.minimum(np.arange(-(-count // size) * size), count - 1).reshape(-1, size)
-    return [jax.tree.map(lambda x, mine=mine: x[mine], segments) for mine in rows]
 
 
 HUBER = 3.0  # residuals beyond so many sigma count linearly
