@@ -6,8 +6,9 @@ from tests.identification.synthetic import record, steps_command
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.identification.identify import identify
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.overlay import to_yaml
-from rovtwin.identification.judgement.remarks import about_water
+from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.verdict import _in_words
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
@@ -106,3 +107,14 @@ def test_tests_in_other_water_than_the_vehicles_are_named():
     log = record(vehicle.model(), t, u, 5.0, water_density=1025.0)
     assert "1025 kg/m3" in about_water(vehicle, [log])[0]
     assert about_water(vehicle, [record(vehicle.model(), t, u, 5.0, water_density=998.0)]) == []
+
+
+def test_widths_below_what_any_model_is_right_to_are_named():
+    parameters = choose(catalogue(load_vehicle("double_blueye")), ["added_mass.*", "restoring.*"])
+    wide = np.full(len(parameters), 0.01)
+    assert about_narrow(parameters, np.diag(wide**2)) == []
+    wide[[p.name.startswith("added_mass.surge_") for p in parameters.free]] = 1e-4  # shares, not relative
+    assert about_narrow(parameters, np.diag(wide**2)) == []
+    wide[parameters.names.index("added_mass.sway")] = 1e-4
+    (said,) = about_narrow(parameters, np.diag(wide**2))
+    assert said.startswith("added_mass.sway: known to better than 0.3 %")

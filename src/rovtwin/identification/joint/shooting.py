@@ -30,7 +30,7 @@ from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.model import Model
 
-_CHUNK = 8  # segments that are simulated side by side, with all their derivatives: what fits into the cache
+_CHUNK = 8  # segments at most that are simulated side by side, with all their derivatives: what fits into the cache
 
 
 class Blocks(NamedTuple):
@@ -273,13 +273,14 @@ def _chunked(function: Any, segments: Any) -> Any:
     """`function` of every segment, some side by side; the last ones are padded so that one program serves all."""
     count = jax.tree.leaves(segments)[0].shape[0]
     chunks = -(-count // _CHUNK)
-    spare = chunks * _CHUNK - count
+    side_by_side = -(-count // chunks)
+    spare = chunks * side_by_side - count
 
     def folded(x: Array) -> Array:
-        return jnp.concatenate([x, jnp.repeat(x[-1:], spare, axis=0)]).reshape(chunks, _CHUNK, *x.shape[1:])
+        return jnp.concatenate([x, jnp.repeat(x[-1:], spare, axis=0)]).reshape(chunks, side_by_side, *x.shape[1:])
 
     out = jax.lax.map(jax.vmap(function), jax.tree.map(folded, segments))
-    return jax.tree.map(lambda x: x.reshape(chunks * _CHUNK, *x.shape[2:])[:count], out)
+    return jax.tree.map(lambda x: x.reshape(chunks * side_by_side, *x.shape[2:])[:count], out)
 
 
 HUBER = 3.0  # residuals beyond so many sigma count linearly
