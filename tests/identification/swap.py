@@ -18,7 +18,7 @@ from tests.identification.synthetic import record, steps_command
 
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import share_of_change
+from rovtwin.identification.joint.couplings import share_of
 from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS
 from rovtwin.identification.joint.payload import predicted_change
 from rovtwin.identification.joint.prior import default_prior
@@ -83,7 +83,7 @@ def truly_changed(model, old, new, rng):
             true[p.name] = own * np.exp(flow) + float(formula[field][i, i]) * np.exp(drag)
         else:
             field = family if family in SIDES else f"{family}_ahead"
-            part = share_of_change(formula[field], added, p.name)
+            part = float(share_of(formula[field], added, p.name))
             true[p.name] = p.base + part * (np.exp(drag) - 1.0) + flow
     return free.model_at(free.thetas(true))[0]
 

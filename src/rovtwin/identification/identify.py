@@ -226,7 +226,8 @@ def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]
                 np.asarray(getattr(model, field)).diagonal() for field in (family.replace("astern", "ahead"), family)
             )
             at = place_of(p.name) or (DIRECTIONS.index(where),)
-            if np.isclose(*(d[at[0]] for d in (ahead, astern))):
+            moved = at if family.startswith("linear") else at[:1]  # what linear damping couples brakes both ways
+            if np.allclose(ahead[list(moved)], astern[list(moved)]):
                 continue
         out.append(p.name)
     return out

@@ -24,8 +24,8 @@ def catalogue(
 ) -> Parameters:
     """Every parameter of a vehicle that can be identified, at the values of its file.
 
-    Damping astern has parameters of its own where the file's values differ from those ahead; ask for others by name. A
-    coupling larger than its bound has none, it follows the diagonal.
+    Damping astern has parameters of its own; without them it follows that ahead (see `identify.default_free`). A
+    coupling near its bound or beyond has none, it follows the diagonal.
 
     Args:
         vehicle: What its parts say is the starting point.
@@ -40,25 +40,29 @@ def catalogue(
 
 
 def _hydrodynamics(model: Model) -> Iterable[Parameter]:
+    model = _started(model)
     added = np.asarray(model.added_mass).diagonal()
     for i, direction in enumerate(DIRECTIONS):
         if added[i] > 0:
             yield Parameter(f"added_mass.{direction}", UNITS["added"][i], float(added[i]), True)
-    diagonals = {
-        kind: np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
-        for kind in DAMPINGS
-    }
     for kind in DAMPINGS:
-        order = kind.split("_")[0]
+        diagonal = np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
         for i, direction in enumerate(DIRECTIONS):
-            base = float(diagonals[kind][i])
-            if base <= 0 and order == "linear":
-                base = _LINEAR_FLOOR * float(diagonals[kind.replace("linear", "quadratic")][i])
-            if base > 0:
-                yield Parameter(f"{kind}.{direction}", UNITS[order][i], base, True)
+            if diagonal[i] > 0:
+                yield Parameter(f"{kind}.{direction}", UNITS[kind.split("_")[0]][i], float(diagonal[i]), True)
     for name, share in shares(model).items():
         if abs(share) < _WIDEST * bound_of(name):
             yield Parameter.at(name, "1", share, False)
+
+
+def _started(model: Model) -> Model:
+    """With linear damping wherever there is a quadratic one."""
+    sides = {}
+    for side in ("ahead", "astern"):
+        linear, quadratic = (np.asarray(getattr(model, f"{order}_damping_{side}")) for order in ("linear", "quadratic"))
+        floor = np.where(linear.diagonal() > 0, 0.0, _LINEAR_FLOOR * quadratic.diagonal())
+        sides[f"linear_damping_{side}"] = linear + np.diag(floor)
+    return model.replace(**sides)
 
 
 def _restoring_parameters(model: Model) -> Iterable[Parameter]:

@@ -18,7 +18,6 @@ import numpy as np
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.identification.joint.couplings import (
-    added_mass_share,
     bound_of,
     passive_linear,
     place_of,
@@ -149,7 +148,7 @@ class Parameters:
                 i = DIRECTIONS.index(where)
                 out.append(jnp.log(water[i, i] / p.base))
             elif family == "added_mass" and at is not None:
-                share = added_mass_share(water, *at)
+                share = water[at] / jnp.sqrt(water[at[0], at[0]] * water[at[1], at[1]])
                 share = jnp.clip(share / p.bound, -0.999, 0.999)
                 out.append(p.bound * (jnp.arctanh(share) - np.arctanh(p.base / p.bound)))
             elif at is not None or (family == "thrusters" and not where.startswith("force")):

@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.couplings import place_of, share_of_change
+from rovtwin.identification.joint.couplings import place_of, share_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameters
 from rovtwin.vehicle import Vehicle
@@ -171,7 +171,7 @@ def prior_from(
             mean[i] = parameters.free[i].theta(found.estimate.parameters[known[parameters.free[i].name]].value)
     if change is not None:
         for i in rows:
-            C[i, i] += _widening(parameters, i, change) ** 2
+            C[i, i] += _widening(parameters, i, change, float(np.sqrt(prior.covariance[i, i]))) ** 2
     return Gaussian(mean, C)
 
 
@@ -187,8 +187,8 @@ def _of_the_parts(name: str) -> bool:
     return not name.startswith(("tether.", "thrusters."))
 
 
-def _widening(parameters: Parameters, i: int, change: Change) -> float:
-    """Standard deviation of the predicted change of one parameter, in theta."""
+def _widening(parameters: Parameters, i: int, change: Change, before: float) -> float:
+    """Standard deviation of the predicted change of one parameter, in theta; `before` is that of the default prior."""
     p = parameters.free[i]
     family, _, where = p.name.partition(".")
     if where in DIRECTIONS:
@@ -197,8 +197,9 @@ def _widening(parameters: Parameters, i: int, change: Change) -> float:
         return float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind]))
     if place_of(p.name) is not None:
         kind = family.removesuffix("_astern")
-        share = _RELATIVE[kind] * abs(share_of_change(change.hydrodynamics[family], change.model, p.name))
-        return float(np.hypot(share, _INTERACTION[kind]) / p.slope(p.base))
+        share = _RELATIVE[kind] * abs(float(share_of(change.hydrodynamics[family], change.model, p.name)))
+        # The others' flow couples directions no more than it would in a vehicle of which nothing is known.
+        return float(np.hypot(share, min(_INTERACTION[kind], before)) / p.slope(p.base))
     if p.name == "restoring.net_buoyancy":
         return _VOLUME * change.displaced
     if family == "restoring":

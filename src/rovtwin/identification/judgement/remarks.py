@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
@@ -16,8 +17,8 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
 
 _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 30 kg
-# Relative width below which the form of the model is in doubt before the reading is: couplings that were off by a few
-# parts in a thousand moved estimates of fifteen clean minutes by tens of widths (tests.identification.swap).
+# Relative width below which the form of the model is in doubt before the readings are: couplings that were off by a few
+# parts in a thousand moved estimates of clean tests by several widths (tests.identification.swap).
 _FORM = 0.003
 
 
@@ -98,15 +99,16 @@ def about_solution(
 
 
 def about_narrow(parameters: Parameters, covariance: np.ndarray) -> list[str]:
-    """What comes out narrower than any model is right."""
+    """What comes out narrower than any model is right; shares are relative to their diagonals already."""
     width = np.sqrt(np.diag(covariance))
-    narrow = [p.name for p, w in zip(parameters.free, width, strict=True) if p.positive and w < _FORM]
+    relative = [(w, p.name) for p, w in zip(parameters.free, width, strict=True) if p.positive or place_of(p.name)]
+    narrow = [name for w, name in sorted(relative) if w < _FORM]
     if not narrow:
         return []
     named = ", ".join(narrow[:3]) + (f" and {len(narrow) - 3} more" if len(narrow) > 3 else "")
     return [
-        f"{named}: known to better than {100 * _FORM:g} % if the model's form is exact; no vehicle follows linear and "
-        "quadratic damping and one thrust curve that closely, so take these intervals for the least there can be"
+        f"{named}: known to better than {100 * _FORM:g} % if the model's form is exact; no vehicle follows it that "
+        "closely, so take these intervals for the least there can be"
     ]
 
 
