@@ -18,6 +18,8 @@ from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.logs.record import SIGNALS, Record
 
 _MOVED = 3.0  # times the noise: what spreads less has stood still
+_PUSHED = 0.01  # of the full force of all thrusters along an axis: what is asked for less is not excited by them
+_AXES = {"velocity": (0, 1, 2), "gyro": (3, 4, 5), "attitude": (3, 4, 5)}
 _PASSES = 12  # what no sensor measures travels from window to window, one window a pass
 
 
@@ -47,7 +49,8 @@ class Prediction:
         window: Seconds after which the state is measured anew; None: never.
         readings: By signal: times (n,), measured (n, k), predicted (n, k).
         scores: By component, `gyro.p`.
-        excited: Whether the component moved beyond the noise; a fit of what stood still means nothing.
+        excited: Whether the component moved beyond the noise and thrusters pushed along it; a fit of what stood still,
+            or was moved by something else, means nothing.
     """
 
     record: str
@@ -103,6 +106,7 @@ def _predict_one(
     zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
     residual, _ = shooting.residuals(as_array(theta), as_array(zero), path, segments.arrays)
     scores, excited = {}, {}
+    pushed = _pushed(np.asarray(parameters.model.thrusters.configuration), record.command)
     starts = segments.starts()
     for name, gap in residual.items():
         rows = segments.arrays[name]
@@ -117,8 +121,19 @@ def _predict_one(
         window_of = np.nonzero(used)[0]
         for i, component in enumerate(SIGNALS[name][0]):
             scores[f"{name}.{component}"] = _score(measured[:, i], predicted[:, i], window_of, name)
-            excited[f"{name}.{component}"] = bool(np.std(measured[:, i]) > _MOVED * _noise(measured[:, i]))
+            moved = np.std(measured[:, i]) > _MOVED * _noise(measured[:, i])
+            excited[f"{name}.{component}"] = bool(moved and (name not in _AXES or pushed[_AXES[name][i]]))
     return Prediction(record.name, window, readings, scores, excited)
+
+
+def _pushed(configuration: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """Axes along which thrusters were asked for something, shape (6,).
+
+    All of them where nothing was asked for at all, as in a decay; those along which no thruster can push too.
+    """
+    asked = np.sqrt(np.mean((command @ configuration.T) ** 2, axis=0))
+    full = np.abs(configuration).sum(axis=1)
+    return (asked > _PUSHED * full) | (full < 1e-6) | (not np.any(command))
 
 
 def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
