@@ -62,8 +62,8 @@ def test_the_linkoping_bluerov_is_predicted_from_one_log():
     score = {(p.record, p.window): {k: s.fit for k, s in p.scores.items()} for p in result.held_out}
     second, whole, yaw = score["all_3", 1.0], score["all_3", None], score["yaw_4", None]
     # Wanted: 75, 65, 55 over windows of a second; 50, 50, 45 over the whole record; 70 for r of yaw_4.
-    # Reached: 74.0, 67.4, 65.3; 64.6, 67.3, 62.5; 69.2. Roll over a second and yaw_4 fall short by a point.
-    assert second["gyro.p"] > 73 and second["gyro.q"] > 65 and second["gyro.r"] > 55
+    # Reached: 75.6, 67.5, 65.8; 67.3, 67.5, 63.2; 69.2. Yaw of yaw_4 falls short by a point.
+    assert second["gyro.p"] > 75 and second["gyro.q"] > 65 and second["gyro.r"] > 55
     assert whole["gyro.p"] > 50 and whole["gyro.q"] > 50 and whole["gyro.r"] > 45
     assert yaw["gyro.r"] > 68
     # Two surge thrusters cannot roll the vehicle: that is said, and no score of it counts.
