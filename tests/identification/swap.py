@@ -135,6 +135,7 @@ def errors(found, truth):
     }
     values = np.array(list(z.values()))
     return {
+        "left_out": len(found.parameters) - len(z),  # couplings whose truth is near their bound or beyond
         "held": float(np.mean(np.abs(values) < 1.96)),
         "rms_z": float(np.sqrt(np.mean(values**2))),
         "outside": {name: round(v, 2) for name, v in z.items() if abs(v) > 1.96},

@@ -130,7 +130,7 @@ def test_gradients_agree_with_differences(found):
     def cost(h):
         return problem.cost(replace(here, theta=here.theta + h * direction), noise)
 
-    arrow, _ = problem.assembled(problem.blocks(here, noise), here, noise)
+    arrow = problem.assembled(problem.blocks(here, noise), here, noise)
     slope = -2.0 * arrow.b_corner[: len(direction)] @ direction
     h = 1e-4
     assert abs(slope) > 100.0

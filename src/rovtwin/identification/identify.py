@@ -225,9 +225,8 @@ def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]
             ahead, astern = (
                 np.asarray(getattr(model, field)).diagonal() for field in (family.replace("astern", "ahead"), family)
             )
-            at = place_of(p.name) or (DIRECTIONS.index(where),)
-            moved = at if family.startswith("linear") else at[:1]  # what linear damping couples brakes both ways
-            if np.allclose(ahead[list(moved)], astern[list(moved)]):
+            motion, _ = place_of(p.name) or (DIRECTIONS.index(where), None)
+            if np.isclose(ahead[motion], astern[motion]):
                 continue
         out.append(p.name)
     return out

@@ -66,7 +66,7 @@ def estimate(
     variances = Variances(problem)
     fresh = True
     blocks = problem.blocks(here, noise)
-    arrow, _ = problem.assembled(blocks, here, noise)
+    arrow = problem.assembled(blocks, here, noise)
     cost = problem.cost(here, noise)
     if not np.isfinite(cost):
         raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
@@ -81,17 +81,17 @@ def estimate(
                 break
             # What counts as an outlier was still that of the noise before.
             blocks, fresh = problem.blocks(here, noise), True
-            arrow, _ = problem.assembled(blocks, here, noise)
+            arrow = problem.assembled(blocks, here, noise)
             damping = 1.0
             continue
         before, (here, cost, damping, change) = cost, found
         here, cost = _rescaled(problem, here, noise, cost)
         idle = idle + 1 if before - cost < _GAIN else 0
         blocks = problem.blocks(here, noise)
-        arrow, _ = problem.assembled(blocks, here, noise)
+        arrow = problem.assembled(blocks, here, noise)
         fresh = False
         noise, settled = variances.step(blocks, arrow, noise, cost > (1.0 - _NEAR) * before)
-        arrow, _ = problem.assembled(blocks, here, noise)
+        arrow = problem.assembled(blocks, here, noise)
         cost = problem.cost(here, noise)
         if progress:
             progress(steps, change)

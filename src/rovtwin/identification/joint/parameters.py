@@ -17,14 +17,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.identification.joint.couplings import (
-    bound_of,
-    passive_linear,
-    place_of,
-    with_added_mass,
-    with_linear,
-    with_quadratic,
-)
+from rovtwin.identification.joint.couplings import POWERS, bound_of, place_of, with_added_mass, with_damping
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
 
@@ -36,8 +29,6 @@ UNITS = {
     "quadratic": ("N s2/m2",) * 3 + ("N m s2/rad2",) * 3,
 }
 THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
-_LINEAR = ("linear_damping_ahead", "linear_damping_astern")
-_QUADRATIC = ("quadratic_damping_ahead", "quadratic_damping_astern")
 
 
 @dataclass(frozen=True)
@@ -243,14 +234,15 @@ def _coupled(matrices: Mapping[str, Array], value: Mapping[str, Array]) -> dict[
     names, i, j = _couplings_of("added_mass", value)
     if names:
         changed["added_mass"] = with_added_mass(changed["added_mass"], i, j, jnp.stack([value[n] for n in names]))
-    for fields, moved in ((_LINEAR, with_linear), (_QUADRATIC, with_quadratic)):
-        order = fields[0].removesuffix("_ahead")
-        before = sides = changed[fields[0]], changed[fields[1]]
-        for family in (order, f"{order}_astern"):
-            names, i, j = _couplings_of(family, value)
-            if names:
-                sides = moved(sides, i, j, jnp.stack([value[n] for n in names]), family != order)
-        changed |= zip(fields, passive_linear(sides, before) if fields is _LINEAR else sides, strict=True)
+    for order, power in POWERS.items():
+        ahead, astern = (changed[f"{order}_{side}"] for side in ("ahead", "astern"))
+        names, i, j = _couplings_of(order, value)
+        if names:
+            ahead, astern = with_damping(ahead, astern, power, i, j, jnp.stack([value[n] for n in names]))
+        names, i, j = _couplings_of(f"{order}_astern", value)
+        if names:
+            astern, _ = with_damping(astern, ahead, power, i, j, jnp.stack([value[n] for n in names]))
+        changed |= {f"{order}_ahead": ahead, f"{order}_astern": astern}
     return changed
 
 

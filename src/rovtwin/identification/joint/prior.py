@@ -13,7 +13,7 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.couplings import BOTH_WAYS, ROTATIONS, SKEW
+from rovtwin.identification.joint.couplings import BOTH_WAYS, SKEW
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.priors.widths import prior_widths
@@ -23,10 +23,8 @@ from rovtwin.vehicle import Vehicle
 WIDTHS: dict[str, float] = {
     **{f"added_mass.{name}": 0.02 for name in SKEW},
     "added_mass.*_*": 0.1,  # couplings, as shares: a centre some centimetres off
-    **{f"quadratic_damping.{name}": 0.03 for name, at in BOTH_WAYS.items() if min(at) > 2},
-    "quadratic_damping.*_*": 0.1,
-    **{f"linear_damping.{name}": 0.03 for name in ROTATIONS},
-    "linear_damping.*_*": 0.1,
+    **{f"*_damping.{name}": 0.03 for name, at in BOTH_WAYS.items() if min(at) > 2},
+    "*_damping.*_*": 0.1,
     "restoring.metacentric_height": 0.5,
     "restoring.center_of_buoyancy_*": 0.003,  # [m]
     "restoring.net_buoyancy": 2.0,  # [N]
@@ -39,8 +37,7 @@ WIDTHS: dict[str, float] = {
 # Share of the variance that parameters of one kind have in common.
 COMMON: dict[str, float] = {
     "added_mass.*_*": 0.0,  # before the diagonals, the first pattern that fits counts
-    "linear_damping.*_*": 0.0,
-    "quadratic_damping.*_*": 0.0,
+    "*_damping.*_*": 0.0,
     "added_mass.*": 0.5,
     "linear_damping*": 0.5,
     "quadratic_damping*": 0.5,

@@ -114,15 +114,14 @@ class Problem:
         )
         return jax.tree.map(np.asarray, found)
 
-    def assembled(self, blocks: Blocks, unknowns: Unknowns, noise: Noise) -> tuple[Arrow, float]:
-        """Normal equations of a step, and the cost here."""
+    def assembled(self, blocks: Blocks, unknowns: Unknowns, noise: Noise) -> Arrow:
+        """Normal equations of a step."""
         S, n, G = self.segments.count, len(self.prior.mean), len(self.groups)
         weight = noise.sigma**-2.0
         H = np.einsum("g,sgab->sab", weight, blocks.readings)
         b = -np.einsum("g,sga->sa", weight, blocks.slopes)
         own, border, corner = H[:, :NODE, :NODE].copy(), H[:, :NODE, NODE:].copy(), H[:, NODE:, NODE:].sum(axis=0)
         b_node, b_corner = b[:, :NODE].copy(), b[:, NODE:].sum(axis=0)
-        cost = float(weight @ blocks.losses.sum(axis=0))
         # Defects tie each node to the next.
         J = blocks.defect_jacobian / noise.defect[:, None]
         d = blocks.defect / noise.defect
@@ -135,7 +134,6 @@ class Problem:
         b_node -= np.einsum("sia,si->sa", here, d)
         b_node[1:] -= np.einsum("sia,si->sa", there, d)[:-1]
         b_corner[:n] -= np.einsum("sia,si->a", by_theta, d)
-        cost += float(np.sum(d**2))
         # Starts, prior, offsets, static evidence.
         off = np.asarray(_differences(unknowns.nodes, self.guess))
         own[:, range(NODE), range(NODE)] += self.start_information
@@ -145,15 +143,12 @@ class Problem:
         b_corner[:n] -= self.information @ gap
         corner[n:, n:] += np.diag(self.offset_information)
         b_corner[n:] -= self.offset_information * unknowns.offsets
-        cost += self.start_cost(unknowns.nodes) + float(gap @ self.information @ gap)
-        cost += float(self.offset_information @ unknowns.offsets**2)
         if self.static_linear is not None:
             r, Jr = (np.asarray(x) for x in self.static_linear(jnp.asarray(unknowns.theta)))
             corner[:n, :n] += Jr.T @ Jr
             b_corner[:n] -= Jr.T @ r
-            cost += float(r @ r)
         assert border.shape == (S, NODE, n + G)
-        return Arrow(own, _gram(here, there), border, corner, b_node, b_corner), cost
+        return Arrow(own, _gram(here, there), border, corner, b_node, b_corner)
 
     def start_cost(self, nodes: Nodes) -> float:
         """Squares of how far nodes are from where the readings put them, where that counts."""

@@ -78,7 +78,7 @@ def sample(problem: Problem, solution: Solution, count: int = 500, warm_up: int 
 def _spread(problem: Problem, solution: Solution) -> np.ndarray:
     """L with L L' the covariance of [theta, offsets, nodes] in the Gaussian of the estimate."""
     blocks = problem.blocks(solution.unknowns, solution.noise)
-    arrow, _ = problem.assembled(blocks, solution.unknowns, solution.noise)
+    arrow = problem.assembled(blocks, solution.unknowns, solution.noise)
     S, corner = problem.segments.count, arrow.corner.shape[0]
     H = np.zeros((corner + NODE * S,) * 2)
     H[:corner, :corner] = arrow.corner

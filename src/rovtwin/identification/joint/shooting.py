@@ -40,7 +40,6 @@ class Blocks(NamedTuple):
         readings: J'WJ per group with unit noise, shape (S, G, m, m); columns: node, theta, offsets.
         slopes: J'Wr per group, shape (S, G, m).
         squares: Sum of w r^2 per group, shape (S, G).
-        losses: Huber's loss per group, in units of r^2, shape (S, G); r^2 for readings that are no outliers.
         weights: Sum of w per group, shape (S, G).
         defect: x_{s+1} - f(x_s), shape (S, 12); zero where nothing follows.
         defect_jacobian: By node, theta and next node, shape (S, 12, 12 + n + 12).
@@ -49,7 +48,6 @@ class Blocks(NamedTuple):
     readings: Any
     slopes: Any
     squares: Any
-    losses: Any
     weights: Any
     defect: Any
     defect_jacobian: Any
@@ -293,8 +291,8 @@ def _squared(
     own: dict[str, Any],
     offsets: Array,
     sigma: Array,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """J'WJ, J'Wr, sum w r^2, loss and sum w of every signal component, with weights of Huber (1964)."""
+) -> tuple[Array, Array, Array, Array]:
+    """J'WJ, J'Wr, sum w r^2 and sum w of every signal component, with weights of Huber (1964)."""
     split = _offsets_by_signal(names, gaps, offsets)
     parts, group, total = [], 0, offsets.shape[0]
     for name in names:
@@ -307,8 +305,6 @@ def _squared(
             one_hot = jnp.zeros((J.shape[0], total)).at[:, group].set(1.0)
             J = jnp.concatenate([J, one_hot], axis=1)
             weighted = w[:, None] * J
-            edge = HUBER * sigma[group]
-            loss = own[name]["used"] * jnp.where(far > HUBER, 2.0 * edge * jnp.abs(r) - edge**2, r * r)
-            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(loss), jnp.sum(w)))
+            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(w)))
             group += 1
-    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (five of them)
+    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (four of them)

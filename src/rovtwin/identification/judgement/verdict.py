@@ -97,11 +97,12 @@ def _is_scale(names: tuple[str, ...], weights: np.ndarray) -> bool:
 
 
 def _is_sum(names: tuple[str, ...], weights: np.ndarray) -> bool:
-    """Linear against quadratic damping of one direction, on one side."""
+    """Linear against quadratic damping of one direction, on one side; shares of couplings have units of their own."""
     kinds = {n.split(".")[0].removesuffix("_astern") for n in names}
     places = {(n.split(".")[0].endswith("_astern"), n.split(".")[1]) for n in names}
     return (
         len(names) == 2
+        and not any(place_of(n) for n in names)
         and weights[0] * weights[1] < 0
         and kinds == {"linear_damping", "quadratic_damping"}
         and len(places) == 1
