@@ -37,7 +37,7 @@ def flown(blueye, seed, signals=("horizontal", "depth", "attitude", "gyro"), **m
     return truth, model, record(model, t, u, DURATION, seed, signals)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_start_is_nearer_to_the_truth_than_the_prior(blueye, seed):
     _, parameters, prior, balance = blueye
     truth, model, log = flown(blueye, seed)
