@@ -181,7 +181,7 @@ def test_unexcited_axes_are_notes():
     assert {f.where for f in found if f.what == "unexcited"} == {"surge", "sway", "yaw"}
 
 
-@pytest.mark.parametrize("example", ["bluerov_liu", "bluerov2_heavy_tank"])
+@pytest.mark.parametrize("example", ["bluerov_liu", pytest.param("bluerov2_heavy_tank", marks=pytest.mark.slow)])
 def test_real_logs_raise_no_alarm(example):
     shared_folder("data", example)
     evidence = read_evidence(EXAMPLES / example / "evidence.yaml")

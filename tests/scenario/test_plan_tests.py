@@ -51,6 +51,7 @@ def test_the_steady_steps_are_the_thesis_protocol_pull_by_pull():
     assert all(len(one["levels"]) == 1 for one in pulls if one["manoeuvre"] == "steps")
 
 
+@pytest.mark.slow  # ten seconds to compile
 def test_a_pull_on_a_scale_is_known_before():
     vehicle = load_vehicle("double_blueye")
     parameters, prior = what_is_known(vehicle, 0.02)

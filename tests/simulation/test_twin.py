@@ -139,6 +139,7 @@ def test_a_crowd_flies_like_each_alone(twin, flight):
             np.testing.assert_allclose(np.asarray(b)[:, i].astype(float), np.asarray(a).astype(float), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_crowd_of_different_vehicles(twin):
     models = [perturbed(twin.model, key) for key in KEYS]
     plants = jax.tree.map(lambda *leaves: jnp.stack(leaves), *models)
