@@ -1,5 +1,7 @@
 """Blind directions in words, tested ranges, what old results and stated priors mean for new ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.identification.synthetic import record, steps_command
@@ -9,6 +11,7 @@ from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
+from rovtwin.identification.judgement.validation import pushed_axes
 from rovtwin.identification.judgement.verdict import _in_words
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
@@ -119,3 +122,15 @@ def test_widths_below_what_any_model_is_right_to_are_named():
     wide[parameters.names.index("added_mass.sway_yaw")] = 1e-4
     (said,) = about_narrow(parameters, np.diag(wide**2))
     assert said.startswith("added_mass.sway_yaw, added_mass.sway: known to better than 0.3 %")
+
+
+def test_only_what_thrusters_pushed_along_is_excited():
+    """Two surge thrusters of a Double Blueye, one a millisecond long; nothing at all leaves a decay to judge."""
+    model = load_vehicle("double_blueye").model()
+    B = np.asarray(model.thrusters.configuration)
+    surge, sway = (np.where(np.abs(B[i]) > 0.5, 1.0, 0.0) for i in (0, 1))
+    t = np.array([0.0, 5.0, 5.0001])
+    log = record(model, t, np.array([surge, sway, 0.0 * sway]), 10.0)
+    pushed = pushed_axes(B, log)
+    assert pushed[0] and not pushed[1] and not pushed[2]
+    assert pushed_axes(B, replace(log, command=0.0 * log.command)).all()

@@ -70,7 +70,7 @@ def bound_of(name: str) -> float:
 def share_of(matrix: Array | np.ndarray, model: Model, name: str) -> Array:
     """Share of a coupling in what its diagonals allow, of a family's matrix (6, 6) or of a change of it."""
     i, j = _PLACES[name]
-    return matrix[j, i] / _unit(*_sides(model, name.partition(".")[0]), i, j)
+    return matrix[j, i] / share_unit(*_sides(model, name.partition(".")[0]), i, j)
 
 
 def shares(model: Model) -> dict[str, float]:
@@ -85,7 +85,7 @@ def shares(model: Model) -> dict[str, float]:
 
 def with_added_mass(matrix: Array, i: Place, j: Place, share: Array) -> Array:
     """M_A, shape (6, 6), with another share of M_ij = M_ji."""
-    element = share * _unit(matrix, matrix, 1, i, j)
+    element = share * share_unit(matrix, matrix, 1, i, j)
     return matrix.at[i, j].set(element).at[j, i].set(element)
 
 
@@ -94,7 +94,7 @@ def with_damping(side: Array, other: Array, power: int, i: Place, j: Place, shar
 
     On the other side it acts as much farther out.
     """
-    lever = (share * _unit(side, other, power, i, j) - side[j, i]) / side[i, i]
+    lever = (share * share_unit(side, other, power, i, j) - side[j, i]) / side[i, i]
     return side.at[j, i].add(lever * side[i, i]), other.at[j, i].add(lever * other[i, i])
 
 
@@ -108,7 +108,7 @@ def _sides(model: Model, family: str) -> tuple[Array, Array, int]:
     return side, other, POWERS[order]
 
 
-def _unit(side: Array, other: Array, power: int, i: Place, j: Place) -> Array:
+def share_unit(side: Array, other: Array, power: int, i: Place, j: Place) -> Array:
     """Of D_ji on one side of motion i; the response meets either side of motion j, of which the weaker counts."""
     weaker = jnp.minimum(side[j, j], other[j, j])
     return side[i, i] ** (power / (power + 1)) * weaker ** (1 / (power + 1))

@@ -17,7 +17,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.identification.joint.couplings import POWERS, bound_of, place_of, with_added_mass, with_damping
+from rovtwin.identification.joint.couplings import POWERS, bound_of, place_of, share_unit, with_added_mass, with_damping
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
 
@@ -139,7 +139,7 @@ class Parameters:
                 i = DIRECTIONS.index(where)
                 out.append(jnp.log(water[i, i] / p.base))
             elif family == "added_mass" and at is not None:
-                share = water[at] / jnp.sqrt(water[at[0], at[0]] * water[at[1], at[1]])
+                share = water[at] / share_unit(water, water, 1, *at)
                 share = jnp.clip(share / p.bound, -0.999, 0.999)
                 out.append(p.bound * (jnp.arctanh(share) - np.arctanh(p.base / p.bound)))
             elif at is not None or (family == "thrusters" and not where.startswith("force")):

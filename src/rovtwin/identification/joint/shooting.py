@@ -307,4 +307,5 @@ def _squared(
             weighted = w[:, None] * J
             parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(w)))
             group += 1
-    return tuple(jnp.stack(part) for part in zip(*parts, strict=True))  # type: ignore[return-value]  (four of them)
+    readings, slopes, squares, weights = zip(*parts, strict=True)
+    return jnp.stack(readings), jnp.stack(slopes), jnp.stack(squares), jnp.stack(weights)

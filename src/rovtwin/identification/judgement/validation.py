@@ -106,7 +106,7 @@ def _predict_one(
     zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
     residual, _ = shooting.residuals(as_array(theta), as_array(zero), path, segments.arrays)
     scores, excited = {}, {}
-    pushed = _pushed(np.asarray(parameters.model.thrusters.configuration), record.command)
+    pushed = pushed_axes(np.asarray(parameters.model.thrusters.configuration), record)
     starts = segments.starts()
     for name, gap in residual.items():
         rows = segments.arrays[name]
@@ -126,14 +126,17 @@ def _predict_one(
     return Prediction(record.name, window, readings, scores, excited)
 
 
-def _pushed(configuration: np.ndarray, command: np.ndarray) -> np.ndarray:
+def pushed_axes(configuration: np.ndarray, record: Record) -> np.ndarray:
     """Axes along which thrusters were asked for something, shape (6,).
+
+    By the root of the mean square of configuration @ command over time, against that of full command on all thrusters.
 
     All of them where nothing was asked for at all, as in a decay; those along which no thruster can push too.
     """
-    asked = np.sqrt(np.mean((command @ configuration.T) ** 2, axis=0))
+    held = np.diff(record.t_command, append=record.end)  # commands may be written when they change only
+    asked = np.sqrt(held @ (record.command @ configuration.T) ** 2 / held.sum())
     full = np.abs(configuration).sum(axis=1)
-    return (asked > _PUSHED * full) | (full < 1e-6) | (not np.any(command))
+    return (asked > _PUSHED * full) | (full < 1e-6) | (not np.any(record.command))
 
 
 def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
