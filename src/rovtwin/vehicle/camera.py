@@ -14,7 +14,6 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.vehicle.assembly import Mounted
 from rovtwin.vehicle.schema import Camera as CameraFile
 from rovtwin.vehicle.vehicle import Vehicle
 
@@ -201,7 +200,9 @@ class Camera:
 def cameras_of(vehicle: Vehicle) -> list[Camera]:
     """The vehicle's cameras, in the order of the file."""
     return [
-        Camera(m.name, lens_of(m.item), m.position, m.rotation @ R_DEVICE_C) for m in vehicle.cameras if _is_camera(m)
+        Camera(m.name, lens_of(m.item), m.position, m.rotation @ R_DEVICE_C)
+        for m in vehicle.cameras
+        if isinstance(m.item, CameraFile)
     ]
 
 
@@ -210,7 +211,3 @@ def lens_of(camera: CameraFile) -> Lens:
     width, height = camera.resolution or (1920, 1080)
     principal = camera.principal_point or [0.5 * (width - 1), 0.5 * (height - 1)]
     return lens_from(camera.focal_length, principal, (width, height), camera.distortion)
-
-
-def _is_camera(mounted: Mounted) -> bool:
-    return isinstance(mounted.item, CameraFile)
