@@ -10,16 +10,8 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.experiment import (
-    Information,
-    Path,
-    choose_tests,
-    expected,
-    sensitivities,
-    spread,
-    variance_ratio,
-    with_anchors,
-)
+from rovtwin.identification.experiment.choice import choose_tests, expected, spread, variance_ratio
+from rovtwin.identification.experiment.information import Information, Path, sensitivities, with_anchors
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.prior import default_prior

@@ -53,6 +53,17 @@ def test_csv_with_plain_names_needs_no_map(tmp_path, vehicle, command):
     assert record.end == pytest.approx(T[-1])
 
 
+def test_csv_columns_may_be_in_capitals_but_not_both_ways(tmp_path, vehicle, command):
+    drives = dict(zip(vehicle.thruster_names, command.T, strict=True))
+    loud = {"Time": T} | drives | dict(zip("PQR", RATE.T, strict=True))
+    record = read_record(write_csv(tmp_path / "run.csv", loud), vehicle)
+    np.testing.assert_allclose(record.signals["gyro"].value, RATE, atol=1e-9)
+    # `R` beside `r`: what is spelled as documented counts.
+    both = loud | {"p": 2 * RATE[:, 0], "q": RATE[:, 1], "r": RATE[:, 2]}
+    record = read_record(write_csv(tmp_path / "both.csv", both), vehicle)
+    np.testing.assert_allclose(record.signals["gyro"].value[:, 0], 2 * RATE[:, 0], atol=1e-9)
+
+
 def test_npz_in_other_units_and_frames_is_the_same_record(tmp_path, vehicle, command):
     """PWM, degrees, millimetres, z up, ENU quaternions, time from 1970."""
     flip = np.array([1.0, -1.0, -1.0])

@@ -11,8 +11,9 @@ import yaml
 import rovtwin.cli
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.steady.damping_fit import fit_damping
-from rovtwin.identification.steady.towing import lowpass, towing
+from rovtwin.identification.steady.towing import towing
 from rovtwin.identification.steady.towing_files import TowRun, read_towing
+from rovtwin.identification.steady.towing_force import lowpass
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 AHEAD, ASTERN, RIG, TARE, INERTIA = (6.48, 158.86), (0.07, 189.75), (0.4, 6.0), 1.7, 61.3  # thesis (4.3)

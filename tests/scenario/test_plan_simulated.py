@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovtwin.identification.experiment import variance_ratio
+from rovtwin.identification.experiment.choice import variance_ratio
 from rovtwin.identification.identify import identify
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.plan_tests import SIGNALS, Tank, plan_tests

@@ -11,7 +11,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.report.identification_words import is_coupling
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.plan_tests import Tank, candidates, in_words, thesis_pulls, what_is_known
+from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
+from rovtwin.scenario.plan_tests import Tank, what_is_known
 from rovtwin.vehicle import load_vehicle
 
 

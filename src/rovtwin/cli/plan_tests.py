@@ -64,6 +64,7 @@ def plan_tests(
         emit(_as_data(plan) | {"scenario": str(out)})
         raise typer.Exit(DONE)
     _print(plan, console(False))
+    _print_what_it_counts_on(plan, minutes, bollard)
     console(False).print(f"wrote {out}: rovtwin fly {out}", markup=False, soft_wrap=True)
 
 
@@ -101,6 +102,20 @@ def _print(plan: "Plan", screen: Any) -> None:
         f"variances over those of the thesis's steady steps in the same time, geometric mean: {plan.ratio:.2f}"
     )
     screen.print(f"the hull stays {plan.room:.2f} m clear of walls, floor and surface, by the twin")
+
+
+def _print_what_it_counts_on(plan: "Plan", minutes: float, bollard: float) -> None:
+    screen = console(False)
+    if bollard:
+        screen.print(
+            f"counted on: a pull on a scale in surge, sway and heave that gives full thrust to {100 * bollard:.2g} % "
+            "(--bollard 0 where nobody pulled: then no test tells the scale of forces and masses)"
+        )
+    else:
+        screen.print("nobody pulled on a scale (--bollard 0): no test can tell the scale of forces and masses")
+    left = minutes - float(plan.expected.minutes[-1])
+    if left > 0.05:
+        screen.print(f"{60 * left:.0f} s of the {minutes:g} minutes are left over: no other manoeuvre fits into them")
 
 
 def _sd(value: float, relative: bool) -> str:

@@ -17,7 +17,7 @@ def read_csv(path: Path, thrusters: list[str]) -> Raw:
     """A CSV file with a header: comma, semicolon or tab; an empty cell is a missing reading.
 
     Columns named as the components of `SIGNALS` (phi, theta, psi; p, q, r; u, v, w; north, east, down; depth), as the
-    vehicle's thrusters, and `t` or `time` need no map.
+    vehicle's thrusters, and `t` or `time` need no map; nor do they in capitals (`P`, `Time`).
     """
     text = read_text(path)
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
@@ -34,7 +34,7 @@ def read_csv(path: Path, thrusters: list[str]) -> Raw:
         for column, cell in enumerate(cells[: len(header)]):
             number = _number(cell) if cell.strip() else np.nan
             values[row, column] = np.nan if number is None else number
-    time = next((name for name in _TIME if name in header), None)
+    time = next((_spelled(name, header) for name in _TIME if _spelled(name, header)), None)
     table = Table(values, header, None if time is None else values[:, header.index(time)])
     commands = CommandSpec.model_validate({}) if thrusters and all(name in header for name in thrusters) else None
     return Raw(path, {path.stem: table}, _known_columns(header), commands)
@@ -42,10 +42,19 @@ def read_csv(path: Path, thrusters: list[str]) -> Raw:
 
 def _known_columns(header: tuple[str, ...]) -> dict[str, SignalSpec]:
     named = {name: components for name, (components, _, _) in SIGNALS.items() if name != "accelerometer"}
-    found = {name: spec(columns=list(c)) for name, c in named.items() if all(x in header for x in c)}
+    spelled = {name: [_spelled(component, header) for component in c] for name, c in named.items()}
+    found = {name: spec(columns=columns) for name, columns in spelled.items() if all(columns)}
     if "position" in found:
         found.pop("horizontal", None)
     return found
+
+
+def _spelled(name: str, header: tuple[str, ...]) -> str | None:
+    """How the header writes a name, in capitals or not; None where it has none, or several."""
+    if name in header:
+        return name
+    alike = [column for column in header if column.lower() == name.lower()]
+    return alike[0] if len(alike) == 1 else None
 
 
 def _number(cell: str) -> float | None:

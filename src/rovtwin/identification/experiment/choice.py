@@ -1,0 +1,145 @@
+"""The choice of tests that tells most in a time, and what is expected of it.
+
+Information adds up over tests, so that a plan is a choice among candidates: greedily, the best gain per second first,
+then by exchanging as long as that helps (Fedorov 1972, Theory of optimal experiments).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.experiment.information import Information
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import Parameters
+
+LEARNT = 0.5  # a parameter counts as identifiable where a test brings its standard deviation below this share
+
+
+def spread(prior: Gaussian, told: Information, times: np.ndarray) -> float:
+    """What a plan makes small: mean logarithm of the variances of theta over those of the prior."""
+    return float(np.mean(np.log(np.diag(told.covariance(prior, times)) / np.diag(prior.covariance))))
+
+
+def choose_tests(prior: Gaussian, told: Information, seconds: float, fixed: Sequence[int] = ()) -> list[int]:
+    """Tests to fly within a time, in the order in which they tell most; one may be flown several times.
+
+    Args:
+        prior: Of theta.
+        told: By the candidates.
+        seconds: There are.
+        fixed: Candidates that are flown in any case, such as a decay test.
+
+    Raises:
+        IdentificationError: Not even the shortest candidate fits.
+    """
+    if seconds < told.seconds.min():
+        raise IdentificationError(
+            f"found {seconds / 60:.3g} minutes, expected at least {told.seconds.min() / 60:.1f}: the shortest manoeuvre"
+        )
+    order: list[int] = list(fixed)
+    while True:
+        left = seconds - told.seconds[order].sum() if order else seconds
+        best = _best(prior, told, order, left)
+        if best is None:
+            break
+        order.append(best)
+    return _exchanged(prior, told, order, seconds)
+
+
+def _times(told: Information, order: Sequence[int]) -> np.ndarray:
+    return np.bincount(np.asarray(order, dtype=int), minlength=len(told.seconds)).astype(float)
+
+
+def _best(prior: Gaussian, told: Information, order: Sequence[int], left: float) -> int | None:
+    """The candidate that fits and gains most per second."""
+    now, times = spread(prior, told, _times(told, order)), _times(told, order)
+    gain = np.full(len(told.seconds), -np.inf)
+    for i in np.flatnonzero(told.seconds <= left + 1e-9):
+        times[i] += 1
+        gain[i] = (now - spread(prior, told, times)) / told.seconds[i]
+        times[i] -= 1
+    best = int(np.argmax(gain))
+    return best if gain[best] > 0 else None
+
+
+def _exchanged(prior: Gaussian, told: Information, order: list[int], seconds: float, rounds: int = 3) -> list[int]:
+    """The plan with each test replaced by a better one, as long as there is one."""
+    for _ in range(rounds):
+        changed = False
+        for place in range(len(order)):
+            others = order[:place] + order[place + 1 :]
+            best = _best(prior, told, others, seconds - told.seconds[others].sum())
+            if best is not None and best != order[place]:
+                new = [*order[:place], best, *order[place + 1 :]]
+                if spread(prior, told, _times(told, new)) < spread(prior, told, _times(told, order)) - 1e-9:
+                    order, changed = new, True
+        if not changed:
+            break
+    return order
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What a plan is expected to tell.
+
+    Attributes:
+        names: Of the parameters.
+        values: Where theta = 0, in their units.
+        relative: Whether standard deviations are shares of the value, else in its unit.
+        prior, plan: Standard deviation before and after, shape (n,).
+        minutes: After each manoeuvre [min], shape (k,).
+        path: Standard deviations after each, shape (k, n).
+    """
+
+    names: list[str]
+    values: np.ndarray
+    relative: np.ndarray
+    prior: np.ndarray
+    plan: np.ndarray
+    minutes: np.ndarray
+    path: np.ndarray
+
+    @property
+    def learnt(self) -> np.ndarray:
+        """Which parameters the plan identifies, shape (n,), bool."""
+        return self.plan < LEARNT * self.prior
+
+    def each_minute(self) -> list[tuple[float, float]]:
+        """After each whole minute: [min], and the geometric mean of sd over prior of what the plan identifies."""
+        ratio = np.exp(np.mean(np.log(self.path[:, self.learnt] / self.prior[self.learnt]), axis=1))
+        marks = np.arange(1.0, np.floor(self.minutes[-1] + 1e-9) + 1.0)
+        full = np.concatenate([[0.0], self.minutes]), np.concatenate([[0.0], np.log(ratio)])
+        return [(float(m), float(np.exp(np.interp(m, *full)))) for m in marks]
+
+
+def expected(parameters: Parameters, prior: Gaussian, told: Information, order: Sequence[int]) -> Expected:
+    """Of a plan, manoeuvre by manoeuvre."""
+    path = [np.sqrt(np.diag(told.covariance(prior, _times(told, order[: k + 1])))) for k in range(len(order))]
+    return Expected(
+        names=parameters.names,
+        values=parameters.values(np.zeros(len(parameters))),
+        relative=np.array([p.positive for p in parameters.free]),
+        prior=np.sqrt(np.diag(prior.covariance)),
+        plan=path[-1],
+        minutes=np.cumsum(told.seconds[list(order)]) / 60.0,
+        path=np.stack(path),
+    )
+
+
+def identified(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Which parameters at least one of two tests brings below half of the prior's standard deviation, shape (n,)."""
+    return np.minimum(ours, theirs) < LEARNT * prior
+
+
+def variance_ratio(ours: np.ndarray, theirs: np.ndarray, prior: np.ndarray) -> float:
+    """Geometric mean of our variances over theirs, of the parameters that at least one of both identifies.
+
+    Args:
+        ours: Standard deviations, shape (n,).
+        theirs: The same.
+        prior: Before any test, shape (n,).
+    """
+    known = identified(ours, theirs, prior)
+    return float(np.exp(2.0 * np.mean(np.log(ours[known] / theirs[known]))))
