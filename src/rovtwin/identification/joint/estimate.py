@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
 from rovtwin.identification.joint.arrow import Arrow, Factored
+from rovtwin.identification.joint.middle import moved_to_the_middle
 from rovtwin.identification.joint.nodes import moved
 from rovtwin.identification.joint.noise import Variances
 from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
@@ -26,7 +27,7 @@ class Solution:
     """The estimate.
 
     Attributes:
-        unknowns: At the maximum.
+        unknowns: In the middle of the posterior, see `middle`; the nodes at its maximum.
         noise: As estimated.
         covariance: Of theta, shape (n, n).
         information: Of theta from the readings and static evidence alone, without the prior, shape (n, n).
@@ -168,14 +169,15 @@ def _solution(
 ) -> Solution:
     n = len(here.theta)
     factored = arrow.factor()
-    corner = factored.covariance()[3]
     # What is known of theta without its prior, the offsets eliminated too.
     reduced = factored.corner
     rest = np.linalg.solve(reduced[n:, n:], reduced[n:, :n])
-    information = reduced[:n, :n] - reduced[:n, n:] @ rest - problem.information
-    information = 0.5 * (information + information.T)
-    std = np.sqrt(np.diag(corner)[n:])
-    return Solution(here, noise, corner[:n, :n], information, std, converged, steps, cost)
+    told = reduced[:n, :n] - reduced[:n, n:] @ rest - problem.information
+    told = 0.5 * (told + told.T)
+    static = problem.static_information(here.theta) - problem.information
+    theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
+    offset_std = factored.border_std()[n:]
+    return Solution(replace(here, theta=theta), noise, covariance, told, offset_std, converged, steps, cost)
 
 
 _moved_all = jax.jit(jax.vmap(moved))

@@ -167,6 +167,13 @@ class Problem:
         total += self.start_cost(unknowns.nodes)
         return total + float(self.offset_information @ unknowns.offsets**2) + self.static_cost(unknowns.theta)
 
+    def static_information(self, theta: np.ndarray) -> np.ndarray:
+        """Of the prior and of static evidence, shape (n, n)."""
+        if self.static_linear is None:
+            return self.information
+        J = np.asarray(self.static_linear(jnp.asarray(theta))[1])
+        return self.information + J.T @ J
+
     def static_cost(self, theta: np.ndarray) -> float:
         """Of the prior and of static evidence."""
         gap = theta - self.prior.mean

@@ -66,6 +66,7 @@ class Shooting:
         self.residuals = jax.jit(self._residuals)
         self.trajectories = jax.jit(self._trajectories)
         self.scaled = jax.jit(parameters.scaled)
+        self.scaled_by_theta = jax.jit(jax.jacfwd(parameters.scaled))
 
     # Thrust: known from the commands alone, so that it is integrated once through each whole record.
 
