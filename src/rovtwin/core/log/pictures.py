@@ -1,0 +1,134 @@
+"""Pictures of a camera in an MCAP file of their own: compressed, one message each, sensor_msgs/msg/CompressedImage.
+
+The message carries when the picture was taken, the record when it was delivered. Foxglove, rosbags and ROS 2 show them.
+"""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from rovtwin.core.errors import LogError
+from rovtwin.core.log.files import exists_error, write_error
+from rovtwin.core.log.mcapfile import McapFile
+from rovtwin.core.log.reader import is_finished, open_mcap
+
+TYPE = "sensor_msgs/msg/CompressedImage"
+# Field by field the published interface definitions of ROS 2: names and types are the contract.
+_DEFINITION = """std_msgs/Header header
+string format
+uint8[] data
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_RECORD = struct.Struct("<BQHIQQ")  # operation, length, channel, sequence, time of log and of publication
+_BODY = _RECORD.size - 9  # of the record, what its length counts
+_LITTLE = b"\x00\x01\x00\x00"  # plain CDR, little endian
+
+
+class PictureWriter:
+    """Writes the pictures of one camera; a context manager.
+
+    Args:
+        path: New file.
+        camera: Name of the camera: topic `/camera/<name>` and frame.
+        encoding: What the bytes are, `jpeg` or `png`.
+
+    Raises:
+        LogError: The file exists, or cannot be written.
+    """
+
+    def __init__(self, path: str | Path, camera: str, encoding: str = "jpeg") -> None:
+        self.path, self._frame, self._encoding, self._count = Path(path), camera, encoding, 0
+        try:
+            self._stream = open(self.path, "xb")
+        except FileExistsError:
+            raise exists_error(self.path) from None
+        except OSError as error:
+            raise write_error(self.path, error) from error
+        self._file = McapFile(self._stream)
+        schema = self._file.schema(TYPE, "ros2msg", _DEFINITION.encode())
+        self._channel = self._file.channel(f"/camera/{camera.replace('.', '_')}", schema, "cdr", {})
+
+    def write(self, taken: float, delivered: float, data: bytes) -> None:
+        """One picture, compressed; times by the clock of the run [s]."""
+        message = _encode(round(taken * 1e9), self._frame, self._encoding, data)
+        at = round(delivered * 1e9)
+        head = _RECORD.pack(5, _BODY + len(message), self._channel, self._count, at, at)
+        self._count += 1
+        try:
+            self._file.chunk(head + message)
+        except OSError as error:
+            raise write_error(self.path, error) from error
+
+    def __enter__(self) -> "PictureWriter":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            self._file.finish()
+        finally:
+            self._stream.close()
+
+
+def read_pictures(path: Path, topic: str | None = None) -> Iterator[tuple[float, bytes]]:
+    """Time at which each picture was taken [s], and its compressed bytes, in the order of delivery.
+
+    Args:
+        path: MCAP, ours or a recording of ROS 2.
+        topic: Where several cameras are in the file.
+
+    Raises:
+        LogError: It is no such file, has no pictures, or those of several cameras and none is named.
+    """
+    with open_mcap(path) as stream:
+        if not is_finished(stream):
+            raise LogError(f"{path}: unfinished: its run was killed, still goes on, or the file was cut")
+        stream.seek(0)
+        try:
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            channels = summary.channels.values() if summary else []
+            schemas = summary.schemas if summary else {}
+            found = [c.topic for c in channels if c.schema_id in schemas and schemas[c.schema_id].name == TYPE]
+            if topic is None and len(found) != 1 or topic is not None and topic not in found:
+                said = ", ".join(found) or "none"
+                raise LogError(f"{path}: found topics with pictures: {said}; expected {topic or 'one'}")
+            for _, _, record in reader.iter_messages(topics=[topic or found[0]]):
+                yield _decode(record.data, path)
+        except McapError as error:
+            raise LogError(f"{path}: cannot be read as MCAP: {error}") from None
+
+
+def _encode(stamp: int, frame: str, encoding: str, data: bytes) -> bytes:
+    body = struct.pack("<iI", *divmod(stamp, 1_000_000_000))
+    for text in (frame, encoding):
+        raw = text.encode() + b"\0"
+        body += struct.pack("<I", len(raw)) + raw
+        body += b"\0" * (-len(body) % 4)
+    return _LITTLE + body + struct.pack("<I", len(data)) + data
+
+
+def _decode(message: bytes, path: Path) -> tuple[float, bytes]:
+    if message[:2] != _LITTLE[:2]:
+        raise LogError(f"{path}: found a picture in an encoding other than plain little-endian CDR")
+    body = memoryview(message)[4:]
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI", body)
+        at = 8
+        for _ in range(2):
+            at += 4 + struct.unpack_from("<I", body, at)[0]
+            at += -at % 4
+        (length,) = struct.unpack_from("<I", body, at)
+    except struct.error:
+        raise LogError(f"{path}: found a picture that is cut short") from None
+    return seconds + 1e-9 * nanoseconds, bytes(body[at + 4 : at + 4 + length])
