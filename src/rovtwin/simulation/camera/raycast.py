@@ -14,7 +14,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.camera.lighting import Lighting
 from rovtwin.simulation.camera.rays import Rays
-from rovtwin.simulation.camera.shading import albedo, shade
+from rovtwin.simulation.camera.shading import albedo, bend, mottled, net, ripple, shade
 from rovtwin.simulation.scene.scene import Scene
 from rovtwin.simulation.scene.surfaces import Rectangle
 
@@ -22,6 +22,7 @@ BLOCK = 1 << 14  # rays at a time: what fits into the processor's cache
 ACROSS = 4  # rays along a side of a pixel that an edge crosses
 _MOST_CELLS = 11  # 7 x 7 bits with border and rim
 _NEAR = 0.02  # nothing is seen closer to the camera [m]
+_ENDLESS = 1e3  # where nothing is seen [m]
 _DARK, _DARKNESS = 0.25, 0.45  # of the corners of a basin: how far they reach [m], how dark they are
 
 
@@ -30,6 +31,7 @@ class _Faces(eqx.Module):
 
     corner: Array
     normal: Array
+    normal_n: Array  # in n
     right: Array  # unit
     up: Array  # unit
     size: Array
@@ -60,7 +62,8 @@ class Raycaster:
         if scene.meshes:
             names = ", ".join(mesh.name for mesh in scene.meshes)
             raise ConfigError(
-                f"{scene.where}: {names}: the ray-caster draws boxes, planes and markers only. Meshes, cylinders, relief "
+                f"{scene.where}: {names}: the ray-caster draws boxes, planes and markers only. Meshes, cylinders, "
+                "relief "
                 "and wrecks need the renderer 'gl': pip install 'rovtwin[render]'"
             )
         self.rays, self.scene = rays, scene
@@ -123,9 +126,32 @@ def _edges(code: np.ndarray) -> np.ndarray:
     return edge
 
 
-@jax.jit
 def _block(faces: _Faces, light: _Light, R_nc: Array, o: Array, d: Array, pixel: float) -> tuple[Array, Array, Array]:
-    """Colour (n, 3), way (n,) and a code of what is seen (n,) of rays in c, shapes (3, n)."""
+    """Colour (n, 3), way (n,) and a code of what is seen (n,) of rays in c, shapes (3, n).
+
+    In steps, each a program of its own: in one, XLA computes the noise anew for every band.
+    """
+    place = _trace(faces, R_nc, light.eye, o, d, pixel)
+    rough, bent, rippled = _noises(faces, light, place)
+    lines = _lines(place, bent)
+    return _colours(faces, light, place, rough, lines, rippled)
+
+
+class _Place(eqx.Module):
+    """What rays hit: way, coordinates on the face, which face (-1: none), point and direction in n, cosine."""
+
+    way: Array
+    u: Array
+    v: Array
+    face: Array
+    point: tuple[Array, Array, Array]
+    direction: tuple[Array, Array, Array]
+    towards: Array
+    wide: Array
+
+
+@jax.jit
+def _trace(faces: _Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: float) -> _Place:
     zero = jnp.zeros_like(d[0])
 
     def nearer(k: Array, best: Any) -> Any:
@@ -141,36 +167,63 @@ def _block(faces: _Faces, light: _Light, R_nc: Array, o: Array, d: Array, pixel:
         new = (t, u, v, jnp.full_like(zero, k, dtype=jnp.int32), towards)
         return tuple(jnp.where(ahead, one, other) for one, other in zip(new, best, strict=True))
 
-    nothing = (zero + jnp.inf, zero, zero, jnp.full_like(zero, -1, dtype=jnp.int32), zero + 1)
-    t, u, v, index, towards = jax.lax.fori_loop(0, faces.normal.shape[0], nearer, nothing)
-    none = index < 0
-    face, way = jnp.maximum(index, 0), jnp.where(none, 1e3, t)
-    wide = way * pixel / jnp.maximum(jnp.abs(towards), 0.02)
+    nothing = (zero + _ENDLESS, zero, zero, jnp.full_like(zero, -1, dtype=jnp.int32), zero + 1)
+    t, u, v, face, towards = jax.lax.fori_loop(0, faces.normal.shape[0], nearer, nothing)
+    point = [eye[i] + x for i, x in enumerate(_turned(R_nc, [o[i] + t * d[i] for i in range(3)]))]
+    wide = t * jnp.asarray(pixel, jnp.float32) / jnp.maximum(jnp.abs(towards), 0.02)
+    return _Place(t, u, v, face, tuple(point), tuple(_turned(R_nc, d)), towards, wide)
+
+
+@jax.jit
+def _noises(faces: _Faces, light: _Light, place: _Place) -> tuple[Array, Array, Array]:
+    face = jnp.maximum(place.face, 0)
+    u, v = faces.origin[face, 0] + place.u, faces.origin[face, 1] + place.v
+    rough = mottled(u, v, place.wide, faces.material[face, 7])
+    return rough, bend(place.point), ripple(light, place.point, place.direction, place.wide)
+
+
+@jax.jit
+def _lines(place: _Place, bent: Array) -> Array:
+    return net(place.point, bent, place.wide)
+
+
+@jax.jit
+def _colours(
+    faces: _Faces, light: _Light, place: _Place, rough: Array, lines: Array, rippled: Array
+) -> tuple[Array, Array, Array]:
+    none, face = place.face < 0, jnp.maximum(place.face, 0)
+    u, v = place.u, place.v
     material = [faces.material[face, i] for i in range(faces.material.shape[1])]
-    look = albedo(material, faces.origin[face, 0] + u, faces.origin[face, 1] + v, wide)
+    look = albedo(material, faces.origin[face, 0] + u, faces.origin[face, 1] + v, place.wide, rough)
     # Of a marker: white or black, row 0 above.
-    count, size = faces.cells[face], faces.size[face, 0]
-    cell = size / count
+    count = faces.cells[face]
+    cell = faces.size[face, 0] / count
     column = jnp.clip(jnp.floor(u / cell), 0, count - 1).astype(jnp.int32)
     row = jnp.clip(count - 1 - jnp.floor(v / cell), 0, count - 1).astype(jnp.int32)
-    bit, printed = faces.bits[face, row, column], (faces.print[face] > 0) & (towards < 0)
+    printed = (faces.print[face] > 0) & (place.towards < 0)
+    bit = jnp.where(printed, faces.bits[face, row, column], 0)
     look = [
         jnp.where(printed, jnp.where(bit > 0, material[i], material[3 + i]), jnp.where(none, 0.0, look[i]))
         for i in range(3)
     ]
-    point_c, sign = [o[i] + way * d[i] for i in range(3)], -jnp.sign(towards)
+    sign = -jnp.sign(place.towards)
     hit = {
-        "way": way,
-        "direction": [sum(R_nc[i, j] * d[j] for j in range(3)) for i in range(3)],
-        "normal": [sum(R_nc[i, j] * faces.normal[face, j] for j in range(3)) * sign for i in range(3)],
-        "point": [light.eye[i] + sum(R_nc[i, j] * point_c[j] for j in range(3)) for i in range(3)],
+        "way": place.way,
+        "direction": place.direction,
+        "normal": [sign * faces.normal_n[face, i] for i in range(3)],
+        "point": place.point,
         "albedo": look,
         "corner": _corner(faces, face, u, v),
-        "wide": wide,
         "none": none,
+        "net": lines,
+        "ripple": rippled,
     }
     colour = jnp.stack(shade(light, hit), axis=-1)
-    return colour, jnp.where(none, jnp.inf, t), 2 * index + jnp.where(printed, bit, 0).astype(jnp.int32)
+    return colour, jnp.where(none, jnp.inf, place.way), 2 * place.face + bit.astype(jnp.int32)
+
+
+def _turned(R: Array, p: Any) -> list[Array]:
+    return [R[i, 0] * p[0] + R[i, 1] * p[1] + R[i, 2] * p[2] for i in range(3)]
 
 
 def _corner(faces: _Faces, face: Array, u: Array, v: Array) -> Array:
@@ -207,19 +260,19 @@ def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.nd
         outside += [(corners[:, i] < low[i] * corners[:, 2] - margin).all() for i in range(2)]
         if not any(outside):
             rows.append((rectangle, corners, normal))
-    return _as_faces(rows)
+    return _as_faces(rows, R_nc)
 
 
-def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray]]) -> _Faces:
+def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray]], R_nc: np.ndarray) -> _Faces:
     count = max(-(-len(rows) // 8) * 8, 8)
-    table = {name: np.zeros((count, 3)) for name in ("corner", "normal", "right", "up")}
+    table = {name: np.zeros((count, 3)) for name in ("corner", "normal", "normal_n", "right", "up")}
     table |= {"size": np.full((count, 2), -1.0), "origin": np.zeros((count, 2)), "material": np.ones((count, 11))}
     table |= {"indoor": np.zeros(count, np.int32), "print": np.zeros(count), "cells": np.ones(count)}
     table["bits"] = np.zeros((count, _MOST_CELLS, _MOST_CELLS))
     for k, (rectangle, corners, normal) in enumerate(rows):
         right, up = corners[1] - corners[0], corners[3] - corners[0]
         table["size"][k] = np.linalg.norm(right), np.linalg.norm(up)
-        table["corner"][k], table["normal"][k] = corners[0], normal
+        table["corner"][k], table["normal"][k], table["normal_n"][k] = corners[0], normal, R_nc @ normal
         table["right"][k], table["up"][k] = right / table["size"][k, 0], up / table["size"][k, 1]
         table["origin"][k], table["material"][k] = rectangle.origin, rectangle.material.numbers
         table["indoor"][k] = rectangle.indoor

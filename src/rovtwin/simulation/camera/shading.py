@@ -60,9 +60,11 @@ def joints(x: Array, wide: Array, tile: Array, joint: Array) -> Array:
     return (covered(start + wide) - covered(start)) / wide
 
 
-def albedo(m: Any, u: Array, v: Array, wide: Array) -> list[Array]:
-    """Reflectance in three bands of a material (11 numbers, arrays) at texture coordinates [m]."""
-    rough = mottled(u, v, wide, m[7])
+def albedo(m: Any, u: Array, v: Array, wide: Array, rough: Array) -> list[Array]:
+    """Reflectance in three bands of a material (11 numbers, arrays) at texture coordinates [m].
+
+    `rough` is its `mottled`.
+    """
     tile = jnp.maximum(m[8], 1e-3)
     lines = jnp.where(m[8] > 0, joints(u, wide, tile, m[9]), 0.0), jnp.where(m[8] > 0, joints(v, wide, tile, m[9]), 0.0)
     grout = lines[0] + lines[1] - lines[0] * lines[1]
@@ -73,14 +75,38 @@ def albedo(m: Any, u: Array, v: Array, wide: Array) -> list[Array]:
     return [(m[i] * (1 - second) + m[3 + i] * second) * gain for i in range(3)]
 
 
-def caustics(x: Array, y: Array, z: Array, wide: Array) -> Array:
-    """The net of light below a moving surface: mean about 0, bright lines up to about 2; n [m]."""
-    u, v = (x + 0.35 * z) / NET, (y + 0.2 * z) / NET
-    bent = noise(0.7 * u + 5.0, 0.7 * v, 11)
+def bend(point: Any) -> Array:
+    """What bends the lines of the net of light, from points in n [m]."""
+    u, v = _on_net(point)
+    return noise(0.7 * u + 5.0, 0.7 * v, 11)
+
+
+def net(point: Any, bent: Array, wide: Array) -> Array:
+    """The net of light below a moving surface: mean about 0, bright lines up to about 3."""
+    u, v = _on_net(point)
     one, two = noise(u + bent, v, 12), noise(1.3 * u, 1.3 * v + bent, 13)
     ridge = (1 - jnp.abs(one)) * (1 - jnp.abs(two))
     ridge = ridge * ridge
-    return fade(wide, NET) * jnp.exp(-z / 3.0) * (4.0 * ridge * ridge - 0.4)
+    return fade(wide, NET) * jnp.exp(-jnp.abs(point[2]) / 3.0) * (4.0 * ridge * ridge - 0.4)
+
+
+def _on_net(point: Any) -> tuple[Array, Array]:
+    z = jnp.abs(point[2])  # light comes in aslant
+    return (point[0] + 0.35 * z) / NET, (point[1] + 0.2 * z) / NET
+
+
+def ripple(light: Any, point: Any, sees: Any, wide: Array) -> Array:
+    """What ripples do to what the surface mirrors, about -1 to 1, for points above the surface (mirrored ones)."""
+    share = _share(light, point)
+    x, y = (light.eye[i] + share * (point[i] - light.eye[i]) for i in range(2))
+    both = noise(3.0 * x, 3.0 * y, 21) + 0.6 * noise(9.0 * x, 9.0 * y, 22)
+    # Seen at a grazing angle, a ripple covers few pixels along the view.
+    return both * fade(share * wide / jnp.maximum(jnp.abs(sees[2]), 0.02), 0.5)
+
+
+def _share(light: Any, point: Any) -> Array:
+    """Of the way to a mirrored point that lies before the surface."""
+    return jnp.where(point[2] < 0, light.eye[2] / jnp.maximum(light.eye[2] - point[2], 1e-6), 1.0)
 
 
 def shade(light: Any, hit: Any) -> list[Array]:
@@ -88,33 +114,24 @@ def shade(light: Any, hit: Any) -> list[Array]:
 
     Args:
         light: Of `Lighting`, fields as arrays.
-        hit: Dictionary of arrays: `way` from the camera [m], `direction` and `normal` (lists of three, in n), `point`
-            (list of three, n, above the surface where the surface mirrors it), `albedo` (three), `corner` (how far light is
-            shut off), `wide` (of a pixel there [m]), `none` (nothing was hit).
+        hit: Arrays, lists of three for vectors in n: `way` from the camera [m], `direction`, `normal`, `point` (above the
+            surface where that mirrors it), `albedo`, `corner` (share of light that comes there), `none` (nothing was
+            hit), and `net` and `ripple` there.
     """
-    x, y, raw = hit["point"]
-    mirrored = raw < 0
-    z, up = jnp.abs(raw), -jnp.where(mirrored, -hit["normal"][2], hit["normal"][2])
-    net = 1 + light.caustics * (0.5 + 0.5 * up) * caustics(x, y, z, hit["wide"])
-    day = (light.below + (1 - light.below) * 0.5 * (1 + up)) * net * hit["corner"]
-    shine = _lamplight(light, hit)
+    mirrored = hit["point"][2] < 0
+    z, up = jnp.abs(hit["point"][2]), jnp.where(mirrored, hit["normal"][2], -hit["normal"][2])
+    day = (light.below + (1 - light.below) * 0.5 * (1 + up)) * hit["corner"]
+    day = day * (1 + light.caustics * (0.5 + 0.5 * up) * hit["net"])
+    shine, glow = _lamplight(light, hit), _glow(light, hit)
     sees = hit["direction"]
     sky = mirrored & (sees[2] < -MIRROR)
-    # The way to the surface, and what ripples do to what it mirrors.
-    share = jnp.where(mirrored, light.eye[2] / jnp.maximum(light.eye[2] + z, 1e-6), 1.0)
-    crossing = [light.eye[i] + share * ((x, y)[i] - light.eye[i]) for i in range(2)]
-    # Seen at a grazing angle, a ripple covers fewer pixels along the view than across.
-    rippled = noise(3.0 * crossing[0], 3.0 * crossing[1], 21) + 0.6 * noise(9.0 * crossing[0], 9.0 * crossing[1], 22)
-    slant = jnp.maximum(jnp.abs(sees[2]), 0.02)
-    rippled = rippled * fade(share * hit["wide"] / slant, 0.5)
-    mirror = jnp.where(mirrored, 0.88 + 0.14 * rippled, 1.0)
-    way = jnp.where(sky, share * hit["way"], hit["way"])
+    mirror = jnp.where(mirrored, 0.88 + 0.14 * hit["ripple"], 1.0)
+    way = jnp.where(sky, _share(light, hit["point"]), 1.0) * hit["way"]
     upward = jnp.clip(-sees[2], 0.0, 1.0)
-    glow = _glow(light, hit)
     result = []
     for i in range(3):
         lit = light.surface[i] * jnp.exp(-light.diffuse[i] * z) * day + shine * jnp.exp(-light.beam[i] * hit["way"])
-        seen = jnp.where(sky, light.surface[i] * (1.0 + 0.1 * rippled), hit["albedo"][i] * lit * mirror)
+        seen = jnp.where(sky, light.surface[i] * (1.0 + 0.1 * hit["ripple"]), hit["albedo"][i] * lit * mirror)
         through = jnp.where(hit["none"], 0.0, jnp.exp(-light.beam[i] * way))
         veil = light.veil[i] * (1 + 3 * upward * upward)
         result.append(seen * through + veil * (1 - through) + light.glow[i] * glow)
