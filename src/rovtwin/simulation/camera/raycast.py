@@ -23,7 +23,7 @@ ACROSS = 4  # rays along a side of a pixel that an edge crosses
 _MOST_CELLS = 11  # 7 x 7 bits with border and rim
 _NEAR = 0.02  # nothing is seen closer to the camera [m]
 _ENDLESS = 1e3  # where nothing is seen [m]
-_DARK, _DARKNESS = 0.25, 0.45  # of the corners of a basin: how far they reach [m], how dark they are
+DARK, DARKNESS = 0.25, 0.45  # of the corners of a basin: how far they reach [m], how dark they are
 
 
 class _Faces(eqx.Module):
@@ -59,8 +59,8 @@ class Raycaster:
     """Draws a scene of rectangles through one lens."""
 
     def __init__(self, scene: Scene, rays: Rays):
-        if scene.meshes:
-            names = ", ".join(mesh.name for mesh in scene.meshes)
+        if scene.meshes or scene.bodies:
+            names = ", ".join(mesh.name for mesh in (*scene.meshes, *scene.bodies))
             raise ConfigError(
                 f"{scene.where}: {names}: the ray-caster draws boxes, planes and markers only. Meshes, cylinders, "
                 "relief "
@@ -233,7 +233,7 @@ def _corner(faces: _Faces, face: Array, u: Array, v: Array) -> Array:
     light = jnp.ones_like(u)
     for bits, far in ((1, u), (1, size[:, 0] - u), (2, v), (4, size[:, 1] - v)):
         shut = (indoor & bits) > 0
-        light = light * jnp.where(shut, 1 - _DARKNESS * jnp.exp(-far / _DARK), 1.0)
+        light = light * jnp.where(shut, 1 - DARKNESS * jnp.exp(-far / DARK), 1.0)
     return light
 
 

@@ -1,18 +1,19 @@
 """One face to both renderers: a picture from where the vehicle is."""
 
-from importlib.util import find_spec
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.simulation.camera.image import moved, noisy, toned
-from rovtwin.simulation.camera.lighting import lighting
+from rovtwin.simulation.camera.lighting import Lighting, lighting
 from rovtwin.simulation.camera.rays import Rays, rays_of
 from rovtwin.simulation.scene.scene import Scene
 from rovtwin.vehicle.camera import Camera
 
 Kind = Literal["auto", "raycast", "gl"]
+_Draw = Callable[[Lighting, np.ndarray], tuple[np.ndarray, np.ndarray]]
 _HIGHEST = 0.02  # a camera above the water sees what it would see this far below its surface [m]
 _SHIFT = 1.5  # between the shifted pictures of a blur, at most [px]
 _SHIFTS = (3, 9)
@@ -91,10 +92,24 @@ def image_flow(rays: Rays, camera: Camera, way: np.ndarray, velocity: np.ndarray
     return np.stack([(bb * p - ab * q) / determinant, (aa * q - ab * p) / determinant], axis=-1).astype(np.float32)
 
 
-def _backend(scene: Scene, camera: Camera, rays: Rays, kind: Kind):
+def _backend(scene: Scene, camera: Camera, rays: Rays, kind: Kind) -> tuple[str, _Draw]:
+    if kind not in ("auto", "gl", "raycast"):
+        raise ConfigError(f"renderer: found {kind!r}, expected auto, gl or raycast")
+    if kind != "raycast":
+        from rovtwin.simulation.camera.gl import GlDrawer
+
+        try:
+            return "gl", GlDrawer(scene, rays, camera.name).draw
+        except ConfigError as error:
+            if kind == "gl":
+                raise
+            without_gl = error
     from rovtwin.simulation.camera.raycast import Raycaster
 
-    return "raycast", Raycaster(scene, rays).draw
+    try:
+        return "raycast", Raycaster(scene, rays).draw
+    except ConfigError as error:
+        raise error if kind == "raycast" else ConfigError(f"{error}\n{without_gl}") from None
 
 
 def renderer(scene: Scene, camera: Camera, kind: Kind = "auto", exposure: float = 0.01, noise: float = 2.0) -> Renderer:

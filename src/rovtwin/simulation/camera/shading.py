@@ -11,7 +11,7 @@ from rovtwin.simulation.camera.lighting import MIRROR, STEPS
 
 OCTAVES = 3
 NET = 0.42  # mesh of the caustics [m]
-_REACH = 6.0  # to which a lamp's glow counts [m]
+GLOW_REACH = 6.0  # to which a lamp's glow counts [m]
 
 
 def _hash(x: Array, y: Array, seed: int) -> Array:
@@ -154,7 +154,7 @@ def _lamplight(light: Any, hit: Any) -> Array:
 
 def _glow(light: Any, hit: Any) -> Array:
     """What the water scatters back of the lamps along a ray, over the coefficient: a sum over a few steps."""
-    reach = jnp.where(hit["none"], _REACH, jnp.minimum(hit["way"], _REACH))
+    reach = jnp.where(hit["none"], GLOW_REACH, jnp.minimum(hit["way"], GLOW_REACH))
     total = jnp.zeros_like(reach)
     for k in range(light.lamps.shape[0]):
         lamp = light.lamps[k]

@@ -28,11 +28,13 @@ class Scene:
         file: As its file describes it.
         where: File name, for messages.
         folder: What its mesh files are relative to.
+        bodies: What else is seen, such as a vehicle from outside.
     """
 
     file: schema.SceneFile
     where: str
     folder: Path = Path()
+    bodies: tuple[Mesh, ...] = ()
 
     @property
     def name(self) -> str:
