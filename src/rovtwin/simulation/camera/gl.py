@@ -39,7 +39,8 @@ def context() -> Any:
     except ModuleNotFoundError:
         raise ConfigError("the renderer 'gl' needs moderngl: pip install 'rovtwin[render]'") from None
     try:
-        made = moderngl.create_context(standalone=True, backend="egl", require=330)
+        settings: dict[str, Any] = {"standalone": True, "backend": "egl", "require": 330}
+        made = moderngl.create_context(**settings)
     except Exception as error:
         raise ConfigError(
             f"the renderer 'gl' found no OpenGL 3.3 over EGL ({error}). On a machine without a GPU install Mesa "
@@ -213,7 +214,10 @@ _ATTRIBUTES = ("at", "out_", "texture_", "local_", "face_", "look_")
 def gathered(
     rectangles: list[Rectangle], meshes: list[Mesh]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Vertices (n, 16), indices, materials (m, 12), prints: all that is drawn, float32 and int32."""
+    """Vertices (n, 16), indices, materials (m, 12), prints: all that is drawn, float32 and int32.
+
+    What stands in front comes first, walls last: what is hidden is not shaded.
+    """
     materials: list[Material] = []
     vertices, index, prints, start = [], [], [], 0
     for r in rectangles:
@@ -236,7 +240,7 @@ def gathered(
         start += n
     if not vertices:
         return np.zeros((3, 16), "f4"), np.zeros(3, "i4"), np.zeros((1, 12), "f4"), []
-    table = np.array([[*m.numbers, 0.0] for m in materials])
+    index, table = index[::-1], np.array([[*m.numbers, 0.0] for m in materials])
     return np.concatenate(vertices).astype("f4"), np.concatenate(index).astype("i4"), table, prints
 
 

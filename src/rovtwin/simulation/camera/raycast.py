@@ -126,7 +126,7 @@ def _edges(code: np.ndarray) -> np.ndarray:
     return edge
 
 
-def _block(faces: _Faces, light: _Light, R_nc: Array, o: Array, d: Array, pixel: float) -> tuple[Array, Array, Array]:
+def _block(faces: _Faces, light: _Light, R_nc: Array, o: Any, d: Any, pixel: float) -> tuple[Array, Array, Array]:
     """Colour (n, 3), way (n,) and a code of what is seen (n,) of rays in c, shapes (3, n).
 
     In steps, each a program of its own: in one, XLA computes the noise anew for every band.
@@ -144,8 +144,8 @@ class _Place(eqx.Module):
     u: Array
     v: Array
     face: Array
-    point: tuple[Array, Array, Array]
-    direction: tuple[Array, Array, Array]
+    point: tuple[Array, ...]
+    direction: tuple[Array, ...]
     towards: Array
     wide: Array
 
@@ -265,7 +265,9 @@ def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.nd
 
 def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray]], R_nc: np.ndarray) -> _Faces:
     count = max(-(-len(rows) // 8) * 8, 8)
-    table = {name: np.zeros((count, 3)) for name in ("corner", "normal", "normal_n", "right", "up")}
+    table: dict[str, np.ndarray] = {
+        name: np.zeros((count, 3)) for name in ("corner", "normal", "normal_n", "right", "up")
+    }
     table |= {"size": np.full((count, 2), -1.0), "origin": np.zeros((count, 2)), "material": np.ones((count, 11))}
     table |= {"indoor": np.zeros(count, np.int32), "print": np.zeros(count), "cells": np.ones(count)}
     table["bits"] = np.zeros((count, _MOST_CELLS, _MOST_CELLS))

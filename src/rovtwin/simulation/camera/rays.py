@@ -4,10 +4,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle.camera import Lens, ray
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.vehicle.camera import Lens, Port, lens_from, project, ray
 
 _ROWS = 64
+_OFF = 0.01  # a ray that comes back further from its pixel than this is none [px]
 
 
 class Rays:
@@ -15,7 +16,9 @@ class Rays:
 
     Attributes:
         point: Where they enter the water [m], shape (H, W, 3), or (1, 1, 3) where all pass through one point.
-        direction: Unit, shape (H, W, 3).
+        direction: Unit, shape (H, W, 3); no number where the lens's model leads no ray to a pixel.
+        along: Change of direction per pixel to the right and down.
+        point_along: The same of the point, or None.
     """
 
     def __init__(self, point: np.ndarray, direction: np.ndarray):
@@ -40,11 +43,16 @@ def rays_of(lens: Lens) -> Rays:
 
 @lru_cache(maxsize=4)
 def _rays(numbers: tuple[float, ...], size: tuple[int, int], port: tuple[float, ...] | None) -> Rays:
-    from rovtwin.vehicle.camera import Port, lens_from
-
     lens = lens_from(numbers[:2], numbers[2:4], size, numbers[4:], None if port is None else Port.of(*port))
     width, height = size
-    strip = jax.jit(lambda pixels: ray(lens, pixels))
+
+    def there_and_back(pixels: Array) -> tuple[Array, Array]:
+        point, direction = ray(lens, pixels)
+        back = project(lens, point + direction)
+        true = jnp.all(jnp.abs(back - pixels) < _OFF, axis=-1, keepdims=True)
+        return point, jnp.where(true, direction, jnp.nan)
+
+    strip = jax.jit(there_and_back)
     points, directions = [], []
     for start in range(0, height, _ROWS):
         rows = jnp.arange(start, start + _ROWS, dtype=float)

@@ -32,9 +32,10 @@ class Renderer:
         self.scene, self.camera, self.exposure, self.noise = scene, camera, exposure, noise
         self.rays = rays_of(camera.lens)
         if not np.isfinite(self.rays.direction).all():
+            numbers = np.round(np.asarray(camera.lens.distortion), 4).tolist()
             raise ConfigError(
-                f"camera {camera.name}: its distortion {np.round(np.asarray(camera.lens.distortion), 4).tolist()} maps no "
-                f"direction to some pixels of {camera.lens.size[0]} x {camera.lens.size[1]}; calibrate again or crop"
+                f"camera {camera.name}: its distortion {numbers} leads no ray to some pixels of "
+                f"{camera.lens.size[0]} x {camera.lens.size[1]}; calibrate again, or crop"
             )
         self.kind, self._draw = _backend(scene, camera, self.rays, kind)
 

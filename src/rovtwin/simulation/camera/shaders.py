@@ -113,15 +113,14 @@ vec3 albedo(float wide) {
     float share = clamp(grout + patches * clamp(rough, 0.0, 1.0), 0.0, 1.0);
     return mix(first, second, share) * (1.0 + mottle * rough + each);
 }
-vec3 printed(int layer) {
+vec3 printed(int layer, vec2 dx, vec2 dy) {
     float count = texelFetch(cells, ivec2(layer, 0), 0).r;
     int row = int(look.x + 0.5);
     vec4 a = texelFetch(materials, ivec2(0, row), 0), b = texelFetch(materials, ivec2(1, row), 0);
-    vec2 dx = dFdx(local), dy = dFdy(local);
     float white = 0.0;
     for (int i = 0; i < ACROSS; ++i)
         for (int j = 0; j < ACROSS; ++j) {
-            vec2 at = local + dx * ((float(i) + 0.5) / float(ACROSS) - 0.5) + dy * ((float(j) + 0.5) / float(ACROSS) - 0.5);
+            vec2 part = (vec2(i, j) + 0.5) / float(ACROSS) - 0.5, at = local + dx * part.x + dy * part.y;
             vec2 cell = clamp(floor(at / face.xy * count), 0.0, count - 1.0);
             white += texelFetch(prints, ivec3(int(cell.x), int(count - 1.0 - cell.y), layer), 0).r;
         }
@@ -141,9 +140,10 @@ float net(float wide) {
 float corner() {
     int shut = int(face.z + 0.5);
     float light = 1.0;
-    if ((shut & 1) > 0) light *= (1.0 - DARKNESS * exp(-local.x / DARK)) * (1.0 - DARKNESS * exp((local.x - face.x) / DARK));
-    if ((shut & 2) > 0) light *= 1.0 - DARKNESS * exp(-local.y / DARK);
-    if ((shut & 4) > 0) light *= 1.0 - DARKNESS * exp((local.y - face.y) / DARK);
+    vec2 low = 1.0 - DARKNESS * exp(-local / DARK), high = 1.0 - DARKNESS * exp((local - face.xy) / DARK);
+    if ((shut & 1) > 0) light *= low.x * high.x;
+    if ((shut & 2) > 0) light *= low.y;
+    if ((shut & 4) > 0) light *= high.y;
     return light;
 }
 float lamplight(vec3 n) {
@@ -165,8 +165,10 @@ void main() {
     float wide = way * pixel / max(abs(towards), 0.02);
     bool front = towards < 0.0;
     bool mirrored = flip < 0.0;
-    vec3 white = printed(int(max(look.y, 0.0) + 0.5)); // derivatives want every pixel to come by
-    vec3 look_ = look.y >= 0.0 && front ? white : albedo(wide);
+    vec2 dx = dFdx(local), dy = dFdy(local); // outside of the branch: they want the neighbours too
+    vec3 look_;
+    if (look.y >= 0.0 && front) look_ = printed(int(look.y + 0.5), dx, dy);
+    else look_ = albedo(wide);
     float share = mirrored ? eye.z / max(eye.z - point.z, 1e-6) : 1.0;
     float rippled = 0.0;
     if (mirrored) {

@@ -114,9 +114,9 @@ def shade(light: Any, hit: Any) -> list[Array]:
 
     Args:
         light: Of `Lighting`, fields as arrays.
-        hit: Arrays, lists of three for vectors in n: `way` from the camera [m], `direction`, `normal`, `point` (above the
-            surface where that mirrors it), `albedo`, `corner` (share of light that comes there), `none` (nothing was
-            hit), and `net` and `ripple` there.
+        hit: Arrays, lists of three for vectors in n: `way` from the camera [m], `direction`, `normal`, `point` (above
+            the surface where that mirrors it), `albedo`, `corner` (share of light that comes there), `none` (nothing
+            was hit), and `net` and `ripple` there.
     """
     mirrored = hit["point"][2] < 0
     z, up = jnp.abs(hit["point"][2]), jnp.where(mirrored, hit["normal"][2], -hit["normal"][2])

@@ -5,8 +5,8 @@ which grows with 1 - exp(-c r). Light from above falls off with depth as exp(-K 
 small angles counts as lost, so that contrast is under-estimated rather than over-estimated, and nothing is blurred.
 
 References: pure water Pope and Fry (1997), Applied Optics 36(33). Water types Jerlov (1976), Marine Optics, table
-XXVII. K from a and b Kirk (1984), Limnology and Oceanography 29(2), K^2 = a^2 + 0.256 a b for a high sun. Backscattering
-Petzold (1972), SIO Ref. 72-78: about 1.8 % of b.
+XXVII. K from a and b Kirk (1984), Limnology and Oceanography 29(2), K^2 = a^2 + 0.256 a b for a high sun.
+Backscattering Petzold (1972), SIO Ref. 72-78: about 1.8 % of b.
 """
 
 from dataclasses import dataclass

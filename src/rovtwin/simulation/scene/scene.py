@@ -110,7 +110,7 @@ class Scene:
         for m in on.markers:
             position = place.point(middle + m.at[0] * right + m.at[1] * up)
             R = place.rotation @ np.column_stack([right, up, np.cross(right, up)])
-            upright = Marker(id=m.id, size=m.size, position=position.tolist(), faces=R[:, 2].tolist())
+            upright = Marker(id=m.id, size=m.size, position=position.tolist(), faces=R[:, 2].tolist(), roll_deg=0.0)
             turned = upright.R_nm.T @ R[:, 0]  # how the face itself lies against an upright marker
             roll = m.roll_deg + np.degrees(np.arctan2(turned[1], turned[0]))
             found.append(upright.model_copy(update={"roll_deg": float((roll + 180.0) % 360.0 - 180.0)}))

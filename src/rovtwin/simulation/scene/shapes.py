@@ -1,6 +1,7 @@
 """Bodies that are not flat: cylinders, meshes from files, a bottom with relief, the wreck of a boat."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -68,8 +69,8 @@ def mesh_from_file(path: Path, scale: float, place: Placement, material: Materia
     except ModuleNotFoundError:
         raise ConfigError(f"{where}: meshes need trimesh: pip install 'rovtwin[panel]'") from None
     try:
-        loaded = trimesh.load(str(path), force="mesh")
-    except Exception as error:  # noqa: BLE001 - readers of a dozen formats fail each in its own way
+        loaded: Any = trimesh.load(str(path), force="mesh")
+    except Exception as error:  # readers of a dozen formats fail each in its own way
         raise ConfigError(f"{where}: {path.name} cannot be read as a mesh: {error}") from None
     triangles = np.asarray(getattr(loaded, "faces", ()))
     if not len(triangles):
