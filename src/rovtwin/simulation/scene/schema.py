@@ -1,38 +1,20 @@
 """What a scene file may say: water, a tank or a bottom, objects in it, markers, light. Everything stands still."""
 
-import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import Field, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.core.markers import DICTIONARIES, Marker
+from rovtwin.vehicle.fields import Colour
 from rovtwin.vehicle.schema import Cylinder, Pose
 
 WATERS = (
     "clear_tank",
     *(f"jerlov_{kind}" for kind in ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")),
 )
-TEXTURES = ("plain", "tiles", "concrete", "sand", "rust")
-FACES = ("north", "south", "east", "west", "top", "bottom")
 
 
-def _colour(value: Any) -> Any:
-    """`#rrggbb` or three shares of red, green and blue as they are."""
-    if isinstance(value, str):
-        if not re.fullmatch(r"#[0-9a-fA-F]{6}", value):
-            raise ValueError(f"found {value!r}, expected a colour such as '#e6b800' or [0.9, 0.7, 0.0]")
-        return [int(value[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-    return value
-
-
-Colour = Annotated[
-    Annotated[list[Share], Field(min_length=3, max_length=3)],
-    BeforeValidator(_colour),
-    WithJsonSchema(
-        {"anyOf": [{"type": "string", "pattern": "^#[0-9a-fA-F]{6}$"}, {"type": "array", "items": {"type": "number"}}]}
-    ),
-]
 ThreeBands = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
 
 
