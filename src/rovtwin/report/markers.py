@@ -15,10 +15,10 @@ from rovtwin.core.markers import DICTIONARIES
 from rovtwin.core.yamlfile import near
 
 PAGES = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "letter": (0.2159, 0.2794)}  # width, height [m]
-_EDGE = 0.008  # that printers leave white [m]
-_BELOW = 0.018  # of the page for the ruler [m]
-_LABEL = 0.007  # under each marker for its number [m]
-_MARK, _GAP = 0.005, 0.001  # length of a cut mark, and how far it stays from the corner [m]
+_EDGE = 0.0045  # that printers leave white [m]
+_BELOW = 0.020  # of the page for the ruler [m]
+_LABEL = 0.007  # height of the line with its number [m]
+_MARK = 0.005  # length of a cut mark, at most half the rim of the marker beside it [m]
 _INCH = 0.0254
 
 
@@ -71,18 +71,17 @@ def sheet(size: float, cells: int, page: str) -> Sheet:
     board = size * (cells + 2) / cells
     found = []
     for width, height in (PAGES[page], PAGES[page][::-1]):
-        # Cut marks stand outside of the board: between two boards there is room for those of both.
-        across = int((width - 2 * _EDGE) // (board + 2 * _GAP))
-        down = int((height - 2 * _EDGE - _BELOW) // (board + _LABEL))
+        across = int((width - 2 * _EDGE) / board + 1e-9)
+        down = int((height - 2 * _EDGE - _BELOW) / (board + _LABEL))
         found.append(Sheet(width, height, across, down, board))
     best = max(found, key=lambda s: s.across * s.down)
     if best.across * best.down == 0:
         width, height = PAGES[page]
-        room = min(width - 2 * _EDGE - 2 * _GAP, height - 2 * _EDGE - _BELOW - _LABEL)
+        room = min(width - 2 * _EDGE, height - 2 * _EDGE - _BELOW - _LABEL)
         larger = " or --page a3" if page != "a3" else ""
         raise ConfigError(
-            f"--size: found {1e3 * size:g} mm, which with its white rim takes {1e3 * board:.0f} mm; {page} has room for "
-            f"{1e3 * room * cells / (cells + 2):.0f} mm: take a smaller one{larger}"
+            f"--size: found {1e3 * size:g} mm, which with its white rim takes {1e3 * board:.0f} mm; {page} has room "
+            f"for {np.floor(1e3 * room * cells / (cells + 2)):.0f} mm: take a smaller one{larger}"
         )
     return best
 
@@ -146,17 +145,20 @@ def _marker(axes: Axes, x: float, y: float, board: float, black: np.ndarray, lab
         for start, stop in edges.reshape(-1, 2):
             corner = x + (1 + start) * cell, y + (cells - row) * cell
             axes.add_patch(Rectangle(corner, (stop - start) * cell, cell, facecolor="black", edgecolor="none"))
-    for cx, outward_x in ((x, -1), (x + board, 1)):
-        for cy, outward_y in ((y, -1), (y + board, 1)):
-            axes.plot([cx + outward_x * _GAP, cx + outward_x * _MARK], [cy, cy], color="black", lw=0.4)
-            axes.plot([cx, cx], [cy + outward_y * _GAP, cy + outward_y * _MARK], color="black", lw=0.4)
-    axes.text(x + 0.5 * board, y - 0.0035, label, ha="center", va="center", fontsize=7, color="#444444")
+    mark = min(_MARK, 0.5 * cell)
+    for cx, outward_x in ((x, -mark), (x + board, mark)):
+        for cy, outward_y in ((y, -mark), (y + board, mark)):
+            axes.plot([cx, cx + outward_x], [cy, cy], color="black", lw=0.4)
+            axes.plot([cx, cx], [cy, cy + outward_y], color="black", lw=0.4)
+    # In the rim, so that it is still there when the marker hangs, and tells which side is up; else below.
+    at = y + 0.25 * cell if cell > _LABEL else y - 0.5 * _LABEL
+    axes.text(x + 0.5 * board, at, label, ha="center", va="center", fontsize=6, color="#777777")
 
 
 def _ruler(axes: Axes, width: float) -> None:
     """As long as fits, in whole centimetres, with a line every centimetre."""
-    length = np.floor((width - 2 * _EDGE - 0.02) / 0.01) * 0.01
-    x, y = 0.5 * (width - length), _EDGE + 0.006
+    length = np.floor((width - 2 * _EDGE - 0.02) / 0.01 + 1e-9) * 0.01
+    x, y = 0.5 * (width - length), _EDGE + 0.008
     axes.plot([x, x + length], [y, y], color="black", lw=0.6)
     for i in range(round(length / 0.01) + 1):
         tall = 0.004 if i % 5 == 0 else 0.002

@@ -14,7 +14,6 @@ from rovtwin.simulation.scene.scene import Scene
 from rovtwin.vehicle.camera import Camera, cameras_of
 from rovtwin.vehicle.vehicle import Vehicle
 
-
 _STREAM = 0xCA3E  # keeps these draws apart from others of the same seed
 
 
