@@ -187,7 +187,7 @@ class GlDrawer:
 
 
 def _shared(program: Any, light: Lighting, eye: np.ndarray) -> None:
-    for name in ("beam", "veil", "glow"):
+    for name in ("beam", "veil", "glow", "gain"):
         _set(program, name, getattr(light, name))
     _set(program, "eye", eye)
     _set(program, "lamps", len(light.lamps))

@@ -52,6 +52,7 @@ class _Light(eqx.Module):
     veil: Array
     lamps: Array
     glow: Array
+    gain: Array
     eye: Array
 
 

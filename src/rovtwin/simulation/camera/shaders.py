@@ -1,6 +1,6 @@
 """`shading` and `raycast`'s look at what was hit, in GLSL: the same names, the same numbers."""
 
-from rovtwin.simulation.camera.lighting import MIRROR, STEPS
+from rovtwin.simulation.camera.lighting import MIRROR, STEPS, SUN
 from rovtwin.simulation.camera.raycast import ACROSS, DARK, DARKNESS
 from rovtwin.simulation.camera.shading import GLOW_REACH, NET, OCTAVES
 
@@ -27,17 +27,19 @@ void main() {
 _CONSTANTS = f"""
 #version 330 core
 const float MIRROR = {MIRROR}, NET = {NET}, DARK = {DARK}, DARKNESS = {DARKNESS}, REACH = {GLOW_REACH};
+const vec3 SUN = vec3({SUN[0]}, {SUN[1]}, {SUN[2]});
 const int STEPS = {STEPS}, OCTAVES = {OCTAVES}, ACROSS = {ACROSS};
 """
 
 _COMMON = (
     _CONSTANTS
     + """
-uniform vec3 eye, beam;
+uniform vec3 eye, beam, gain;
 uniform int lamps;
 uniform vec4 lamp[8]; // position and exponent, direction and power
-float haze(vec3 sees, float way) {
-    float total = 0.0, reach = min(way, REACH);
+vec3 haze(vec3 sees, float way) {
+    vec3 total = vec3(0.0);
+    float reach = min(way, REACH);
     for (int k = 0; k < lamps; ++k)
         for (int j = 0; j < STEPS; ++j) {
             float share = (float(j) + 0.5) / float(STEPS), s = reach * share * share;
@@ -45,7 +47,7 @@ float haze(vec3 sees, float way) {
             vec3 to = eye + s * sees - lamp[2 * k].xyz;
             float far2 = max(dot(to, to), 1e-2);
             float along = clamp(dot(to, lamp[2 * k + 1].xyz) / sqrt(far2), 1e-4, 1.0);
-            total += ds * lamp[2 * k + 1].w * pow(along, lamp[2 * k].w) / far2 * exp(-2.0 * beam.g * s);
+            total += ds * lamp[2 * k + 1].w * pow(along, lamp[2 * k].w) / far2 * exp(-2.0 * beam * s);
         }
     return total;
 }
@@ -130,7 +132,7 @@ float net(float wide) {
     float seen = fade(wide, NET);
     if (seen <= 0.0) return 0.0;
     float z = abs(point.z);
-    vec2 p = vec2(point.x + 0.35 * z, point.y + 0.2 * z) / NET;
+    vec2 p = (point.xy - SUN.xy / SUN.z * z) / NET;
     float bent = noise(0.7 * p + vec2(5.0, 0.0), 11);
     float one = noise(p + vec2(bent, 0.0), 12), two = noise(1.3 * p + vec2(0.0, bent), 13);
     float ridge = (1.0 - abs(one)) * (1.0 - abs(two));
@@ -176,7 +178,7 @@ void main() {
         float seen = fade(share * wide / max(abs(sees.z), 0.02), 0.5);
         if (seen > 0.0) rippled = seen * (noise(3.0 * at, 21) + 0.6 * noise(9.0 * at, 22));
     }
-    float up = mirrored ? n.z : -n.z;
+    float up = dot(SUN, mirrored ? vec3(n.xy, -n.z) : n);
     float day = (below + (1.0 - below) * 0.5 * (1.0 + up)) * corner();
     day *= 1.0 + strength * (0.5 + 0.5 * up) * net(wide);
     bool sky = mirrored && sees.z < -MIRROR;
@@ -185,7 +187,7 @@ void main() {
     vec3 through = exp(-beam * way * (sky ? share : 1.0));
     float upward = clamp(-sees.z, 0.0, 1.0);
     vec3 result = seen * through + veil * (1.0 + 3.0 * upward * upward) * (1.0 - through) + glow * haze(sees, way);
-    colour = vec4(clamp(result, 0.0, 1.0), way);
+    colour = vec4(clamp(gain * result, 0.0, 1.0), way);
 }
 """
 )
@@ -209,7 +211,8 @@ out vec4 colour;
 void main() {
     vec3 sees = normalize(towards * vec3(place, 1.0));
     float upward = clamp(-sees.z, 0.0, 1.0);
-    colour = vec4(clamp(veil * (1.0 + 3.0 * upward * upward) + glow * haze(sees, REACH), 0.0, 1.0), endless);
+    vec3 result = veil * (1.0 + 3.0 * upward * upward) + glow * haze(sees, REACH);
+    colour = vec4(clamp(gain * result, 0.0, 1.0), endless);
 }
 """
 )

@@ -7,7 +7,7 @@ for the idea of a hashed lattice; the hash mixes as in Appleby's MurmurHash3 (20
 from typing import Any
 
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.simulation.camera.lighting import MIRROR, STEPS
+from rovtwin.simulation.camera.lighting import MIRROR, STEPS, SUN
 
 OCTAVES = 3
 NET = 0.42  # mesh of the caustics [m]
@@ -92,7 +92,7 @@ def net(point: Any, bent: Array, wide: Array) -> Array:
 
 def _on_net(point: Any) -> tuple[Array, Array]:
     z = jnp.abs(point[2])  # light comes in aslant
-    return (point[0] + 0.35 * z) / NET, (point[1] + 0.2 * z) / NET
+    return (point[0] + SUN[0] / SUN[2] * -z) / NET, (point[1] + SUN[1] / SUN[2] * -z) / NET
 
 
 def ripple(light: Any, point: Any, sees: Any, wide: Array) -> Array:
@@ -119,7 +119,8 @@ def shade(light: Any, hit: Any) -> list[Array]:
             was hit), and `net` and `ripple` there.
     """
     mirrored = hit["point"][2] < 0
-    z, up = jnp.abs(hit["point"][2]), jnp.where(mirrored, hit["normal"][2], -hit["normal"][2])
+    z, n = jnp.abs(hit["point"][2]), hit["normal"]
+    up = SUN[0] * n[0] + SUN[1] * n[1] + SUN[2] * jnp.where(mirrored, -n[2], n[2])
     day = (light.below + (1 - light.below) * 0.5 * (1 + up)) * hit["corner"]
     day = day * (1 + light.caustics * (0.5 + 0.5 * up) * hit["net"])
     shine, glow = _lamplight(light, hit), _glow(light, hit)
@@ -134,7 +135,7 @@ def shade(light: Any, hit: Any) -> list[Array]:
         seen = jnp.where(sky, light.surface[i] * (1.0 + 0.1 * hit["ripple"]), hit["albedo"][i] * lit * mirror)
         through = jnp.where(hit["none"], 0.0, jnp.exp(-light.beam[i] * way))
         veil = light.veil[i] * (1 + 3 * upward * upward)
-        result.append(seen * through + veil * (1 - through) + light.glow[i] * glow)
+        result.append(light.gain[i] * (seen * through + veil * (1 - through) + light.glow[i] * glow[i]))
     return result
 
 
@@ -152,10 +153,10 @@ def _lamplight(light: Any, hit: Any) -> Array:
     return total
 
 
-def _glow(light: Any, hit: Any) -> Array:
+def _glow(light: Any, hit: Any) -> list[Array]:
     """What the water scatters back of the lamps along a ray, over the coefficient: a sum over a few steps."""
     reach = jnp.where(hit["none"], GLOW_REACH, jnp.minimum(hit["way"], GLOW_REACH))
-    total = jnp.zeros_like(reach)
+    total = [jnp.zeros_like(reach) for _ in range(3)]
     for k in range(light.lamps.shape[0]):
         lamp = light.lamps[k]
         for j in range(STEPS):
@@ -164,5 +165,6 @@ def _glow(light: Any, hit: Any) -> Array:
             to = [light.eye[i] + s * hit["direction"][i] - lamp[i] for i in range(3)]
             far2 = jnp.maximum(to[0] ** 2 + to[1] ** 2 + to[2] ** 2, 1e-2)
             along = jnp.clip(sum(to[i] * lamp[3 + i] for i in range(3)) / jnp.sqrt(far2), 1e-4, 1.0)
-            total = total + ds * lamp[7] * along ** lamp[6] / far2 * jnp.exp(-2 * light.beam[1] * s)
+            shine = ds * lamp[7] * along ** lamp[6] / far2
+            total = [total[i] + shine * jnp.exp(-2 * light.beam[i] * s) for i in range(3)]
     return total
