@@ -144,6 +144,19 @@ def ballast(
         screen.print(f"wrote {out}", markup=False)
 
 
+@vehicle_app.command("urdf")
+def urdf(
+    vehicle: VehicleName,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="URDF to write.")] = Path("vehicle.urdf"),
+) -> None:
+    """Write a vehicle's looks, mass, cameras and sensors as URDF, for RViz, Gazebo and others (x forward, z up)."""
+    from rovtwin.vehicle import load_vehicle
+    from rovtwin.vehicle.urdf import urdf as urdf_of
+
+    out.write_text(urdf_of(load_vehicle(vehicle)), encoding="utf-8")
+    console(False).print(f"wrote {out}", markup=False, soft_wrap=True)
+
+
 @vehicle_app.command("schema")
 def schema(as_json: AsJson = True) -> None:
     """The JSON Schema of vehicle files, for editors to complete and check them."""

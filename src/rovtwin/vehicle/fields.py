@@ -206,3 +206,22 @@ Table = Annotated[
         }
     ),
 ]
+
+
+def _check_colour(value: Any) -> Any:
+    """`#rrggbb` as three shares; a list as it is."""
+    if not isinstance(value, (str, list)) or (isinstance(value, str) and not re.fullmatch(_HEX, value)):
+        raise ValueError(f"found {value!r}, expected a colour such as '#e6b800' or [0.9, 0.7, 0.0]")
+    if isinstance(value, str):
+        return [int(value[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    if len(value) != 3 or not all(_is_number(v) and 0 <= v <= 1 for v in value):
+        raise ValueError(f"found {value!r}, expected red, green and blue, each 0 to 1")
+    return value
+
+
+_HEX = "#[0-9a-fA-F]{6}"
+Colour = Annotated[
+    Any,
+    BeforeValidator(_check_colour),
+    WithJsonSchema({"anyOf": [{"type": "string", "pattern": f"^{_HEX}$"}, _VECTOR]}),
+]

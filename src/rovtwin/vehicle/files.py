@@ -68,7 +68,8 @@ def _filled(body: Any, path: Path, chain: tuple[Path, ...], place: str = "") -> 
             part = _filled(part, path, chain, f"{here}.")
         parts.append(part)
     thrusters = [_with_table_read(t, path, f"{place}thrusters[{i}]") for i, t in enumerate(body.thrusters)]
-    return body.model_copy(update={"parts": parts, "thrusters": thrusters})
+    visuals = [_with_mesh_found(v, path, f"{place}visuals[{i}]") for i, v in enumerate(body.visuals)]
+    return body.model_copy(update={"parts": parts, "thrusters": thrusters, "visuals": visuals})
 
 
 def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Part:
@@ -88,6 +89,16 @@ def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Pa
     own = {key: getattr(inner, key) for key in Body.model_fields}
     said = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
     return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose)
+
+
+def _with_mesh_found(visual: Any, path: Path, here: str) -> Any:
+    """A visual whose mesh file, if any, is a path that holds wherever it is read from."""
+    if visual.mesh is None:
+        return visual
+    target = path.parent / Path(visual.mesh).expanduser()
+    if not target.is_file():
+        raise ConfigError(f"{path.name}: {here}.mesh: found {visual.mesh}, but there is no file {target}")
+    return visual.model_copy(update={"mesh": str(target.resolve())})
 
 
 def _with_table_read(thruster: Any, path: Path, here: str) -> Any:

@@ -8,9 +8,11 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
 from rovtwin.vehicle.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
 
+_NO_MATTER = ("source", "sources", "description", "visuals")  # for what a vehicle does
+
 
 def fingerprint(file: schema.VehicleFile) -> str:
-    """Of everything that parameters depend on: all of the file but names, remarks and the identification itself."""
+    """Of all that parameters depend on: the whole file but names, remarks, looks and the identification itself."""
     data = file.model_dump(mode="json", exclude={"identified", "name"}, exclude_none=True)
     text = json.dumps(_without_remarks(data), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -18,7 +20,7 @@ def fingerprint(file: schema.VehicleFile) -> str:
 
 def _without_remarks(data: object) -> object:
     if isinstance(data, dict):
-        return {k: _without_remarks(v) for k, v in data.items() if k not in ("source", "sources", "description")}
+        return {k: _without_remarks(v) for k, v in data.items() if k not in _NO_MATTER}
     if isinstance(data, list):
         return [_without_remarks(v) for v in data]
     return data

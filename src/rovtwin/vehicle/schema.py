@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
-from rovtwin.vehicle.fields import Buoyancy, Coefficients, Direction, Force, Inertia, LogName, Table
+from rovtwin.vehicle.fields import Buoyancy, Coefficients, Colour, Direction, Force, Inertia, LogName, Table
 
 Source = Annotated[str | None, Field(description="where the values of this block come from")]
 
@@ -62,6 +62,27 @@ class Shape(Strict):
         kinds = [k for k in ("box", "cylinder", "sphere", "ellipsoid") if getattr(self, k) is not None]
         if len(kinds) != 1:
             raise ValueError(f"found {' and '.join(kinds) or 'none'}, expected one of box, cylinder, sphere, ellipsoid")
+        return self
+
+
+class Visual(Strict):
+    """What a part looks like: one of several pieces. It weighs nothing and drags nothing."""
+
+    box: list[Positive] | None = Field(None, min_length=3, max_length=3, description="length, width, height [m]")
+    cylinder: Cylinder | None = Field(None, description="circular, along x")
+    sphere: Positive | None = Field(None, description="radius [m]")
+    ellipsoid: list[Positive] | None = Field(None, min_length=3, max_length=3, description="semi-axes [m]")
+    mesh: str | None = Field(None, description="STL, OBJ, PLY or GLB file in m; x forward, y right, z down")
+    center: Vector3 = Field([0.0, 0.0, 0.0], description="in the part's frame [m]; of a mesh, its origin")
+    attitude_deg: Degrees3 = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw in the part's frame")
+    colour: Colour = Field([0.6, 0.62, 0.65], description="'#rrggbb' or three shares")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "Visual":
+        kinds = [k for k in ("box", "cylinder", "sphere", "ellipsoid", "mesh") if getattr(self, k) is not None]
+        if len(kinds) != 1:
+            said = " and ".join(kinds) or "none"
+            raise ValueError(f"found {said}, expected one of box, cylinder, sphere, ellipsoid, mesh")
         return self
 
 
@@ -208,6 +229,7 @@ class Body(Strict):
     volume: NonNegative | None = Field(None, description="displaced [m3]; else that of the shape, or none")
     center_of_buoyancy: Vector3 | None = Field(None, description="[m]; else the centre of the shape, or the origin")
     shape: Shape | None = None
+    visuals: list[Visual] = Field([], description="what it looks like; without them its shape is drawn")
     thrusters: list[Thruster] = []
     cameras: list[Camera] = []
     sensors: list[Sensor] = []

@@ -1,0 +1,66 @@
+"""A picture of the vehicle from outside, as a diver beside it would take it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from rovtwin.simulation.camera.renderer import Renderer
+from rovtwin.simulation.scene.bodies import vehicle_meshes
+from rovtwin.simulation.scene.scene import Scene
+from rovtwin.vehicle.camera import R_DEVICE_C, Camera, lens_from
+from rovtwin.vehicle.vehicle import Vehicle
+
+_ROOM = 0.15  # from walls, floor and surface [m]
+
+
+def outside_view(
+    scene: Scene,
+    vehicle: Vehicle,
+    position: object,
+    R_nb: object,
+    *,
+    distance: float = 1.9,
+    bearing_deg: float = 145.0,
+    elevation_deg: float = 14.0,
+    size: tuple[int, int] = (1280, 720),
+) -> np.ndarray:
+    """RGB, uint8, shape (H, W, 3), with the vehicle in its middle.
+
+    Args:
+        scene: Around it.
+        vehicle: Which one.
+        position: CO in n [m], shape (3,).
+        R_nb: Attitude, shape (3, 3).
+        distance: Of the camera from CO [m]; less where a wall is in the way.
+        bearing_deg: Where the camera is, from the bow over starboard.
+        elevation_deg: How far above the vehicle.
+        size: Width and height [px].
+    """
+    position, R_nb = np.asarray(position, float), np.asarray(R_nb, float)
+    heading = np.arctan2(R_nb[1, 0], R_nb[0, 0]) + np.radians(bearing_deg)
+    level, up = np.cos(np.radians(elevation_deg)), np.sin(np.radians(elevation_deg))
+    eye = position + distance * np.array([level * np.cos(heading), level * np.sin(heading), -up])
+    eye = _inside(scene, eye)
+    ahead = (position - eye) / np.linalg.norm(position - eye)
+    right = np.cross([0.0, 0.0, 1.0], ahead)
+    right /= np.linalg.norm(right)
+    R_nd = np.column_stack([ahead, right, np.cross(ahead, right)])  # of a device: x forward, y right, z down
+    width, height = size
+    lens = lens_from([0.8 * width] * 2, [0.5 * (width - 1), 0.5 * (height - 1)], size)
+    camera = Camera("outside", lens, R_nb.T @ (eye - position), R_nb.T @ R_nd @ R_DEVICE_C)
+    around = replace(scene, bodies=vehicle_meshes(vehicle, position, R_nb))
+    return Renderer(around, camera, "gl").image(position, R_nb)
+
+
+def _inside(scene: Scene, eye: np.ndarray) -> np.ndarray:
+    """The point, moved into the water."""
+    tank = scene.file.tank
+    if tank is None:
+        return np.array([*eye[:2], np.clip(eye[2], _ROOM, max(scene.depth - 3 * _ROOM, _ROOM))])
+    c, s = np.cos(np.radians(tank.heading_deg)), np.sin(np.radians(tank.heading_deg))
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    local = R.T @ (eye - tank.position)
+    half = 0.5 * np.array([tank.length, tank.width]) - _ROOM
+    local[:2] = np.clip(local[:2], -half, half)
+    local[2] = np.clip(local[2], _ROOM, tank.depth - _ROOM)
+    return R @ local + tank.position
