@@ -1,11 +1,12 @@
 """What observers take in: the markers of one instant's images in slots of fixed number, and the attitude."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array
+from rovtwin.core.numerics import Array, jax
 from rovtwin.positioning.detection import Detections, poses
 from rovtwin.vehicle.camera import Camera
 
@@ -74,3 +75,35 @@ def sightings(
         t[:n], R[:n], flags[0, :n], flags[1, :n] = columns[3:]
     valid = np.arange(slots) < n
     return Sightings(valid, ids, camera, corners, t, R, *flags)  # type: ignore[arg-type]  (NumPy: steps take both)
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """A whole recording as observers take it in, on the host.
+
+    Attributes:
+        t: Times [s], increasing, shape (n,).
+        attitude: Quaternions R_nb as the sensors said at these times, shape (n, 4).
+        sightings: With a leading axis n.
+    """
+
+    t: np.ndarray
+    attitude: np.ndarray
+    sightings: Sightings
+
+    @classmethod
+    def of(cls, t: np.ndarray, attitude: np.ndarray, seen: Sequence[Sightings]) -> "Frames":
+        """Of one `Sightings` for each time."""
+        return cls(t, attitude, jax.tree.map(lambda *leaves: np.stack(leaves), *seen))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def at(self, k: int) -> SightInput:
+        """The input of one step."""
+        return SightInput(jax.tree.map(lambda leaf: leaf[k], self.sightings), self.attitude[k])  # type: ignore[arg-type]
+
+    @property
+    def dt(self) -> np.ndarray:
+        """From the frame before [s], shape (n,); zero for the first."""
+        return np.diff(self.t, prepend=self.t[:1])
