@@ -1,0 +1,283 @@
+"""A ray-caster for what is flat: every pixel's own ray, through lens and port as they are.
+
+Pixels that an edge crosses are cast again with 4 x 4 rays. What lies below the surface of a tank is seen a second time
+in it, as in a mirror. Runs wherever JAX does.
+"""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.camera.lighting import Lighting
+from rovtwin.simulation.camera.rays import Rays
+from rovtwin.simulation.camera.shading import albedo, bend, mottled, net, ripple, shade
+from rovtwin.simulation.scene.scene import Scene
+from rovtwin.simulation.scene.surfaces import Rectangle
+
+BLOCK = 1 << 14  # rays at a time: what fits into the processor's cache
+ACROSS = 4  # rays along a side of a pixel that an edge crosses
+_MOST_CELLS = 11  # 7 x 7 bits with border and rim
+_NEAR = 0.02  # nothing is seen closer to the camera [m]
+_ENDLESS = 1e3  # where nothing is seen [m]
+_DARK, _DARKNESS = 0.25, 0.45  # of the corners of a basin: how far they reach [m], how dark they are
+
+
+class _Faces(eqx.Module):
+    """Rectangles in c at one instant, float32; first axis: faces."""
+
+    corner: Array
+    normal: Array
+    normal_n: Array  # in n
+    right: Array  # unit
+    up: Array  # unit
+    size: Array
+    origin: Array
+    material: Array
+    indoor: Array
+    print: Array  # 1 where it is a marker
+    cells: Array  # along a side of its print
+    bits: Array
+
+
+class _Light(eqx.Module):
+    surface: Array
+    below: Array
+    caustics: Array
+    beam: Array
+    diffuse: Array
+    veil: Array
+    lamps: Array
+    glow: Array
+    eye: Array
+
+
+class Raycaster:
+    """Draws a scene of rectangles through one lens."""
+
+    def __init__(self, scene: Scene, rays: Rays):
+        if scene.meshes:
+            names = ", ".join(mesh.name for mesh in scene.meshes)
+            raise ConfigError(
+                f"{scene.where}: {names}: the ray-caster draws boxes, planes and markers only. Meshes, cylinders, "
+                "relief "
+                "and wrecks need the renderer 'gl': pip install 'rovtwin[render]'"
+            )
+        self.rays, self.scene = rays, scene
+        mirrors = (False, True) if scene.file.tank is not None else (False,)
+        self._rectangles = [(rectangle, mirrored) for mirrored in mirrors for rectangle in scene.rectangles]
+        self._pixel = float(np.median(np.linalg.norm(rays.along[0], axis=-1)))
+
+    def draw(self, light: Lighting, R_nc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Brightness, shape (H, W, 3), linear, and way to what is seen [m], shape (H, W), inf where nothing is."""
+        faces = _seen(self._rectangles, light.eye, R_nc, self.rays)
+        cast = partial(self._cast, faces, _light_arrays(light), jnp.asarray(R_nc, jnp.float32))
+        height, width = self.rays.direction.shape[:2]
+        point = np.broadcast_to(self.rays.point, self.rays.direction.shape).reshape(-1, 3)
+        colour, way, code = cast(point, self.rays.direction.reshape(-1, 3))
+        code = code.reshape(height, width)
+        edge = np.flatnonzero(_edges(code))
+        if len(edge):
+            colour[edge] = self._finer(cast, edge)
+        return colour.reshape(height, width, 3), way.reshape(height, width)
+
+    def _finer(self, cast: Any, pixels: np.ndarray) -> np.ndarray:
+        """Means over ACROSS x ACROSS rays in each of the pixels (flat indices), shape (n, 3)."""
+        steps = (np.arange(ACROSS) + 0.5) / ACROSS - 0.5
+        a, b = (s.ravel().astype(np.float32)[None, :, None] for s in np.meshgrid(steps, steps))
+
+        def spread(field: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+            dx, dy = (s.reshape(-1, 3)[pixels][:, None] for s in slopes)
+            return (field.reshape(-1, 3)[pixels][:, None] + a * dx + b * dy).reshape(-1, 3)
+
+        direction = spread(self.rays.direction, self.rays.along)
+        if self.rays.point_along is None:
+            point = np.zeros_like(direction)
+        else:
+            point = spread(self.rays.point, self.rays.point_along)
+        colour, _, _ = cast(point, direction)
+        return np.clip(colour, 0.0, 1.0).reshape(len(pixels), ACROSS**2, 3).mean(axis=1)
+
+    def _cast(self, faces: _Faces, light: _Light, R_nc: Array, point: np.ndarray, direction: np.ndarray) -> Any:
+        """Of any number of rays, a block at a time."""
+        n = len(direction)
+        colour, way, code = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.int32)
+        for start in range(0, n, BLOCK):
+            part = slice(start, min(start + BLOCK, n))
+            rays = [np.zeros((BLOCK, 3), np.float32) for _ in range(2)]
+            rays[0][: part.stop - start], rays[1][: part.stop - start] = point[part], direction[part]
+            found = _block(faces, light, R_nc, rays[0].T, rays[1].T, self._pixel)
+            colour[part], way[part], code[part] = (np.asarray(f)[: part.stop - start] for f in found)
+        return colour, way, code
+
+
+def _edges(code: np.ndarray) -> np.ndarray:
+    """Where a neighbour, also across a corner, shows something else."""
+    edge = np.zeros(code.shape, bool)
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = code[: code.shape[0] - dy, max(-dx, 0) : code.shape[1] - max(dx, 0)]
+        there = code[dy:, max(dx, 0) : code.shape[1] - max(-dx, 0)]
+        differs = here != there
+        edge[: code.shape[0] - dy, max(-dx, 0) : code.shape[1] - max(dx, 0)] |= differs
+        edge[dy:, max(dx, 0) : code.shape[1] - max(-dx, 0)] |= differs
+    return edge
+
+
+def _block(faces: _Faces, light: _Light, R_nc: Array, o: Array, d: Array, pixel: float) -> tuple[Array, Array, Array]:
+    """Colour (n, 3), way (n,) and a code of what is seen (n,) of rays in c, shapes (3, n).
+
+    In steps, each a program of its own: in one, XLA computes the noise anew for every band.
+    """
+    place = _trace(faces, R_nc, light.eye, o, d, pixel)
+    rough, bent, rippled = _noises(faces, light, place)
+    lines = _lines(place, bent)
+    return _colours(faces, light, place, rough, lines, rippled)
+
+
+class _Place(eqx.Module):
+    """What rays hit: way, coordinates on the face, which face (-1: none), point and direction in n, cosine."""
+
+    way: Array
+    u: Array
+    v: Array
+    face: Array
+    point: tuple[Array, Array, Array]
+    direction: tuple[Array, Array, Array]
+    towards: Array
+    wide: Array
+
+
+@jax.jit
+def _trace(faces: _Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: float) -> _Place:
+    zero = jnp.zeros_like(d[0])
+
+    def nearer(k: Array, best: Any) -> Any:
+        n, corner, a, b = faces.normal[k], faces.corner[k], faces.right[k], faces.up[k]
+        towards = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
+        q = [corner[i] - o[i] for i in range(3)]
+        t = (n[0] * q[0] + n[1] * q[1] + n[2] * q[2]) / jnp.where(towards == 0, 1e-12, towards)
+        at = [t * d[i] - q[i] for i in range(3)]
+        u, v = (at[0] * e[0] + at[1] * e[1] + at[2] * e[2] for e in (a, b))
+        inside = (u >= 0) & (v >= 0) & (u <= faces.size[k, 0]) & (v <= faces.size[k, 1]) & (t > _NEAR)
+        # A print lies in the face that carries it and is seen before it.
+        ahead = inside & (t < best[0] * jnp.where(faces.print[k] > 0, 1.0 + 1e-4, 1.0))
+        new = (t, u, v, jnp.full_like(zero, k, dtype=jnp.int32), towards)
+        return tuple(jnp.where(ahead, one, other) for one, other in zip(new, best, strict=True))
+
+    nothing = (zero + _ENDLESS, zero, zero, jnp.full_like(zero, -1, dtype=jnp.int32), zero + 1)
+    t, u, v, face, towards = jax.lax.fori_loop(0, faces.normal.shape[0], nearer, nothing)
+    point = [eye[i] + x for i, x in enumerate(_turned(R_nc, [o[i] + t * d[i] for i in range(3)]))]
+    wide = t * jnp.asarray(pixel, jnp.float32) / jnp.maximum(jnp.abs(towards), 0.02)
+    return _Place(t, u, v, face, tuple(point), tuple(_turned(R_nc, d)), towards, wide)
+
+
+@jax.jit
+def _noises(faces: _Faces, light: _Light, place: _Place) -> tuple[Array, Array, Array]:
+    face = jnp.maximum(place.face, 0)
+    u, v = faces.origin[face, 0] + place.u, faces.origin[face, 1] + place.v
+    rough = mottled(u, v, place.wide, faces.material[face, 7])
+    return rough, bend(place.point), ripple(light, place.point, place.direction, place.wide)
+
+
+@jax.jit
+def _lines(place: _Place, bent: Array) -> Array:
+    return net(place.point, bent, place.wide)
+
+
+@jax.jit
+def _colours(
+    faces: _Faces, light: _Light, place: _Place, rough: Array, lines: Array, rippled: Array
+) -> tuple[Array, Array, Array]:
+    none, face = place.face < 0, jnp.maximum(place.face, 0)
+    u, v = place.u, place.v
+    material = [faces.material[face, i] for i in range(faces.material.shape[1])]
+    look = albedo(material, faces.origin[face, 0] + u, faces.origin[face, 1] + v, place.wide, rough)
+    # Of a marker: white or black, row 0 above.
+    count = faces.cells[face]
+    cell = faces.size[face, 0] / count
+    column = jnp.clip(jnp.floor(u / cell), 0, count - 1).astype(jnp.int32)
+    row = jnp.clip(count - 1 - jnp.floor(v / cell), 0, count - 1).astype(jnp.int32)
+    printed = (faces.print[face] > 0) & (place.towards < 0)
+    bit = jnp.where(printed, faces.bits[face, row, column], 0)
+    look = [
+        jnp.where(printed, jnp.where(bit > 0, material[i], material[3 + i]), jnp.where(none, 0.0, look[i]))
+        for i in range(3)
+    ]
+    sign = -jnp.sign(place.towards)
+    hit = {
+        "way": place.way,
+        "direction": place.direction,
+        "normal": [sign * faces.normal_n[face, i] for i in range(3)],
+        "point": place.point,
+        "albedo": look,
+        "corner": _corner(faces, face, u, v),
+        "none": none,
+        "net": lines,
+        "ripple": rippled,
+    }
+    colour = jnp.stack(shade(light, hit), axis=-1)
+    return colour, jnp.where(none, jnp.inf, place.way), 2 * place.face + bit.astype(jnp.int32)
+
+
+def _turned(R: Array, p: Any) -> list[Array]:
+    return [R[i, 0] * p[0] + R[i, 1] * p[1] + R[i, 2] * p[2] for i in range(3)]
+
+
+def _corner(faces: _Faces, face: Array, u: Array, v: Array) -> Array:
+    """How much light reaches a place on a wall or a floor: less towards the edges that others adjoin."""
+    size = faces.size[face]
+    indoor = faces.indoor[face]  # bit 1: left and right, 2: below, 4: above
+    light = jnp.ones_like(u)
+    for bits, far in ((1, u), (1, size[:, 0] - u), (2, v), (4, size[:, 1] - v)):
+        shut = (indoor & bits) > 0
+        light = light * jnp.where(shut, 1 - _DARKNESS * jnp.exp(-far / _DARK), 1.0)
+    return light
+
+
+def _light_arrays(light: Lighting) -> _Light:
+    fields = {name: jnp.asarray(getattr(light, name), jnp.float32) for name in _Light.__dataclass_fields__}
+    return _Light(**fields)
+
+
+def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.ndarray, rays: Rays) -> _Faces:
+    """Rectangles that may be in the picture, in c; how many there are is rounded up, so that little is compiled."""
+    border = np.concatenate([rays.direction[i] for i in (0, -1)] + [rays.direction[:, i] for i in (0, -1)])
+    tangent = border[:, :2] / np.maximum(border[:, 2:], 1e-3)
+    low, high = tangent.min(axis=0), tangent.max(axis=0)
+    rows = []
+    for rectangle, mirrored in rectangles:
+        flip = np.array([1.0, 1.0, -1.0 if mirrored else 1.0])
+        corners = (rectangle.corners * flip - eye) @ R_nc
+        normal = R_nc.T @ (rectangle.normal * flip)
+        in_front = corners[0] @ normal < 0
+        if not (in_front or rectangle.both) or (corners[:, 2] < 0).all():
+            continue
+        margin = 0.1  # a port moves rays aside by less than this
+        outside = [(corners[:, i] > high[i] * corners[:, 2] + margin).all() for i in range(2)]
+        outside += [(corners[:, i] < low[i] * corners[:, 2] - margin).all() for i in range(2)]
+        if not any(outside):
+            rows.append((rectangle, corners, normal))
+    return _as_faces(rows, R_nc)
+
+
+def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray]], R_nc: np.ndarray) -> _Faces:
+    count = max(-(-len(rows) // 8) * 8, 8)
+    table = {name: np.zeros((count, 3)) for name in ("corner", "normal", "normal_n", "right", "up")}
+    table |= {"size": np.full((count, 2), -1.0), "origin": np.zeros((count, 2)), "material": np.ones((count, 11))}
+    table |= {"indoor": np.zeros(count, np.int32), "print": np.zeros(count), "cells": np.ones(count)}
+    table["bits"] = np.zeros((count, _MOST_CELLS, _MOST_CELLS))
+    for k, (rectangle, corners, normal) in enumerate(rows):
+        right, up = corners[1] - corners[0], corners[3] - corners[0]
+        table["size"][k] = np.linalg.norm(right), np.linalg.norm(up)
+        table["corner"][k], table["normal"][k], table["normal_n"][k] = corners[0], normal, R_nc @ normal
+        table["right"][k], table["up"][k] = right / table["size"][k, 0], up / table["size"][k, 1]
+        table["origin"][k], table["material"][k] = rectangle.origin, rectangle.material.numbers
+        table["indoor"][k] = rectangle.indoor
+        if rectangle.print is not None:
+            cells = len(rectangle.print)
+            table["print"][k], table["cells"][k] = 1.0, cells
+            table["bits"][k, :cells, :cells] = rectangle.print
+    return _Faces(**{k: jnp.asarray(v, jnp.int32 if k == "indoor" else jnp.float32) for k, v in table.items()})

@@ -1,0 +1,102 @@
+"""One face to both renderers: a picture from where the vehicle is."""
+
+from importlib.util import find_spec
+from typing import Literal
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.simulation.camera.image import moved, noisy, toned
+from rovtwin.simulation.camera.lighting import lighting
+from rovtwin.simulation.camera.rays import Rays, rays_of
+from rovtwin.simulation.scene.scene import Scene
+from rovtwin.vehicle.camera import Camera
+
+Kind = Literal["auto", "raycast", "gl"]
+_HIGHEST = 0.02  # a camera above the water sees what it would see this far below its surface [m]
+_SHIFT = 1.5  # between the shifted pictures of a blur, at most [px]
+_SHIFTS = (3, 9)
+
+
+class Renderer:
+    """Pictures of a scene through one camera.
+
+    Attributes:
+        kind: "raycast" or "gl".
+        exposure: Time for which the shutter is open [s].
+        noise: Standard deviation of a pixel with a seed [grey levels].
+    """
+
+    def __init__(self, scene: Scene, camera: Camera, kind: Kind = "auto", exposure: float = 0.01, noise: float = 2.0):
+        self.scene, self.camera, self.exposure, self.noise = scene, camera, exposure, noise
+        self.rays = rays_of(camera.lens)
+        if not np.isfinite(self.rays.direction).all():
+            raise ConfigError(
+                f"camera {camera.name}: its distortion {np.round(np.asarray(camera.lens.distortion), 4).tolist()} maps no "
+                f"direction to some pixels of {camera.lens.size[0]} x {camera.lens.size[1]}; calibrate again or crop"
+            )
+        self.kind, self._draw = _backend(scene, camera, self.rays, kind)
+
+    def image(self, position: object, R_nb: object, velocity: object = None, seed: int | None = None) -> np.ndarray:
+        """The picture, RGB, uint8, shape (H, W, 3).
+
+        Args:
+            position: CO of the vehicle in n [m], shape (3,).
+            R_nb: Its attitude, shape (3, 3).
+            velocity: nu in b at CO [m/s, rad/s], shape (6,), or its first three: blurs by motion. None: none.
+            seed: Of the noise; None: none.
+        """
+        position, R_nb = np.asarray(position, float), np.asarray(R_nb, float)
+        colour, way = self.brightness(position, R_nb)
+        if velocity is not None:
+            colour = self._blurred(colour, way, np.asarray(velocity, float))
+        image = toned(colour)
+        return image if seed is None else noisy(image, self.noise, seed)
+
+    def brightness(self, position: np.ndarray, R_nb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Linear, 1 is full scale, shape (H, W, 3), and the way through the water to what is seen [m], (H, W)."""
+        eye = position + R_nb @ self.camera.position
+        eye[2] = max(eye[2], _HIGHEST)
+        light = lighting(self.scene, position, R_nb, eye)
+        return self._draw(light, R_nb @ self.camera.R_bc)
+
+    def _blurred(self, colour: np.ndarray, way: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        flow = self.exposure * image_flow(self.rays, self.camera, way, velocity)
+        most = float(np.quantile(np.linalg.norm(flow[::8, ::8], axis=-1), 0.98))
+        if most < 0.3:
+            return colour
+        return moved(flow, colour, int(np.clip(np.ceil(most / _SHIFT), *_SHIFTS)) | 1)
+
+
+def image_flow(rays: Rays, camera: Camera, way: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """How fast what a pixel shows moves through the picture [px/s], shape (H, W, 2), of a still scene.
+
+    Args:
+        rays: Of the camera's lens.
+        camera: Where it sits.
+        way: To what is seen [m], shape (H, W).
+        velocity: nu in b at CO, shape (3,) or (6,).
+    """
+    nu = np.zeros(6)
+    nu[: len(velocity)] = velocity
+    v = camera.R_bc.T @ (nu[:3] + np.cross(nu[3:], camera.position))
+    omega = camera.R_bc.T @ nu[3:]
+    d = rays.direction
+    turning = -(v.astype(np.float32) / np.maximum(way, 0.05)[..., None]) - np.cross(omega.astype(np.float32), d)
+    # d_dot = flow_x d_x + flow_y d_y, with the rays' slopes per pixel: least squares, 2 x 2.
+    a, b = rays.along
+    aa, ab, bb = (a * a).sum(-1), (a * b).sum(-1), (b * b).sum(-1)
+    p, q = (a * turning).sum(-1), (b * turning).sum(-1)
+    determinant = np.maximum(aa * bb - ab * ab, 1e-20)
+    return np.stack([(bb * p - ab * q) / determinant, (aa * q - ab * p) / determinant], axis=-1).astype(np.float32)
+
+
+def _backend(scene: Scene, camera: Camera, rays: Rays, kind: Kind):
+    from rovtwin.simulation.camera.raycast import Raycaster
+
+    return "raycast", Raycaster(scene, rays).draw
+
+
+def renderer(scene: Scene, camera: Camera, kind: Kind = "auto", exposure: float = 0.01, noise: float = 2.0) -> Renderer:
+    """A renderer of the scene through the camera: "gl" where the machine has it, else "raycast"."""
+    return Renderer(scene, camera, kind, exposure, noise)
