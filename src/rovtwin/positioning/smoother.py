@@ -43,7 +43,7 @@ class Smoothed:
         marker_position: In n [m], shape (landmarks, 3).
         marker_attitude: Quaternions R_nm, shape (landmarks, 4).
         marker_std: Of shift [m] and turn [rad], shape (landmarks, 6).
-        used: Which sightings it rests on, shape (n, slots), bool.
+        landmark: Which of the landmarks each slot showed, -1 where it is not used, shape (n, slots).
         pixel_rms: Of the residuals of their corners' coordinates [px].
     """
 
@@ -57,7 +57,7 @@ class Smoothed:
     marker_position: np.ndarray
     marker_attitude: np.ndarray
     marker_std: np.ndarray
-    used: np.ndarray
+    landmark: np.ndarray
     pixel_rms: float
 
 
@@ -245,7 +245,7 @@ class _Graph:
             self.p_nm,
             np.asarray(quaternions(jnp.asarray(self.R_nm))) if len(keys) else np.zeros((0, 4)),
             std,
-            self.map.landmark >= 0,
+            self.map.landmark,
             rms,
         )
 
