@@ -67,7 +67,7 @@ class SlamOutput(eqx.Module):
         ids: Of the map, shape (capacity,); -1 is a free place.
         marker_position: In n [m], shape (capacity, 3).
         marker_attitude: Quaternions R_nm, shape (capacity, 4).
-        marker_std: Of shift [m] and turn [rad], shape (capacity, 6).
+        marker_variance: Of its shift [m2] and turn [rad2], shape (capacity, 6).
         status: What became of each slot, an index of `ekf_steps.STATUS`, shape (slots,).
         nis: Squared normalised innovation of each slot that was used, 8 degrees of freedom, shape (slots,).
         moved: Markers taken out of the map in this frame because they contradicted the others, shape (capacity,).
@@ -82,7 +82,7 @@ class SlamOutput(eqx.Module):
     ids: Array
     marker_position: Array
     marker_attitude: Array
-    marker_std: Array
+    marker_variance: Array
     status: Array
     nis: Array
     moved: Array
@@ -184,9 +184,7 @@ class MarkerEkf(Block):
 
         def one(state: State, slot) -> tuple[State, tuple[Array, Array]]:
             _, known = state.map.find(slot.ids)
-            return jax.lax.cond(
-                slot.valid & known, lambda s: update(given, s, slot), lambda s: (s, nothing), state
-            )
+            return jax.lax.cond(slot.valid & known, lambda s: update(given, s, slot), lambda s: (s, nothing), state)
 
         return jax.lax.scan(one, state, slots)
 
@@ -213,9 +211,7 @@ class MarkerEkf(Block):
 
         return jax.lax.scan(one, state, (slots, status))
 
-    def _output(
-        self, given: Given, state: State, status: Array, nis: Array, moved: Array, afresh: Array
-    ) -> SlamOutput:
+    def _output(self, given: Given, state: State, status: Array, nis: Array, moved: Array, afresh: Array) -> SlamOutput:
         both = slice(POSITION.start, VELOCITY.stop)
         return SlamOutput(
             position=state.x[POSITION],
@@ -226,7 +222,7 @@ class MarkerEkf(Block):
             ids=state.map.ids,
             marker_position=state.map.position,
             marker_attitude=jax.vmap(quaternion_from_rotation)(state.map.R_nm),
-            marker_std=jnp.sqrt(jnp.maximum(jnp.diagonal(state.P)[VEHICLE:], 0.0)).reshape(-1, 6),
+            marker_variance=jnp.diagonal(state.P)[VEHICLE:].reshape(-1, 6),
             status=status,
             nis=nis,
             moved=moved,

@@ -88,34 +88,12 @@ def _moved(F: Array, P: Array) -> Array:
 def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Array, Array]]:
     """Takes in one slot's corners if its marker is in the map; its status and squared normalised innovation (8)."""
     place, known = state.map.find(slot.ids)
-    eye, size = given.eyes[slot.camera], given.sizes[slot.ids]
-    p_nm, R_nm = state.map.position[place], state.map.R_nm[place]
-    begin = VEHICLE + 6 * place
-    of_marker = jax.lax.dynamic_slice(state.P, (0, begin), (state.P.shape[0], 6))
-    variance = given.tuning.pixel**2 + _bend(slot.corners, jax.lax.dynamic_slice(of_marker, (begin + 3, 3), (3, 3)))
-
-    def linearised(dx: Array) -> tuple[Array, Array, Array, Array]:
-        x, turn = state.x + dx[:VEHICLE], jax.lax.dynamic_slice(dx, (begin,), (6,))
-        seen = see(eye, x[POSITION], given.attitude(x), p_nm + turn[:3], R_nm @ rotation(turn[3:]), size)
-        parts = (
-            (seen.by_position, state.P[:, POSITION], dx[POSITION]),
-            (seen.by_offset, state.P[:, OFFSET], dx[OFFSET]),
-            (seen.by_noise, state.P[:, NOISE], dx[NOISE]),
-            (seen.by_marker, of_marker, turn),
-        )
-        HP = sum(_times(H, columns.T) for H, columns, _ in parts)
-        e = slot.corners - seen.pixels + sum((H * d).sum(axis=1) for H, _, d in parts)
-        of_turn = jax.lax.dynamic_slice(HP, (0, begin), (8, 6))
-        vehicle = ((seen.by_position, POSITION), (seen.by_offset, OFFSET), (seen.by_noise, NOISE))
-        S = sum(_times(HP[:, where], H.T) for H, where in vehicle) + _times(of_turn, seen.by_marker.T)
-        return _eliminate(S + variance * jnp.eye(8), jnp.concatenate([e[:, None], HP], axis=1)), seen.visible
-
-    def again(_: int, step: tuple) -> tuple:
-        (pivots, rows), visible = linearised(step[0])
-        weight = rows / pivots[:, None]
-        return (rows[:, :1] * weight[:, 1:]).sum(axis=0), pivots, rows, step[3] & visible
-
     n = state.P.shape[0]
+
+    def again(_: int, step: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        pivots, rows, visible = _innovation(given, state, slot, place, step[0])
+        return (rows[:, :1] * rows[:, 1:] / pivots[:, None]).sum(axis=0), pivots, rows, step[3] & visible
+
     start = jnp.zeros(n), jnp.ones(8), jnp.zeros((8, n + 1)), jnp.asarray(True)
     dx, pivots, rows, visible = jax.lax.fori_loop(0, _ROUNDS, again, start)
     nis = (rows[:, 0] ** 2 / pivots).sum()
@@ -124,14 +102,35 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Ar
     P = state.P - jnp.where(fits, (rows[:, 1:, None] * gain[:, None, :]).sum(axis=0), 0.0)
     dx = jnp.where(fits, dx, 0.0)
     turns = dx[VEHICLE:].reshape(-1, 6)
-    moved = MarkerMap(
-        state.map.ids,
-        state.map.position + turns[:, :3],
-        state.map.R_nm @ jax.vmap(rotation)(turns[:, 3:]),
-        state.map.contradicted,
-    )
+    position, R_nm = state.map.position + turns[:, :3], state.map.R_nm @ jax.vmap(rotation)(turns[:, 3:])
+    moved = MarkerMap(state.map.ids, position, R_nm, state.map.contradicted)
     status = jnp.where(fits, USED, jnp.where(slot.valid & known, REJECTED, EMPTY))
     return State(state.x + dx[:VEHICLE], P, moved), (status, jnp.where(fits, nis, 0.0))
+
+
+def _innovation(given: Given, state: State, slot: Sightings, place: Array, dx: Array) -> tuple[Array, Array, Array]:
+    """What a slot's corners say about the state, linear about state + dx.
+
+    With the innovation's covariance S = L diag(pivots) L': pivots (8,), L^-1 [innovation, H P], shape (8, 1 + n), and
+    whether the marker is before the camera.
+    """
+    begin = VEHICLE + 6 * place
+    x, turn = state.x + dx[:VEHICLE], jax.lax.dynamic_slice(dx, (begin,), (6,))
+    p_nm, R_nm = state.map.position[place] + turn[:3], state.map.R_nm[place] @ rotation(turn[3:])
+    seen = see(given.eyes[slot.camera], x[POSITION], given.attitude(x), p_nm, R_nm, given.sizes[slot.ids])
+    of_marker = jax.lax.dynamic_slice(state.P, (0, begin), (state.P.shape[0], 6))
+    vehicle = ((seen.by_position, POSITION), (seen.by_offset, OFFSET), (seen.by_noise, NOISE))
+    HP = _times(seen.by_marker, of_marker.T)
+    e = slot.corners - seen.pixels + (seen.by_marker * turn).sum(axis=1)
+    for H, where in vehicle:
+        HP = HP + _times(H, state.P[where])
+        e = e + (H * dx[where]).sum(axis=1)
+    S = _times(jax.lax.dynamic_slice(HP, (0, begin), (8, 6)), seen.by_marker.T)
+    for H, where in vehicle:
+        S = S + _times(HP[:, where], H.T)
+    turns = jax.lax.dynamic_slice(of_marker, (begin + 3, 3), (3, 3))
+    variance = given.tuning.pixel**2 + _bend(slot.corners, turns)
+    return *_eliminate(S + variance * jnp.eye(8), jnp.concatenate([e[:, None], HP], axis=1)), seen.visible
 
 
 def _bend(corners: Array, turn: Array) -> Array:
@@ -182,7 +181,7 @@ def add_marker(given: Given, state: State, slot: Sightings, wanted: Array) -> tu
 
 
 def take_position(given: Given, state: State, slots: Sightings) -> State:
-    """Where the first marker of the map that is seen says the vehicle is; what was believed of its motion is dropped."""
+    """Puts the vehicle where the first mapped marker that is seen says; what was believed of its motion is dropped."""
     mapped = slots.valid & jax.vmap(lambda number: state.map.find(number)[1])(slots.ids)
     slot = jax.tree.map(lambda leaf: leaf[jnp.argmax(mapped)], slots)
     place, _ = state.map.find(slot.ids)
@@ -206,9 +205,7 @@ def forget(state: State, gone: Array) -> State:
     kept = jnp.concatenate([jnp.ones(VEHICLE), jnp.repeat(jnp.where(gone, 0.0, 1.0), 6)])
     ids = jnp.where(gone, NOBODY, state.map.ids)
     counts = jnp.where(gone, 0, state.map.contradicted)
-    return State(
-        state.x, state.P * kept[:, None] * kept, MarkerMap(ids, state.map.position, state.map.R_nm, counts)
-    )
+    return State(state.x, state.P * kept[:, None] * kept, MarkerMap(ids, state.map.position, state.map.R_nm, counts))
 
 
 def _times(a: Array, b: Array) -> Array:

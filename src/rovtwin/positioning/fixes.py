@@ -11,6 +11,7 @@ from rovtwin.positioning.sight import Eyes, rotation, see
 from rovtwin.positioning.sightings import Frames, Sightings
 
 _ROUNDS = 4
+_NOTHING = 1e-6  # information about the position beside the markers' [1/m2]
 _BLOCK = 64  # frames at a time, so that it is compiled once
 
 
@@ -56,22 +57,22 @@ def fixes(
 @jax.jit
 def _fit(eyes: Eyes, tuning: SlamTuning, sizes: Array, *columns):
     def one(slots: Sightings, R_meas: Array, near: Array, position: Array, R_nm: Array, used: Array):
-        def round_(_: int, guess: tuple[Array, Array]) -> tuple[Array, Array]:
-            x, _ = guess  # position and noise of the attitude
+        weight = jnp.where(used, tuning.pixel**-2, 0.0)
+        prior = jnp.concatenate([jnp.full(3, _NOTHING), tuning.attitude**-2])
+
+        def again(_: int, guess: tuple[Array, Array]) -> tuple[Array, Array]:
+            x, _P = guess  # position and noise of the attitude
             seen = jax.vmap(lambda c, p, R, i: see(eyes[c], x[:3], R_meas @ rotation(x[3:]), p, R, sizes[i]))(
                 slots.camera, position, R_nm, slots.ids
             )
-            weight = jnp.where(used, tuning.pixel**-2, 0.0)[:, None]
             J = jnp.concatenate([seen.by_position, seen.by_noise], axis=-1)  # (slots, 8, 6)
-            e = slots.corners - seen.pixels
-            prior = jnp.concatenate([jnp.full(3, 1e-6), tuning.attitude**-2])
-            information = jnp.einsum("sk,ski,skj->ij", weight + 0 * e, J, J) + jnp.diag(prior)
-            pull = jnp.einsum("sk,ski,sk->i", weight + 0 * e, J, e) - prior * jnp.concatenate([jnp.zeros(3), x[3:]])
+            information = jnp.einsum("s,ski,skj->ij", weight, J, J) + jnp.diag(prior)
+            pull = jnp.einsum("s,ski,sk->i", weight, J, slots.corners - seen.pixels)
             covariance = jnp.linalg.inv(information)
-            return x + covariance @ pull, covariance
+            return x + covariance @ (pull - prior * x.at[:3].set(0.0)), covariance
 
         start = jnp.concatenate([near, jnp.zeros(3)]), jnp.eye(6)
-        x, covariance = jax.lax.fori_loop(0, _ROUNDS, round_, start)
+        x, covariance = jax.lax.fori_loop(0, _ROUNDS, again, start)
         return x[:3], jnp.sqrt(jnp.diagonal(covariance)[:3])
 
     return jax.vmap(one)(*columns)

@@ -39,7 +39,7 @@ class Gains(eqx.Module):
 
     @classmethod
     def tuned(cls) -> "Gains":
-        """At 10 frames a second: velocity is learnt within a second, and the map hardly follows the vehicle's errors."""
+        """At 10 frames a second: velocity is learnt within a second, the map hardly follows the vehicle's errors."""
         return cls(as_array(0.2), as_array(0.3), as_array(0.005))
 
 
@@ -86,9 +86,7 @@ class MarkerLuenberger(Block):
         ids = jnp.full(self.capacity, NOBODY)
         return LuenbergerMemory(start.position, start.velocity[:3], ids, jnp.zeros((self.capacity, 3)))
 
-    def step(
-        self, memory: LuenbergerMemory, input: SightInput, dt: float
-    ) -> tuple[LuenbergerMemory, LuenbergerOutput]:
+    def step(self, memory: LuenbergerMemory, input: SightInput, dt: float) -> tuple[LuenbergerMemory, LuenbergerOutput]:
         """Predict over dt to the frame's time, then correct by the landmarks it shows."""
         R_nb, seen = rotation_from_quaternion(input.attitude), input.sightings
         turn = _about_down(R_nb)

@@ -7,9 +7,11 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.numerics import jax
-from rovtwin.positioning.ekf import MarkerEkf, SlamOutput
+from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_steps import NEW, NOBODY, USED
 from rovtwin.positioning.sightings import Frames
+
+Outputs = Any  # a block's output as a tree of NumPy arrays with a leading axis of frames
 
 
 @jax.jit
@@ -18,7 +20,7 @@ def step(block: Block, memory: Any, input: Any, dt: Any) -> tuple[Any, Any]:
     return block.step(memory, input, dt)
 
 
-def run_observer(block: Block, frames: Frames, start: Start) -> Any:
+def run_observer(block: Block, frames: Frames, start: Start) -> Outputs:
     """The observer's outputs, as a tree of NumPy arrays with a leading axis of frames."""
     memory, outputs = block.init(jax.random.key(0), start), []
     for k, dt in enumerate(frames.dt):
@@ -48,7 +50,7 @@ class Association:
     attitude: np.ndarray
 
 
-def associate(filter: MarkerEkf, frames: Frames, out: SlamOutput) -> Association:
+def associate(filter: MarkerEkf, frames: Frames, out: Outputs) -> Association:
     """From what the filter did with each sighting."""
     layout = np.asarray(filter.layout.ids)
     rows = [[int(number), k] for k, number in enumerate(layout) if number != NOBODY]  # id, place in the layout

@@ -14,10 +14,10 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
-from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.positioning.ekf import MarkerEkf, SlamOutput
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.motion import process_noise, transition
-from rovtwin.positioning.run import Association, associate
+from rovtwin.positioning.run import Association, Outputs, associate
 from rovtwin.positioning.sight import Eyes, rotation, see
 from rovtwin.positioning.sightings import Frames
 
@@ -70,7 +70,7 @@ def gtsam_library() -> Any:
     return gtsam
 
 
-def smooth(filter: MarkerEkf, frames: Frames, out: SlamOutput) -> Smoothed:
+def smooth(filter: MarkerEkf, frames: Frames, out: Outputs) -> Smoothed:
     """Smooths a recording that the filter has gone through.
 
     Args:
@@ -88,7 +88,7 @@ def smooth(filter: MarkerEkf, frames: Frames, out: SlamOutput) -> Smoothed:
 class _Graph:
     """The problem and where its solution stands."""
 
-    def __init__(self, filter: MarkerEkf, frames: Frames, out: SlamOutput):
+    def __init__(self, filter: MarkerEkf, frames: Frames, out: Outputs):
         self.gtsam = gtsam_library()
         self.filter, self.frames = filter, frames
         self.map: Association = associate(filter, frames, out)
@@ -114,7 +114,9 @@ class _Graph:
             rows = [c[begin : begin + _BLOCK] for c in columns]
             n = len(rows[0])
             padded = [jnp.asarray(np.concatenate([r, np.repeat(r[:1], _BLOCK - n, axis=0)])) for r in rows]
-            parts.append([np.asarray(a)[:n] for a in _linear(self.filter.eyes, self.filter.sizes, self.offset, *padded)])
+            parts.append(
+                [np.asarray(a)[:n] for a in _linear(self.filter.eyes, self.filter.sizes, self.offset, *padded)]
+            )
         return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
     def solve(self) -> None:
@@ -160,7 +162,7 @@ class _Graph:
         return out
 
     def _others(self) -> list[tuple[tuple[int, ...], tuple[np.ndarray, ...], np.ndarray]]:
-        """Keys, whitened derivatives and residuals of what is not seen: motion, noise of the attitude, what is known."""
+        """Keys, whitened derivatives and residuals of all but sightings: motion, noise of attitude, known places."""
         tuning, n = self.filter.tuning, len(self.frames)
         out, noise = [], np.eye(_SIZE)[9:]
         W = np.diag(1.0 / np.asarray(tuning.attitude))
@@ -180,7 +182,8 @@ class _Graph:
     def _motion(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Transition of the nine states and the square root of the information of what is added."""
         tuning = self.filter.tuning
-        F, Q = np.asarray(transition(dt, tuning.correlation)), np.asarray(process_noise(dt, tuning.correlation))
+        long = as_array(dt)
+        F, Q = np.asarray(transition(long, tuning.correlation)), np.asarray(process_noise(long, tuning.correlation))
         whole = np.kron(Q, np.diag(np.asarray(tuning.acceleration) ** 2))
         return np.kron(F, np.eye(3)), np.linalg.inv(np.linalg.cholesky(whole))
 

@@ -11,13 +11,13 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.positioning.ekf import MarkerEkf, SlamOutput
+from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_steps import FULL, NEW, REJECTED, USED, WAITING
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.fixes import fixes
 from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
 from rovtwin.positioning.recording import Recording
-from rovtwin.positioning.run import associate, run_observer
+from rovtwin.positioning.run import Outputs, associate, run_observer
 from rovtwin.positioning.sight import rotation
 from rovtwin.positioning.smoother import smooth
 from rovtwin.vehicle.camera import Camera
@@ -114,16 +114,14 @@ def track(
     return _smoothed(recording, filter, out) if method == "smoother" else _filtered(recording, filter, out)
 
 
-def _filtered(recording: Recording, filter: MarkerEkf, out: SlamOutput) -> Track:
+def _filtered(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     map_ = associate(filter, recording.frames, out)
     std = np.sqrt(np.maximum(np.diagonal(out.covariance, axis1=1, axis2=2), 0.0))
-    fix, fix_std = _fixes(
-        recording, filter, out.offset[-1], out.position, map_.position, map_.attitude, map_.landmark
-    )
+    fix, fix_std = _fixes(recording, filter, out.offset[-1], out.position, map_.position, map_.attitude, map_.landmark)
     last = [k for k, number in enumerate(out.ids[-1]) if number >= 0]
+    marker_std = np.sqrt(np.maximum(out.marker_variance[-1], 0.0))
     markers = [
-        Placed(int(out.ids[-1, k]), out.marker_position[-1, k], out.marker_attitude[-1, k], out.marker_std[-1, k])
-        for k in last
+        Placed(int(out.ids[-1, k]), out.marker_position[-1, k], out.marker_attitude[-1, k], marker_std[k]) for k in last
     ]
     return Track(
         "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, _counts(recording, out), fix, fix_std,
@@ -131,7 +129,7 @@ def _filtered(recording: Recording, filter: MarkerEkf, out: SlamOutput) -> Track
     )  # fmt: skip
 
 
-def _smoothed(recording: Recording, filter: MarkerEkf, out: SlamOutput) -> Track:
+def _smoothed(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     s = smooth(filter, recording.frames, out)
     std = np.sqrt(np.maximum(np.diagonal(s.covariance, axis1=1, axis2=2), 0.0))
     fix, fix_std = _fixes(recording, filter, s.offset, s.position, s.marker_position, s.marker_attitude, s.landmark)
@@ -180,13 +178,13 @@ def _fixes(
     return fixes(filter.eyes, filter.tuning, filter.sizes, *arguments)
 
 
-def _counts(recording: Recording, out: SlamOutput) -> np.ndarray:
+def _counts(recording: Recording, out: Outputs) -> np.ndarray:
     used = ((out.status == USED) | (out.status == NEW)).sum(axis=1)
     seen = np.asarray(recording.frames.sightings.valid).sum(axis=1)
     return np.stack([seen, used, (out.status == REJECTED).sum(axis=1)], axis=1)
 
 
-def _notes(recording: Recording, out: SlamOutput) -> tuple[str, ...]:
+def _notes(recording: Recording, out: Outputs) -> tuple[str, ...]:
     """What a user would want to know of the run."""
     t, notes = recording.frames.t, list(recording.notes)
     for k, place in zip(*np.nonzero(out.moved), strict=True):
@@ -215,6 +213,4 @@ def _notes(recording: Recording, out: SlamOutput) -> tuple[str, ...]:
 def _dark(t: np.ndarray, seen: np.ndarray) -> list[str]:
     """Times without any marker."""
     edges = np.concatenate([[t[0]], t[seen], [t[-1]]])
-    return [
-        f"no marker from {a:g} to {b:g} s" for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > DARK
-    ]
+    return [f"no marker from {a:g} to {b:g} s" for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > DARK]

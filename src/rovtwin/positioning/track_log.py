@@ -67,7 +67,11 @@ def _own(track: Track) -> tuple[list[Channel], dict[str, tuple[np.ndarray, np.nd
         channels.append(Channel("track/fix", fields, units, "n", description="position from each frame alone"))
         data["track/fix"] = t, np.concatenate([fix, track.fix_std[there]], axis=1)
         position = Channel(
-            "sensor/position", ("north", "east", "t_valid"), ("m", "m", "s"), "n", description="from markers, frame by frame"
+            "sensor/position",
+            ("north", "east", "t_valid"),
+            ("m", "m", "s"),
+            "n",
+            description="from markers, frame by frame",
         )
         channels.append(position)
         data["sensor/position"] = t, np.concatenate([fix[:, :2], t[:, None]], axis=1)
@@ -76,8 +80,6 @@ def _own(track: Track) -> tuple[list[Channel], dict[str, tuple[np.ndarray, np.nd
         while name in data:  # a marker that was moved is two
             name += "_moved"
         quaternion = ("qw", "qx", "qy", "qz")
-        channels.append(
-            Channel(name, XYZ + quaternion, ("m",) * 3 + ("1",) * 4, "n", description="place on the map")
-        )
+        channels.append(Channel(name, XYZ + quaternion, ("m",) * 3 + ("1",) * 4, "n", description="place on the map"))
         data[name] = track.t[-1:], np.concatenate([marker.position, marker.attitude])[None]
     return channels, data

@@ -58,7 +58,9 @@ class Video:
         if self.path.is_dir():
             return self._pictures()
         if not self.path.is_file():
-            raise ConfigError(f"{self.path}: no such video; expected a film ({', '.join(FILMS)}) or a folder of pictures")
+            raise ConfigError(
+                f"{self.path}: no such video; expected a film ({', '.join(FILMS)}) or a folder of pictures"
+            )
         return self._film()
 
     def _film(self) -> Iterator[tuple[float, np.ndarray]]:
@@ -67,8 +69,8 @@ class Video:
         rate, promised = reader.get(cv2.CAP_PROP_FPS), int(reader.get(cv2.CAP_PROP_FRAME_COUNT))
         if not reader.isOpened() or not rate > 0:
             raise ConfigError(
-                f"{self.path}: cannot be read as video; the file is damaged, cut, or of a kind that OpenCV does not know. "
-                f"Try `ffmpeg -i {self.path.name} -c:v libx264 mended.mp4`"
+                f"{self.path}: cannot be read as video; the file is damaged, cut, or of a kind that OpenCV does not "
+                f"know. Try `ffmpeg -i {self.path.name} -c:v libx264 mended.mp4`"
             )
         times, k = self._table(self.path.with_suffix(".csv")), 0
         try:
@@ -131,8 +133,8 @@ class Video:
                 out.append((values[0], float(values[-1])))
             except (KeyError, TypeError, ValueError):
                 raise ConfigError(
-                    f"{path}: line {number}: found {', '.join(f'{k}={v}' for k, v in row.items())}; expected the columns "
-                    f"{', '.join(wanted)}, t in seconds by the clock of the log"
+                    f"{path}: line {number}: found {', '.join(f'{k}={v}' for k, v in row.items())}; expected the "
+                    f"columns {', '.join(wanted)}, t in seconds by the clock of the log"
                 ) from None
         return out
 
@@ -141,6 +143,6 @@ class Video:
         if self.size is not None and (width, height) != tuple(self.size):
             raise ConfigError(
                 f"{self.path}: found frames of {width} x {height} pixels, but the camera is calibrated for "
-                f"{self.size[0]} x {self.size[1]}. Calibrate in the mode that was recorded (rovtwin calibrate), or give "
-                "that camera's file"
+                f"{self.size[0]} x {self.size[1]}. Calibrate in the mode that was recorded (rovtwin calibrate), or "
+                "give that camera's file"
             )
