@@ -40,6 +40,10 @@ from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
 from rovtwin.gnc.trial import Timeline, Trial
+from rovtwin.positioning.ekf import MarkerEkf
+from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.sightings import Sightings, SightInput
 from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.battery import Battery, BatteryInput
 from rovtwin.simulation.cable import Cable
@@ -51,6 +55,7 @@ from rovtwin.simulation.tether import Tether, TetherInput
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
+from rovtwin.vehicle.camera import R_DEVICE_C, Camera, lens_from, project
 from rovtwin.vehicle.dynamics import State
 
 TICKS = 60
@@ -272,6 +277,43 @@ def pid() -> Example:
     return Example(Pid.pole_placement(model()), inputs)
 
 
+EYE = Camera("camera", lens_from([1000, 1000], [639.5, 359.5], (1280, 720)), np.array([0.2, 0.0, 0.0]), R_DEVICE_C)
+
+
+def sights() -> SightInput:
+    """Two markers three metres ahead of a vehicle near START, one of them not in every frame; a third slot is empty."""
+    heading = 0.4 + over_time(seed=50, size=0.03)
+    place = START.position + over_time(3, seed=51, size=0.1)
+    flat = 0.075 * jnp.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    ahead = START.position + jnp.array([[2.8, 0.9, 0.1], [2.5, 1.6, -0.2]])
+    R_nm = jnp.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+    def seen(p, angle, middle):
+        c, s = jnp.cos(angle), jnp.sin(angle)
+        R_nc = jnp.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ EYE.R_bc
+        eye = p + R_nc @ EYE.R_bc.T @ EYE.position
+        corners = project(EYE.lens, (middle + flat @ R_nm.T - eye) @ R_nc)
+        return corners.reshape(8), (middle - eye) @ R_nc, R_nc.T @ R_nm
+
+    corners, t_cm, R_cm = (
+        jnp.pad(part, [(0, 0), (0, 1), *[(0, 0)] * (part.ndim - 2)])
+        for part in jax.vmap(jax.vmap(seen, (None, None, 0)), (0, 0, None))(place, heading, ahead)
+    )
+    t_cm = t_cm.at[:, 2, 2].set(1.0)  # an empty slot's pose is before the camera all the same
+    valid = jnp.stack([jnp.ones(TICKS, bool), jnp.arange(TICKS) % 20 < 15, jnp.zeros(TICKS, bool)], axis=1)
+    yes = jnp.ones((TICKS, 3), bool)
+    slots = Sightings(valid, every_tick(jnp.array([3, 7, 0])), 0 * valid, corners, t_cm, R_cm, yes, yes)
+    return SightInput(slots, jax.vmap(quaternion_from_euler)(heading[:, None] * jnp.array([0.0, 0.0, 1.0])))
+
+
+def marker_filter() -> Example:
+    return Example(MarkerEkf.of([EYE], SlamTuning.of(acceleration=0.5), capacity=3), sights(), 0.1)
+
+
+def marker_observer(**options: Any) -> Example:
+    return Example(MarkerLuenberger.of([EYE], Gains.thesis(), capacity=3, **options), sights(), 0.1)
+
+
 EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
@@ -285,6 +327,9 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
         Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
     ),
     "gnc.trial.Trial": trial,
+    "positioning.ekf.MarkerEkf": marker_filter,
+    "positioning.luenberger.MarkerLuenberger": marker_observer,
+    "positioning.luenberger.MarkerLuenberger: as printed": lambda: marker_observer(as_printed=True),
     "simulation.airy.AirySea": lambda: Example(sea(), states(), PHYSICS),
     "simulation.current.CombinedCurrent": lambda: Example(
         CombinedCurrent((sheared(), wandering())), states().position, PHYSICS
@@ -303,7 +348,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 
 # Compiling these takes long: they run in `make test-all`.
 SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
-SLOW_BATCH = SLOW | {"simulation.twin.Twin"}  # tests/simulation/test_twin.py has one
+SLOW_BATCH = SLOW | {"positioning.ekf.MarkerEkf", "simulation.twin.Twin"}  # tests/simulation/test_twin.py has one
 SLOW_GRADIENT = SLOW | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether", "simulation.twin.Twin"}
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

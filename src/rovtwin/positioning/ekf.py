@@ -1,0 +1,230 @@
+"""Error-state filter that places the vehicle among printed markers and the markers around it.
+
+State: position, velocity and acceleration in n; offset and noise of the attitude (see `sight`); pose of each marker.
+The attitude comes from the vehicle's sensors: its noise is common to all corners of a frame and new in the next, so
+it is a state that each frame starts afresh. Corners are compared as the lens shows them, a marker at a time, each step
+repeated from where it led (iterated filter), because a marker that comes back into view may be far from where it was
+expected. A marker of unknown place becomes part of the state where it is first seen, with the covariance that its
+corners give.
+
+Without a marker of known place the frame is fixed by the start pose.
+
+Reference: Bell and Cathey (1993), The iterated Kalman filter update as a Gauss-Newton method, IEEE Trans. Automatic
+Control 38(2); Dissanayake et al. (2001), A solution to the simultaneous localization and map building problem, IEEE
+Trans. Robotics and Automation 17(3).
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.frames import quaternion_from_rotation, rotation_from_quaternion
+from rovtwin.core.markers import Layout
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.positioning.ekf_steps import (
+    EMPTY,
+    NOBODY,
+    OFFSET,
+    POSITION,
+    REJECTED,
+    USED,
+    VEHICLE,
+    VELOCITY,
+    WAITING,
+    Given,
+    MarkerMap,
+    State,
+    add_marker,
+    forget,
+    predict,
+    take_position,
+    update,
+)
+from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.sight import DEFAULT_SIZE, Eyes, sizes_of
+from rovtwin.positioning.sightings import SightInput
+from rovtwin.vehicle.camera import Camera
+
+
+class SlamMemory(eqx.Module):
+    """Memory of the filter: its state, and for how many frames in a row nothing of the map was where it should be."""
+
+    state: State
+    lost: Array
+
+
+class SlamOutput(eqx.Module):
+    """What the filter believes after a frame.
+
+    Attributes:
+        position: CO in n [m], shape (3,).
+        velocity: Its velocity in n [m/s], shape (3,).
+        covariance: Of both, shape (6, 6).
+        attitude: Quaternion R_nb with the estimated error taken out, shape (4,).
+        offset: Of the measured attitude [rad], axes of n, shape (3,).
+        ids: Of the map, shape (capacity,); -1 is a free place.
+        marker_position: In n [m], shape (capacity, 3).
+        marker_attitude: Quaternions R_nm, shape (capacity, 4).
+        marker_variance: Of its shift [m2] and turn [rad2], shape (capacity, 6).
+        status: What became of each slot, an index of `ekf_steps.STATUS`, shape (slots,).
+        nis: Squared normalised innovation of each slot that was used, 8 degrees of freedom, shape (slots,).
+        moved: Markers taken out of the map in this frame because they contradicted the others, shape (capacity,).
+        afresh: Whether the position was taken afresh, as at the start or after losing it, bool.
+    """
+
+    position: Array
+    velocity: Array
+    covariance: Array
+    attitude: Array
+    offset: Array
+    ids: Array
+    marker_position: Array
+    marker_attitude: Array
+    marker_variance: Array
+    status: Array
+    nis: Array
+    moved: Array
+    afresh: Array
+
+
+class MarkerEkf(Block):
+    """The filter; a Block that takes a `SightInput` each frame.
+
+    Attributes:
+        eyes: The cameras.
+        tuning: See `SlamTuning`.
+        sizes: Side of each marker by its id [m].
+        layout: Markers of known place, the rest of the capacity free.
+        layout_variance: Of the six errors of a known marker.
+    """
+
+    eyes: Eyes
+    tuning: SlamTuning
+    sizes: Array
+    layout: MarkerMap
+    layout_variance: Array
+
+    @classmethod
+    def of(
+        cls,
+        cameras: Sequence[Camera],
+        tuning: SlamTuning | None = None,
+        layout: Layout | None = None,
+        size: float = DEFAULT_SIZE,
+        capacity: int = 8,
+        layout_std: tuple[float, float] = (0.0, 0.0),
+    ) -> "MarkerEkf":
+        """For these cameras.
+
+        Args:
+            cameras: Of the vehicle, in the order of the sightings' camera numbers.
+            tuning: Default: as `SlamTuning.of`, the position unknown at the start if there is a layout.
+            layout: Markers of known place; others may be seen too.
+            size: Side of the markers that are not in the layout [m].
+            capacity: Largest number of markers in the map; at least that of the layout.
+            layout_std: How well a known marker's place [m] and attitude [rad] are known.
+        """
+        markers = layout.markers if layout else []
+        capacity = max(capacity, len(markers))
+        ids, position, R = np.full(capacity, NOBODY), np.zeros((capacity, 3)), np.tile(np.eye(3), (capacity, 1, 1))
+        for k, marker in enumerate(markers):
+            ids[k], position[k], R[k] = marker.id, marker.position, marker.R_nm
+        known = MarkerMap(
+            as_array(ids, dtype=int), as_array(position), as_array(R), as_array(np.zeros(capacity), dtype=int)
+        )
+        sizes = sizes_of({marker.id: marker.size for marker in markers}, default=size)
+        variance = as_array(np.repeat(np.square(layout_std), 3))
+        chosen = tuning or SlamTuning.of(start_position=10.0 if markers else 0.0)
+        return cls(Eyes.of(cameras), chosen, sizes, known, variance)
+
+    def init(self, key: Array, start: Start) -> SlamMemory:
+        """At the start pose, as sure of it as the tuning says; `key` is not used."""
+        tuning, capacity = self.tuning, self.layout.ids.shape[0]
+        vehicle = jnp.concatenate(
+            [
+                jnp.full(3, tuning.start_position**2),
+                jnp.full(3, tuning.start_velocity**2),
+                tuning.acceleration**2,
+                tuning.offset**2,
+                tuning.attitude**2,
+            ]
+        )
+        known = jnp.where(self.layout.ids == NOBODY, 0.0, 1.0)
+        markers = (known[:, None] * self.layout_variance).reshape(-1)
+        velocity = rotation_from_quaternion(start.attitude) @ start.velocity[:3]
+        x = jnp.concatenate([start.position, velocity, jnp.zeros(VEHICLE - 6)])
+        state = State(x, jnp.diag(jnp.concatenate([vehicle, markers])), self.layout)
+        return SlamMemory(state, jnp.zeros((), dtype=int) * capacity)
+
+    def step(self, memory: SlamMemory, input: SightInput, dt: float) -> tuple[SlamMemory, SlamOutput]:
+        """Predict over dt to the frame's time, then take in what it shows."""
+        tuning, slots = self.tuning, input.sightings
+        given = Given(tuning, self.eyes, self.sizes, rotation_from_quaternion(input.attitude))
+        state = predict(tuning, memory.state, jnp.asarray(dt, dtype=float))
+        mapped = slots.valid & jax.vmap(lambda number: state.map.find(number)[1])(slots.ids)
+        unsure = (memory.lost >= tuning.patience) | self._wide(state)
+        afresh = unsure & mapped.any()
+        state = jax.lax.cond(afresh, lambda s: take_position(given, s, slots), lambda s: s, state)
+        state, (status, nis) = self._corrected(given, state, slots)
+        used = (status == USED).any()
+        state, moved = self._contradictions(state, slots, status, used)
+        state, status = self._new_markers(given, state, slots, status, ~self._wide(state))
+        lost = jnp.where(used, 0, memory.lost + (status == REJECTED).any())
+        # Taken afresh from a marker that does not fit either: wait for as many frames again.
+        lost = jnp.where(afresh & ~used, 0, lost).astype(memory.lost.dtype)
+        return SlamMemory(state, lost), self._output(given, state, status, nis, moved, afresh)
+
+    def _wide(self, state: State) -> Array:
+        return (jnp.diagonal(state.P)[POSITION] > self.tuning.wide**2).any()
+
+    def _corrected(self, given: Given, state: State, slots) -> tuple[State, tuple[Array, Array]]:
+        nothing = jnp.asarray(EMPTY), jnp.zeros(())
+
+        def one(state: State, slot) -> tuple[State, tuple[Array, Array]]:
+            _, known = state.map.find(slot.ids)
+            return jax.lax.cond(slot.valid & known, lambda s: update(given, s, slot), lambda s: (s, nothing), state)
+
+        return jax.lax.scan(one, state, slots)
+
+    def _contradictions(self, state: State, slots, status: Array, used: Array) -> tuple[State, Array]:
+        """Counts who contradicts the others, and takes out who does so for too long; shape (capacity,), bool."""
+        same = state.map.ids[:, None] == jnp.where(slots.valid, slots.ids, NOBODY - 1)
+        fits = (same & (status == USED)).any(axis=1)
+        against = (same & (status == REJECTED)).any(axis=1) & ~fits & used
+        counts = jnp.where(fits, 0, state.map.contradicted + against)
+        gone = counts >= self.tuning.patience
+        counted = MarkerMap(state.map.ids, state.map.position, state.map.R_nm, counts)
+        return forget(State(state.x, state.P, counted), gone), gone
+
+    def _new_markers(self, given: Given, state: State, slots, status: Array, sure: Array) -> tuple[State, Array]:
+        def one(state: State, item) -> tuple[State, Array]:
+            slot, status = item
+            _, known = state.map.find(slot.ids)
+            unknown = slot.valid & ~known & (status == EMPTY)
+            wanted = unknown & slot.single & slot.clear & sure
+            kept = jnp.where(unknown, WAITING, status)
+            return jax.lax.cond(
+                wanted, lambda s: add_marker(given, s, slot, wanted), lambda s: (s, kept.astype(int)), state
+            )
+
+        return jax.lax.scan(one, state, (slots, status))
+
+    def _output(self, given: Given, state: State, status: Array, nis: Array, moved: Array, afresh: Array) -> SlamOutput:
+        both = slice(POSITION.start, VELOCITY.stop)
+        return SlamOutput(
+            position=state.x[POSITION],
+            velocity=state.x[VELOCITY],
+            covariance=state.P[both, both],
+            attitude=quaternion_from_rotation(given.attitude(state.x)),
+            offset=state.x[OFFSET],
+            ids=state.map.ids,
+            marker_position=state.map.position,
+            marker_attitude=jax.vmap(quaternion_from_rotation)(state.map.R_nm),
+            marker_variance=jnp.diagonal(state.P)[VEHICLE:].reshape(-1, 6),
+            status=status,
+            nis=nis,
+            moved=moved,
+            afresh=afresh,
+        )

@@ -1,0 +1,224 @@
+"""The steps of the marker filter: its state, prediction, one marker's corners taken in, a new marker, a new start.
+
+Errors of the state in order: position, velocity, acceleration, attitude offset o, attitude noise d (3 each), then for
+each marker its shift e and turn f (6).
+"""
+
+import equinox as eqx
+
+from rovtwin.core.frames import skew
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.positioning.detection import pose_slope
+from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.motion import process_noise, transition
+from rovtwin.positioning.sight import CORNERS, Eyes, rotation, see
+from rovtwin.positioning.sightings import Sightings
+
+VEHICLE = 15  # states before those of the markers
+POSITION, VELOCITY, ACCELERATION, OFFSET, NOISE = (slice(3 * k, 3 * k + 3) for k in range(5))
+NOBODY = -1  # id of a free place in the map
+STATUS = ("empty", "used", "new", "rejected", "waiting", "map full")
+EMPTY, USED, NEW, REJECTED, WAITING, FULL = range(len(STATUS))
+_ROUNDS = 3  # linearisations of one update
+
+
+class MarkerMap(eqx.Module):
+    """The markers of a map, of fixed capacity.
+
+    Attributes:
+        ids: Shape (capacity,), int; NOBODY where a place is free.
+        position: In n [m], shape (capacity, 3).
+        R_nm: Map m to n, shape (capacity, 3, 3).
+        contradicted: Frames in a row in which each did not fit what others said, shape (capacity,), int.
+    """
+
+    ids: Array
+    position: Array
+    R_nm: Array
+    contradicted: Array
+
+    def find(self, number: Array) -> tuple[Array, Array]:
+        """Place of a marker by its id, and whether it is in the map."""
+        same = self.ids == number
+        return jnp.argmax(same), same.any()
+
+
+class State(eqx.Module):
+    """What the filter knows: x, shape (15,), the map, and P, shape (15 + 6 capacity,) squared."""
+
+    x: Array
+    P: Array
+    map: MarkerMap
+
+
+class Given(eqx.Module):
+    """What holds for all steps of a frame: tuning, cameras, sizes of markers by id, measured attitude (3, 3)."""
+
+    tuning: SlamTuning
+    eyes: Eyes
+    sizes: Array
+    R_meas: Array
+
+    def attitude(self, x: Array) -> Array:
+        """R_nb of a state, shape (3, 3)."""
+        return rotation(x[OFFSET]) @ self.R_meas @ rotation(x[NOISE])
+
+
+def predict(tuning: SlamTuning, state: State, dt: Array) -> State:
+    """To the next frame; the attitude's noise is drawn afresh."""
+    F, Q = transition(dt, tuning.correlation), process_noise(dt, tuning.correlation)
+    moving = state.x[:9].reshape(3, 3)
+    x = jnp.concatenate([_times(F, moving).reshape(9), state.x[OFFSET], jnp.zeros(3)])
+    P = _moved(F, _moved(F, state.P).T)
+    n = P.shape[0]
+    gained = (Q[:, None, :, None] * jnp.diag(tuning.acceleration**2)[None, :, None, :]).reshape(9, 9)
+    old = jnp.ones(n).at[NOISE].set(0.0)
+    P = P * old[:, None] * old
+    P = P.at[:9, :9].add(gained)
+    P = P.at[OFFSET, OFFSET].add(dt * jnp.diag(tuning.offset_walk**2))
+    return State(x, P.at[NOISE, NOISE].set(jnp.diag(tuning.attitude**2)), state.map)
+
+
+def _moved(F: Array, P: Array) -> Array:
+    """The rows of the vehicle's motion multiplied by F on each axis, shape (n, n)."""
+    rows = (F[:, :, None, None] * P[:9].reshape(1, 3, 3, -1)).sum(axis=1)
+    return jnp.concatenate([rows.reshape(9, -1), P[9:]])
+
+
+def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Array, Array]]:
+    """Takes in one slot's corners if its marker is in the map; its status and squared normalised innovation (8)."""
+    place, known = state.map.find(slot.ids)
+    n = state.P.shape[0]
+
+    def again(_: int, step: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        pivots, rows, visible = _innovation(given, state, slot, place, step[0])
+        return (rows[:, :1] * rows[:, 1:] / pivots[:, None]).sum(axis=0), pivots, rows, step[3] & visible
+
+    start = jnp.zeros(n), jnp.ones(8), jnp.zeros((8, n + 1)), jnp.asarray(True)
+    dx, pivots, rows, visible = jax.lax.fori_loop(0, _ROUNDS, again, start)
+    nis = (rows[:, 0] ** 2 / pivots).sum()
+    fits = slot.valid & known & visible & (nis < given.tuning.gate)
+    gain = rows[:, 1:] / pivots[:, None]
+    P = state.P - jnp.where(fits, (rows[:, 1:, None] * gain[:, None, :]).sum(axis=0), 0.0)
+    dx = jnp.where(fits, dx, 0.0)
+    turns = dx[VEHICLE:].reshape(-1, 6)
+    position, R_nm = state.map.position + turns[:, :3], state.map.R_nm @ jax.vmap(rotation)(turns[:, 3:])
+    moved = MarkerMap(state.map.ids, position, R_nm, state.map.contradicted)
+    status = jnp.where(fits, USED, jnp.where(slot.valid & known, REJECTED, EMPTY))
+    return State(state.x + dx[:VEHICLE], P, moved), (status, jnp.where(fits, nis, 0.0))
+
+
+def _innovation(given: Given, state: State, slot: Sightings, place: Array, dx: Array) -> tuple[Array, Array, Array]:
+    """What a slot's corners say about the state, linear about state + dx.
+
+    With the innovation's covariance S = L diag(pivots) L': pivots (8,), L^-1 [innovation, H P], shape (8, 1 + n), and
+    whether the marker is before the camera.
+    """
+    begin = VEHICLE + 6 * place
+    x, turn = state.x + dx[:VEHICLE], jax.lax.dynamic_slice(dx, (begin,), (6,))
+    p_nm, R_nm = state.map.position[place] + turn[:3], state.map.R_nm[place] @ rotation(turn[3:])
+    seen = see(given.eyes[slot.camera], x[POSITION], given.attitude(x), p_nm, R_nm, given.sizes[slot.ids])
+    of_marker = jax.lax.dynamic_slice(state.P, (0, begin), (state.P.shape[0], 6))
+    vehicle = ((seen.by_position, POSITION), (seen.by_offset, OFFSET), (seen.by_noise, NOISE))
+    HP = _times(seen.by_marker, of_marker.T)
+    e = slot.corners - seen.pixels + (seen.by_marker * turn).sum(axis=1)
+    for H, where in vehicle:
+        HP = HP + _times(H, state.P[where])
+        e = e + (H * dx[where]).sum(axis=1)
+    S = _times(jax.lax.dynamic_slice(HP, (0, begin), (8, 6)), seen.by_marker.T)
+    for H, where in vehicle:
+        S = S + _times(HP[:, where], H.T)
+    turns = jax.lax.dynamic_slice(of_marker, (begin + 3, 3), (3, 3))
+    variance = given.tuning.pixel**2 + _bend(slot.corners, turns)
+    return *_eliminate(S + variance * jnp.eye(8), jnp.concatenate([e[:, None], HP], axis=1)), seen.visible
+
+
+def _bend(corners: Array, turn: Array) -> Array:
+    """Variance of what a tilt that is uncertain does to corners beyond its linear part [px2].
+
+    A side of L pixels tilted by f is shorter by L f^2 / 2, each of its ends is off by half of that.
+    """
+    sides = corners.reshape(4, 2) - jnp.roll(corners.reshape(4, 2), 1, axis=0)
+    return (jnp.max((sides**2).sum(axis=1)) / 16.0) * (turn[0, 0] + turn[1, 1]) ** 2
+
+
+def add_marker(given: Given, state: State, slot: Sightings, wanted: Array) -> tuple[State, Array]:
+    """Puts a slot's marker on the first free place of the map if `wanted`; status of the slot."""
+    free = state.map.ids == NOBODY
+    place, room = jnp.argmax(free), free.any()
+    eye, size = given.eyes[slot.camera], given.sizes[slot.ids]
+    R_nb = given.attitude(state.x)
+    from_b = eye.position + eye.R_bc @ slot.t_cm
+    R_bm = eye.R_bc @ slot.R_cm
+    p_nm = state.x[POSITION] + R_nb @ from_b
+    # By the vehicle's error: marker's shift e, then turn f.
+    zero = jnp.zeros((3, 3))
+    shift = [jnp.eye(3), zero, zero, -skew(R_nb @ from_b), -R_nb @ skew(from_b)]
+    turn = [zero, zero, zero, (R_nb @ R_bm).T, R_bm.T]
+    J = jnp.concatenate([jnp.concatenate(shift, axis=1), jnp.concatenate(turn, axis=1)])
+    slope = pose_slope(eye.lens, size * jnp.asarray(CORNERS), slot.t_cm, slot.R_cm)
+    prior = jnp.concatenate([jnp.zeros(3), jnp.full(3, given.tuning.tilt**-2)])
+    seen = jnp.linalg.inv(slope.T @ slope / given.tuning.pixel**2 + jnp.diag(prior))
+    G = jax.scipy.linalg.block_diag(R_nb @ eye.R_bc, jnp.eye(3))
+    rows = _times(J, state.P[:VEHICLE])
+    own = _times(rows[:, :VEHICLE], J.T) + G @ seen @ G.T
+    begin = VEHICLE + 6 * place
+    P = jax.lax.dynamic_update_slice(state.P, rows, (begin, 0))
+    P = jax.lax.dynamic_update_slice(P, rows.T, (0, begin))
+    P = jax.lax.dynamic_update_slice(P, own, (begin, begin))
+    added = State(
+        state.x,
+        P,
+        MarkerMap(
+            state.map.ids.at[place].set(slot.ids.astype(state.map.ids.dtype)),
+            state.map.position.at[place].set(p_nm),
+            state.map.R_nm.at[place].set(R_nb @ R_bm),
+            state.map.contradicted.at[place].set(0),
+        ),
+    )
+    after = jax.tree.map(lambda new, old: jnp.where(wanted & room, new, old), added, state)
+    return after, jnp.where(wanted & room, NEW, FULL)
+
+
+def take_position(given: Given, state: State, slots: Sightings) -> State:
+    """Puts the vehicle where the first mapped marker that is seen says; what was believed of its motion is dropped."""
+    mapped = slots.valid & jax.vmap(lambda number: state.map.find(number)[1])(slots.ids)
+    slot = jax.tree.map(lambda leaf: leaf[jnp.argmax(mapped)], slots)
+    place, _ = state.map.find(slot.ids)
+    eye = given.eyes[slot.camera]
+    R_nb = given.R_meas
+    p_nb = state.map.position[place] - R_nb @ (eye.position + eye.R_bc @ slot.t_cm)
+    tuning = given.tuning
+    distance = slot.t_cm[2]
+    variance = jnp.concatenate(
+        [jnp.full(3, (0.1 + 0.2 * distance) ** 2), jnp.full(3, tuning.start_velocity**2), tuning.acceleration**2]
+    )
+    x = state.x.at[POSITION].set(p_nb).at[VELOCITY].set(0.0).at[ACCELERATION].set(0.0)
+    kept = jnp.ones(state.P.shape[0]).at[:9].set(0.0)
+    P = state.P * kept[:, None] * kept + jnp.diag(jnp.zeros(state.P.shape[0]).at[:9].set(variance))
+    fresh = State(x, P, state.map)
+    return jax.tree.map(lambda new, old: jnp.where(mapped.any(), new, old), fresh, state)
+
+
+def forget(state: State, gone: Array) -> State:
+    """Takes markers out of the map; gone: shape (capacity,), bool."""
+    kept = jnp.concatenate([jnp.ones(VEHICLE), jnp.repeat(jnp.where(gone, 0.0, 1.0), 6)])
+    ids = jnp.where(gone, NOBODY, state.map.ids)
+    counts = jnp.where(gone, 0, state.map.contradicted)
+    return State(state.x, state.P * kept[:, None] * kept, MarkerMap(ids, state.map.position, state.map.R_nm, counts))
+
+
+def _times(a: Array, b: Array) -> Array:
+    """Matrix product of small matrices; inside a loop the library's is slower to start than to compute."""
+    return (a[:, :, None] * b[None]).sum(axis=1)
+
+
+def _eliminate(S: Array, rows: Array) -> tuple[Array, Array]:
+    """Pivots (k,) and rows (k, m) of L^-1 B for S = L diag(pivots) L', S of shape (k, k), B (k, m)."""
+    pivots = []
+    for k in range(S.shape[0]):
+        pivots.append(S[k, k])
+        ratio = jnp.where(jnp.arange(S.shape[0]) > k, S[:, k] / S[k, k], 0.0)
+        rows = rows - ratio[:, None] * rows[k]
+        S = S - ratio[:, None] * S[k]
+    return jnp.stack(pivots), rows

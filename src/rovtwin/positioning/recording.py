@@ -1,0 +1,122 @@
+"""Log and video joined: the frames of a recording, each with what the cameras saw and the attitude at that time."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from rovtwin.core.errors import LogError
+from rovtwin.core.log import Log
+from rovtwin.positioning.detection import Detections, Detector
+from rovtwin.positioning.sightings import Frames, sightings
+from rovtwin.positioning.video import Video
+from rovtwin.vehicle.camera import Camera
+
+ATTITUDES = ("sensor/attitude", "autopilot/eta")  # in which channels to look for it
+APART = 0.02  # frames of several cameras that are nearer than this share of a second are one instant
+GAP = 0.5  # attitude readings further apart than this are not bridged [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """Readings of the attitude: times [s], shape (n,), and rotations; `channel` they come from."""
+
+    t: np.ndarray
+    rotation: Rotation
+    channel: str
+
+    @classmethod
+    def of(cls, log: Log) -> "Attitude":
+        """Of a log's attitude sensor, else of its autopilot's estimate.
+
+        Raises:
+            LogError: It has neither.
+        """
+        for name in ATTITUDES:
+            if name in log and len(log[name]) > 1:
+                series = log[name]
+                t = series["t_valid"] if "t_valid" in series.channel.fields else series.t
+                euler = np.stack([series[angle] for angle in ("psi", "theta", "phi")], axis=1)
+                order = np.unique(t, return_index=True)[1]
+                return cls(t[order], Rotation.from_euler("ZYX", euler[order]), name)
+        raise LogError(f"{log.source}: found no attitude; expected a channel {' or '.join(ATTITUDES)}")
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Quaternions R_nb, shape (n, 4), at times t, and at which of them there are readings near, bool."""
+        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
+        inside &= self.t[after] - self.t[after - 1] <= GAP
+        q = Slerp(self.t, self.rotation)(np.clip(t, self.t[0], self.t[-1])).as_quat(scalar_first=True)
+        return q, inside
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Frames with the time from which they were seen, detections of each, and what was left out."""
+
+    frames: Frames
+    detections: list[list[Detections]]
+    notes: tuple[str, ...]
+
+
+def record(
+    log: Log,
+    videos: Sequence[Video],
+    cameras: Sequence[Camera],
+    detector: Detector,
+    sizes: np.ndarray,
+    slots: int = 16,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """Goes through the videos once.
+
+    Args:
+        log: With the attitude.
+        videos: One for each camera, by the log's clock.
+        cameras: In the same order.
+        detector: For all of them.
+        sizes: Side of each marker by its id [m].
+        slots: Largest number of markers in one instant.
+        progress: Called with the time of each frame [s].
+
+    Raises:
+        LogError: No attitude, or none at the time of any frame.
+        ConfigError: A video that cannot be read.
+    """
+    attitude = Attitude.of(log)
+    seen: list[tuple[float, int, Detections]] = []
+    for number, video in enumerate(videos):
+        for t, image in video:
+            seen.append((t, number, detector(image)))
+            if progress:
+                progress(t)
+    times, instants = _instants(seen, len(cameras))
+    q, inside = attitude.at(times)
+    notes = [note for video in videos for note in video.notes]
+    if not inside.any():
+        raise LogError(
+            f"{log.source}: {attitude.channel} has readings from {attitude.t[0]:g} to {attitude.t[-1]:g} s, the video "
+            f"frames from {times[0]:g} to {times[-1]:g} s. Give the time of the first frame (--video-start)"
+        )
+    if not inside.all():
+        notes.append(f"{int((~inside).sum())} of {len(times)} frames without attitude left out")
+    keep = np.flatnonzero(inside)
+    rows = [sightings(instants[k], cameras, sizes, slots) for k in keep]
+    return Recording(Frames.of(times[keep], q[keep], rows), [instants[k] for k in keep], tuple(notes))
+
+
+def _instants(seen: list[tuple[float, int, Detections]], cameras: int) -> tuple[np.ndarray, list[list[Detections]]]:
+    """Frames of all cameras in order of time, those of different cameras at one instant together."""
+    times: list[float] = []
+    found: list[list[Detections]] = []
+    taken: set[int] = set()
+    for t, number, detections in sorted(seen, key=lambda item: item[:2]):
+        if not times or t - times[-1] > APART or number in taken:
+            # Two frames of one camera are never one instant, however near they are.
+            times.append(t)
+            found.append([Detections.none()] * cameras)
+            taken = set()
+        found[-1][number] = detections
+        taken.add(number)
+    return np.array(times), found

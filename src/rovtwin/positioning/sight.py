@@ -1,0 +1,115 @@
+"""How a camera on a vehicle sees a marker: geometry that detector, observers and smoother share.
+
+Attitude as measured is R_meas; the true one is exp(o) R_meas exp(d), with an offset o in n (a compass that does not
+know north of the tank) and noise d in b. A marker of pose (p_nm, R_nm) is disturbed as (p_nm + e, R_nm exp(f)).
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.frames import skew
+from rovtwin.core.markers import CORNERS
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.vehicle.camera import Camera, Lens, project
+
+NEAREST = 0.05  # a corner nearer than this to the plane of the lens is not seen [m]
+DEFAULT_SIZE = 0.15  # side of a marker nobody said anything about: the thesis's [m]
+
+
+class Eyes(eqx.Module):
+    """Cameras of one vehicle, stacked: leading axis is the camera.
+
+    Attributes:
+        lens: All their parameters; `size` is that of the first.
+        position: Centres of projection in b [m], shape (cameras, 3).
+        R_bc: Map c to b, shape (cameras, 3, 3).
+    """
+
+    lens: Lens
+    position: Array
+    R_bc: Array
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera]) -> "Eyes":
+        """Stacked; a port on all of them or on none."""
+        size = cameras[0].lens.size
+        lenses = [Lens(c.lens.focal, c.lens.principal, c.lens.distortion, c.lens.port, size) for c in cameras]
+        lens = jax.tree.map(lambda *leaves: jnp.stack(leaves), *lenses)
+        return cls(lens, as_array([c.position for c in cameras]), as_array([c.R_bc for c in cameras]))
+
+    def __getitem__(self, camera: Array) -> "Eyes":
+        return jax.tree.map(lambda leaf: leaf[camera], self)
+
+
+def rotation(phi: Array) -> Array:
+    """exp of a rotation vector [rad], shapes (3,) -> (3, 3). Rodrigues; smooth at zero, as its derivatives are."""
+    square = phi @ phi
+    small = square < 1e-8
+    angle = jnp.sqrt(jnp.where(small, 1.0, square))
+    a = jnp.where(small, 1.0 - square / 6.0, jnp.sin(angle) / angle)
+    b = jnp.where(small, 0.5 - square / 24.0, (1.0 - jnp.cos(angle)) / angle**2)
+    S = skew(phi)
+    return jnp.eye(3) + a * S + b * (S @ S)
+
+
+class Seen(eqx.Module):
+    """Corners of one marker as one camera should see them, and how that changes.
+
+    Attributes:
+        pixels: Shape (8,): x and y of the four corners in turn.
+        by_position: Derivative by the vehicle's position [px/m], shape (8, 3).
+        by_offset: By the offset o of the attitude [px/rad], shape (8, 3).
+        by_noise: By its noise d, shape (8, 3).
+        by_marker: By the marker's e and f, shape (8, 6).
+        visible: Whether all corners are before the camera, bool.
+    """
+
+    pixels: Array
+    by_position: Array
+    by_offset: Array
+    by_noise: Array
+    by_marker: Array
+    visible: Array
+
+
+def see(eye: Eyes, p_nb: Array, R_nb: Array, p_nm: Array, R_nm: Array, size: Array) -> Seen:
+    """What a camera sees of a marker.
+
+    Args:
+        eye: One camera (no leading axis).
+        p_nb: Position of the vehicle [m], shape (3,).
+        R_nb: Its attitude, shape (3, 3).
+        p_nm: Position of the marker [m], shape (3,).
+        R_nm: Its attitude, shape (3, 3).
+        size: Side of the marker [m].
+    """
+    flat = size * jnp.asarray(CORNERS)
+    around = flat @ R_nm.T  # corners from the marker's middle, n
+    from_b = (p_nm + around - p_nb) @ R_nb  # from CO, b
+    in_c = (from_b - eye.position) @ eye.R_bc
+    visible = (in_c[:, 2] > NEAREST).all()
+    # A point that is not seen is replaced: NaN, even where it is not used, would spoil gradients.
+    in_c = jnp.where(visible, in_c, jnp.array([0.0, 0.0, 1.0]))
+    pixels = project(eye.lens, in_c)
+    slope = jax.vmap(jax.jacfwd(lambda p: project(eye.lens, p)))(in_c)  # (4, 2, 3)
+    by_b = slope @ eye.R_bc.T  # by a shift in b
+    by_n = by_b @ R_nb.T
+    turned = jax.vmap(skew)
+    return Seen(
+        pixels.reshape(8),
+        -by_n.reshape(8, 3),
+        (by_n @ turned(p_nm + around - p_nb)).reshape(8, 3),
+        (by_b @ turned(from_b)).reshape(8, 3),
+        jnp.concatenate([by_n, -by_n @ R_nm @ turned(flat)], axis=-1).reshape(8, 6),
+        visible,
+    )
+
+
+def sizes_of(table: dict[int, float], count: int = 1000, default: float = DEFAULT_SIZE) -> Array:
+    """Side of each marker by its id [m], shape (count,)."""
+    sizes = np.full(count, default)
+    for number, size in table.items():
+        sizes[number] = size
+    return as_array(sizes)

@@ -1,0 +1,216 @@
+"""The track of a vehicle from a recording, by any of the three methods."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.errors import LogError
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.markers import Layout
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.positioning.ekf import MarkerEkf
+from rovtwin.positioning.ekf_steps import FULL, NEW, REJECTED, USED, WAITING
+from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.fixes import fixes
+from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.recording import Recording
+from rovtwin.positioning.run import Outputs, associate, run_observer
+from rovtwin.positioning.sight import rotation
+from rovtwin.positioning.smoother import smooth
+from rovtwin.vehicle.camera import Camera
+
+Method = Literal["ekf", "luenberger", "smoother"]
+METHODS: tuple[Method, ...] = ("ekf", "luenberger", "smoother")
+DARK = 2.0  # time without any marker that is worth a note [s]
+
+_rotations = jax.jit(jax.vmap(rotation_from_quaternion))
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A marker of the map: id, position in n [m] (3,), quaternion R_nm (4,), std of shift [m] and turn [rad] (6,)."""
+
+    id: int
+    position: np.ndarray
+    attitude: np.ndarray
+    std: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where the vehicle was.
+
+    Attributes:
+        method: Which of METHODS.
+        t: Times of the frames [s], shape (n,).
+        position: CO in n [m], shape (n, 3).
+        velocity: In n [m/s], shape (n, 3).
+        std: Of both, as the estimator believes, shape (n, 6); NaN where it does not say (luenberger).
+        attitude: Quaternions R_nb, shape (n, 4).
+        counts: Markers seen, used and rejected in each frame, shape (n, 3).
+        fix: Position from each frame alone [m], shape (n, 3); NaN where there is none. See `fixes`.
+        fix_std: Its standard deviation [m], shape (n, 3).
+        markers: The map at the end.
+        pixel_rms: Of the residuals [px]; NaN where the method has none.
+        notes: What happened on the way, one line each.
+    """
+
+    method: Method
+    t: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    std: np.ndarray
+    attitude: np.ndarray
+    counts: np.ndarray
+    fix: np.ndarray
+    fix_std: np.ndarray
+    markers: list[Placed]
+    pixel_rms: float
+    notes: tuple[str, ...]
+
+
+def track(
+    recording: Recording,
+    cameras: Sequence[Camera],
+    method: Method = "ekf",
+    layout: Layout | None = None,
+    tuning: SlamTuning | None = None,
+    size: float = 0.15,
+    start: Sequence[float] = (0.0, 0.0, 0.0),
+    gains: Gains | None = None,
+) -> Track:
+    """The track of a recording.
+
+    Args:
+        recording: Frames with what was seen.
+        cameras: As the recording was made with.
+        method: One of METHODS.
+        layout: Markers of known place; None: the start fixes the frame.
+        tuning: Of filter and smoother.
+        size: Side of markers that are not in the layout [m].
+        start: Where the vehicle is at the first frame, n [m]; with a layout, nearly.
+        gains: Of the Luenberger observer; None: the thesis's.
+
+    Raises:
+        LogError: No marker in any frame.
+    """
+    frames = recording.frames
+    if not np.asarray(frames.sightings.valid).any():
+        dictionary = layout.dictionary if layout else "DICT_4X4_50"
+        raise LogError(
+            f"found no marker in any of {len(frames)} frames, expected some of {dictionary}. Check the dictionary, the "
+            "light and the turbidity, and that whole markers with their white border are in view"
+        )
+    # The first frame may be long after the log's clock began: nothing is known of the time before.
+    begin = Start(as_array(start), as_array(frames.attitude[0]), as_array(np.zeros(6)))
+    if method == "luenberger":
+        return _observed(recording, cameras, begin, gains)
+    capacity = len({*np.asarray(frames.sightings.ids)[frames.sightings.valid].tolist()}) + 4
+    filter = MarkerEkf.of(cameras, tuning, layout, size, capacity=-(-capacity // 8) * 8)
+    out = run_observer(filter, frames, begin)
+    return _smoothed(recording, filter, out) if method == "smoother" else _filtered(recording, filter, out)
+
+
+def _filtered(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
+    map_ = associate(filter, recording.frames, out)
+    std = np.sqrt(np.maximum(np.diagonal(out.covariance, axis1=1, axis2=2), 0.0))
+    fix, fix_std = _fixes(recording, filter, out.offset[-1], out.position, map_.position, map_.attitude, map_.landmark)
+    last = [k for k, number in enumerate(out.ids[-1]) if number >= 0]
+    marker_std = np.sqrt(np.maximum(out.marker_variance[-1], 0.0))
+    markers = [
+        Placed(int(out.ids[-1, k]), out.marker_position[-1, k], out.marker_attitude[-1, k], marker_std[k]) for k in last
+    ]
+    return Track(
+        "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, _counts(recording, out), fix, fix_std,
+        markers, float("nan"), _notes(recording, out),
+    )  # fmt: skip
+
+
+def _smoothed(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
+    s = smooth(filter, recording.frames, out)
+    std = np.sqrt(np.maximum(np.diagonal(s.covariance, axis1=1, axis2=2), 0.0))
+    fix, fix_std = _fixes(recording, filter, s.offset, s.position, s.marker_position, s.marker_attitude, s.landmark)
+    columns = zip(s.ids, s.marker_position, s.marker_attitude, s.marker_std, strict=True)
+    markers = [Placed(int(number), p, q, sd) for number, p, q, sd in columns]
+    counts = _counts(recording, out)
+    counts[:, 1] = (s.landmark >= 0).sum(axis=1)
+    return Track(
+        "smoother", recording.frames.t, s.position, s.velocity, std, s.attitude, counts, fix, fix_std, markers,
+        s.pixel_rms, _notes(recording, out),
+    )  # fmt: skip
+
+
+def _observed(recording: Recording, cameras: Sequence[Camera], begin: Start, gains: Gains | None) -> Track:
+    frames = recording.frames
+    out = run_observer(MarkerLuenberger.of(cameras, gains, capacity=32), frames, begin)
+    n, none = len(frames), np.full((len(frames), 6), np.nan)
+    seen = np.asarray(frames.sightings.valid).sum(axis=1)
+    used = (np.asarray(frames.sightings.valid) & np.asarray(frames.sightings.single)).sum(axis=1)
+    markers = [
+        Placed(int(number), place, np.array([1.0, 0, 0, 0]), np.full(6, np.nan))
+        for number, place in zip(out.ids[-1], out.landmarks[-1], strict=True)
+        if number >= 0
+    ]
+    counts = np.stack([seen, used, np.zeros(n, int)], axis=1)
+    return Track(
+        "luenberger", frames.t, out.position, out.velocity, none, frames.attitude, counts, none[:, :3], none[:, :3],
+        markers, float("nan"), recording.notes,
+    )  # fmt: skip
+
+
+def _fixes(
+    recording: Recording,
+    filter: MarkerEkf,
+    offset: np.ndarray,
+    near: np.ndarray,
+    position: np.ndarray,
+    attitude: np.ndarray,
+    landmark: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    frames = recording.frames
+    R_meas = np.asarray(rotation(jnp.asarray(offset))) @ np.asarray(_rotations(jnp.asarray(frames.attitude)))
+    R_nm = np.asarray(_rotations(jnp.asarray(attitude)))
+    which = np.maximum(landmark, 0)
+    arguments = frames, R_meas, near, position[which], R_nm[which], landmark >= 0
+    return fixes(filter.eyes, filter.tuning, filter.sizes, *arguments)
+
+
+def _counts(recording: Recording, out: Outputs) -> np.ndarray:
+    used = ((out.status == USED) | (out.status == NEW)).sum(axis=1)
+    seen = np.asarray(recording.frames.sightings.valid).sum(axis=1)
+    return np.stack([seen, used, (out.status == REJECTED).sum(axis=1)], axis=1)
+
+
+def _notes(recording: Recording, out: Outputs) -> tuple[str, ...]:
+    """What a user would want to know of the run."""
+    t, notes = recording.frames.t, list(recording.notes)
+    for k, place in zip(*np.nonzero(out.moved), strict=True):
+        notes.append(f"marker {int(out.ids[k - 1, place])} contradicts the others from {t[k]:g} s: taken for moved")
+    double = np.asarray(recording.frames.sightings.valid) & ~np.asarray(recording.frames.sightings.single)
+    if double.any():
+        k, slot = np.argwhere(double)[0]
+        number = int(recording.frames.sightings.ids[k, slot])
+        notes.append(
+            f"{int(double.any(axis=1).sum())} frames show an id twice, the first marker {number} at {t[k]:g} s: a copy "
+            "or a reflection"
+        )
+    if (rejected := int((out.status == REJECTED).sum())) > 0:
+        notes.append(f"{rejected} sightings that do not fit left out")
+    if (waiting := np.unique(np.asarray(recording.frames.sightings.ids)[out.status == WAITING])).size:
+        never = [int(number) for number in waiting if not (out.ids == number).any()]
+        if never:
+            notes.append(f"markers {never} were seen but never clearly enough to be put on the map")
+    if (out.status == FULL).any():
+        notes.append("more markers than the map holds; the rest is not used")
+    for k in np.flatnonzero(out.afresh)[1 if out.afresh[0] else 0 :]:
+        notes.append(f"position taken afresh at {t[k]:g} s")
+    return tuple(notes + _dark(t, ((out.status == USED) | (out.status == NEW)).any(axis=1)))
+
+
+def _dark(t: np.ndarray, seen: np.ndarray) -> list[str]:
+    """Times without any marker."""
+    edges = np.concatenate([[t[0]], t[seen], [t[-1]]])
+    return [f"no marker from {a:g} to {b:g} s" for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a > DARK]

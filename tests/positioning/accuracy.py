@@ -1,0 +1,194 @@
+"""How well markers and tracks are found: `python -m tests.positioning.accuracy [detection|square|port] ...`.
+
+Prints the tables of docs/positioning.md. `square --quick` runs on projected corners with noise, otherwise on rendered
+images, which takes minutes; their corners are kept in --keep and used again.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tests.positioning.tracks import corners_seen, rotations, square
+
+from rovtwin.core.block import Start
+from rovtwin.core.frames import quaternion_from_rotation
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.positioning.detection import Detections, Detector
+from rovtwin.positioning.ekf import MarkerEkf
+from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.fixes import fixes
+from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
+from rovtwin.positioning.run import run_observer, step
+from rovtwin.positioning.sight import Eyes
+from rovtwin.positioning.sightings import Frames, sightings
+from rovtwin.positioning.smoother import smooth
+from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.scene import load_scene
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.camera import cameras_of
+
+quaternions = jax.jit(jax.vmap(quaternion_from_rotation))
+FACE = 6.0  # where the marked side of the box is in `mclab`, north [m]
+SIZES = np.full(1000, 0.15)
+
+
+def detection(poses: int = 8) -> None:
+    """Found of 24, corner error, error of the position from one image with attitude and map known, time per image."""
+    scene, camera = load_scene("mclab"), cameras_of(load_vehicle("double_blueye"))[0]
+    eye, detector = renderer(scene, camera, kind="raycast"), Detector()
+    print("distance [m], found, corner rms [px], position rms from all markers [mm], from one [mm], time [ms]")
+    for distance in (1, 2, 3, 5, 8):
+        rng, error, place, single, spent, shown = np.random.default_rng(distance), [], [], [], [], 0
+        for k in range(poses):
+            p = np.array([FACE - distance, 0.0, 0.75]) - camera.position + rng.uniform(-0.1, 0.1, 3) * [1, 1, 0.5]
+            R = rotations(rng.uniform(-0.03, 0.03, (1, 3)))[0]
+            truth = corners_seen(scene.layout, camera, p, R, rng, pixel=0.0)
+            grey = cv2.cvtColor(eye.image(p, R, seed=100 * distance + k), cv2.COLOR_RGB2GRAY)
+            begin = time.perf_counter()
+            seen = detector(grey)
+            spent.append(time.perf_counter() - begin)
+            shown += len(truth.ids)
+            right = {n: c for n, c in zip(truth.ids, truth.corners, strict=True)}
+            error += [c - right[n] for n, c in zip(seen.ids, seen.corners, strict=True)]
+            place.append(np.linalg.norm(from_one_image(scene.layout, camera, p, R, seen) - p))
+            for row in range(len(seen.ids)):
+                one = Detections(seen.ids[row : row + 1], seen.corners[row : row + 1])
+                single.append(np.linalg.norm(from_one_image(scene.layout, camera, p, R, one) - p))
+        rms = [np.sqrt(np.mean(np.square(values))) for values in (error, place, single)]
+        print(
+            f"{distance}, {len(error)} of {shown}, {rms[0]:.3f}, {1e3 * rms[1]:.2f}, {1e3 * rms[2]:.2f}, "
+            f"{1e3 * np.median(spent):.1f}",
+            flush=True,
+        )
+
+
+def from_one_image(layout, camera, near, R_nb, seen) -> np.ndarray:
+    """Position from known markers, the attitude known, shape (3,)."""
+    slots = 4
+    row = sightings([seen], [camera], SIZES, slots=slots)
+    frames = Frames.of(np.zeros(1), np.array([[1.0, 0, 0, 0]]), [row])
+    by_id = {marker.id: marker for marker in layout.markers}
+    markers = [
+        by_id[int(number)] if there else layout.markers[0] for number, there in zip(row.ids, row.valid, strict=True)
+    ]
+    pose = np.array([[m.position for m in markers]]), np.array([[m.R_nm for m in markers]])
+    tuning = SlamTuning.of(attitude=1e-6)
+    start = near[None] + 0.01  # not where it is
+    used = np.asarray(row.valid)[None]
+    return fixes(Eyes.of([camera]), tuning, as_array(SIZES), frames, R_nb[None], start, *pose, used)[0][0]
+
+
+def rendered(drive, scene, camera, keep: Path) -> list[Detections]:
+    """Corners in rendered images of a drive."""
+    if keep.exists():
+        data = np.load(keep)
+        return [Detections(data[f"i{k}"], data[f"c{k}"]) for k in range(len(drive.t))]
+    eye, detector, out, spent = renderer(scene, camera, kind="raycast"), Detector(), {}, []
+    found = []
+    for k in range(len(drive.t)):
+        nu = drive.R_nb[k].T @ drive.velocity[k]
+        image = eye.image(drive.position[k], drive.R_nb[k], velocity=nu, seed=k)
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        begin = time.perf_counter()
+        seen = detector(grey)
+        spent.append(time.perf_counter() - begin)
+        out[f"i{k}"], out[f"c{k}"] = seen.ids, seen.corners
+        found.append(seen)
+    print(f"detection: {1e3 * np.median(spent):.1f} ms a frame (median), {1e3 * np.max(spent):.1f} ms at most")
+    np.savez_compressed(keep, **out)
+    return found
+
+
+def track_square(seeds: int, quick: bool, keep: Path, rate: float = 10.0) -> None:
+    """On-line and smoothed errors on the square of thesis 6.3, the markers' places unknown."""
+    scene, camera = load_scene("mclab"), cameras_of(load_vehicle("double_blueye"))[0]
+    shift = np.array([2.0, 0.0, 0.0])
+    rows, nees, spent = {}, [], []
+    images = None
+    for seed in range(seeds):
+        drive = square(rate=rate, seed=seed)
+        truth = drive.position + shift
+        if quick:
+            rng = np.random.default_rng(1000 + seed)
+            seen = [corners_seen(scene.layout, camera, truth[k], drive.R_nb[k], rng) for k in range(len(drive.t))]
+        else:
+            moved = type(drive)(drive.t, truth, drive.velocity, drive.R_nb, drive.R_meas)
+            seen = images = images or rendered(moved, scene, camera, keep)
+        frames = Frames.of(
+            drive.t,
+            np.asarray(quaternions(jnp.asarray(drive.R_meas))),
+            [sightings([found], [camera], SIZES, slots=8) for found in seen],
+        )
+        start = Start.at(truth[0])
+        filter = MarkerEkf.of([camera])
+        out = run_observer(filter, frames, start)
+        spent.append(step_time(filter, frames, start))
+        results = {"filter": out, "smoother": smooth(filter, frames, out)}
+        for name, gains in (("Luenberger, thesis", Gains.thesis()), ("Luenberger, tuned", Gains.tuned())):
+            results[name] = run_observer(MarkerLuenberger.of([camera], gains), frames, start)
+        for name, result in results.items():
+            e, v = result.position - truth, result.velocity - drive.velocity
+            rows.setdefault(name, []).append([np.sqrt((e**2).sum(1).mean()), np.sqrt((v**2).sum(1).mean())])
+        both = [
+            np.concatenate([r.position - truth, r.velocity - drive.velocity], 1) for r in (out, results["smoother"])
+        ]
+        nees.append([squares(e, r.covariance) for e, r in zip(both, (out, results["smoother"]), strict=True)])
+    print("method, position rms [mm], velocity rms [mm/s]: mean (worst) of seeds")
+    for name, values in rows.items():
+        p, v = 1e3 * np.array(values).T
+        print(f"{name}, {p.mean():.1f} ({p.max():.1f}), {v.mean():.1f} ({v.max():.1f})")
+    report_nees(np.array(nees), seeds)
+    print(f"filter: {1e3 * np.median(spent):.2f} ms a frame (median)", flush=True)
+
+
+def squares(e: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Normalised errors squared of position (3 degrees of freedom) and of position and velocity (6), shape (n, 2)."""
+    tiny = 1e-14 * np.eye(6)  # the start is known exactly
+    six = np.einsum("ki,ki->k", e, np.linalg.solve(covariance + tiny, e[..., None])[..., 0])
+    three = np.linalg.solve((covariance + tiny)[:, :3, :3], e[:, :3, None])[..., 0]
+    return np.stack([np.einsum("ki,ki->k", e[:, :3], three), six], axis=1)
+
+
+def report_nees(nees: np.ndarray, seeds: int) -> None:
+    """Means of seeds against the 95 % bounds of a mean of so many; nees: shape (seeds, methods, n, 2)."""
+    from scipy.stats import chi2
+
+    for m, method in enumerate(("filter", "smoother")):
+        for d, (what, dof) in enumerate((("position", 3), ("position and velocity", 6))):
+            low, high = chi2.ppf([0.025, 0.975], dof * seeds) / seeds
+            mean = nees[:, m, 10:, d].mean(axis=0)
+            inside = ((mean > low) & (mean < high)).mean()
+            print(
+                f"NEES of {method}, {what}: {mean.mean():.2f} on average, bounds {low:.2f} to {high:.2f}; "
+                f"inside {100 * inside:.0f} % of the time"
+            )
+
+
+def step_time(filter: MarkerEkf, frames: Frames, start: Start) -> float:
+    """Median time of a compiled step [s]."""
+    memory, spent = filter.init(jax.random.key(0), start), []
+    for k in range(60):
+        begin = time.perf_counter()
+        memory, out = step(filter, memory, frames.at(k), frames.dt[k])
+        np.asarray(out.position)
+        spent.append(time.perf_counter() - begin)
+    return float(np.median(spent))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["detection", "square"], nargs="*", default=["detection", "square"])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--keep", type=Path, default=Path("square_corners.npz"))
+    given = parser.parse_args()
+    if "detection" in given.what:
+        detection()
+    if "square" in given.what:
+        track_square(given.seeds, given.quick, given.keep)
+
+
+if __name__ == "__main__":
+    main()
