@@ -4,15 +4,19 @@ import sys
 
 import typer
 
+from rovtwin.cli.calibrate import calibrate
 from rovtwin.cli.compare import compare
 from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
 from rovtwin.cli.logs import log_app
+from rovtwin.cli.markers import markers
 from rovtwin.cli.output import report_error
 from rovtwin.cli.plan_tests import plan_tests
+from rovtwin.cli.render import render
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
 from rovtwin.cli.sea import sea
 from rovtwin.cli.thesis import thesis
+from rovtwin.cli.track import track
 from rovtwin.cli.vehicles import vehicle_app
 from rovtwin.core.errors import RovtwinError
 
@@ -38,6 +42,10 @@ app.command()(report)
 app.command()(thesis)
 app.command("plan-tests")(plan_tests)
 app.command()(compare)
+app.command()(markers)
+app.command()(render)
+app.command()(track)
+app.command()(calibrate)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")
 app.add_typer(log_app, name="log")

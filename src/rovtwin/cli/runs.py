@@ -46,6 +46,10 @@ def fly(
     overrides: Overrides = None,
     out: Annotated[Path | None, typer.Option(help="Folder of this run; default runs/<time>-<name>.")] = None,
     report: Annotated[bool, typer.Option(help="Write the HTML report and figures.")] = True,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Record the scenario's cameras: rendered pictures, <camera>.mcap.")
+    ] = False,
+    film: Annotated[bool, typer.Option("--film", help="Record them as MP4 too.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/."""
@@ -53,7 +57,7 @@ def fly(
 
     wanted = load_scenario(scenario, overrides or (), seed)
     _say_beforehand(wanted, console(as_json))
-    flight = _fly(wanted, out, realtime, report, console(as_json))
+    flight = _fly(wanted, out, realtime, report, console(as_json), camera=camera, film=film)
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)
@@ -71,7 +75,7 @@ def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
         screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
 
 
-def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console) -> Any:
+def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **cameras: bool) -> Any:
     with _bar("{task.completed:.0f} s simulated") as bar:
         task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
         from rovtwin.scenario.flight import fly as fly_it
@@ -81,7 +85,7 @@ def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, s
             bar.update(task, completed=t, description=f"{scenario.name}: {phase}")
 
         folder = out or run_folder(scenario.name)
-        flight = fly_it(scenario, folder, realtime=realtime, progress=progress)
+        flight = fly_it(scenario, folder, realtime=realtime, progress=progress, **cameras)
         if report:
             bar.update(task, description=f"{scenario.name}: writing the report")
             from rovtwin.report import write_report

@@ -92,13 +92,13 @@ def _videos(log: Path, cameras: list[Any], given: list[Path], start: float) -> t
         paths = []
         for one in cameras:
             stem = log.parent / one.name.replace(".", "_")
-            beside = [stem, *(stem.with_suffix(ending) for ending in FILMS)]
+            beside = [stem.with_suffix(".mcap"), stem, *(stem.with_suffix(ending) for ending in FILMS)]
             paths.append(next((path for path in beside if path.exists()), None))
     both = [(c, Video(p, c.lens.size, start)) for c, p in zip(cameras, paths, strict=True) if p is not None]
     if not both:
         names = ", ".join(c.name.replace(".", "_") + ".mp4" for c in cameras)
         raise ConfigError(
-            f"{log.parent}: found no video, expected {names}, or a folder of pictures of that name, or --video"
+            f"{log.parent}: found no video, expected {names} (or .mcap), a folder of pictures of that name, or --video"
         )
     return [c for c, _ in both], [v for _, v in both]
 

@@ -1,8 +1,8 @@
-"""Recorded video as a stream of timed images: a film (MP4 ..), or a folder of pictures.
+"""Recorded video as a stream of timed images: pictures in MCAP, a film (MP4 ..), or a folder of pictures.
 
-Times, by the clock of the log: from a table `<video>.csv` (for a folder, `times.csv` in it) with one row for each
-frame, column `t` [s], for a folder also `file`; without it, a film starts at `start` and runs at its own rate, and
-pictures are named by their time in seconds, such as 12.345.png.
+Times, by the clock of the log: MCAP has them. Of others they are in a table `<video>.csv` (for a folder, `times.csv` in
+it) with one row for each frame, column `t` [s], for a folder also `file`; without it, a film starts at `start` and runs
+at its own rate, and pictures are named by their time in seconds, such as 12.345.png.
 """
 
 import csv
@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.log.pictures import read_pictures
 from rovtwin.positioning.detection import opencv
 
 FILMS = (".mp4", ".avi", ".mov", ".mkv", ".m4v")
@@ -59,9 +60,20 @@ class Video:
             return self._pictures()
         if not self.path.is_file():
             raise ConfigError(
-                f"{self.path}: no such video; expected a film ({', '.join(FILMS)}) or a folder of pictures"
+                f"{self.path}: no such video; expected MCAP, a film ({', '.join(FILMS)}) or a folder of pictures"
             )
-        return self._film()
+        return self._messages() if self.path.suffix == ".mcap" else self._film()
+
+    def _messages(self) -> Iterator[tuple[float, np.ndarray]]:
+        cv2, lost = opencv(), 0
+        for t, data in read_pictures(self.path):
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+            if image is None:
+                lost += 1
+            else:
+                yield t, image
+        if lost:
+            self.notes.append(f"{self.path}: {lost} pictures cannot be read")
 
     def _film(self) -> Iterator[tuple[float, np.ndarray]]:
         cv2 = opencv()

@@ -3,7 +3,8 @@
 import platform
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -27,6 +28,7 @@ from rovtwin.scenario.channels import (
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.filming import Filming
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.loop import Record
 from rovtwin.scenario.run import chunks, realtime_chunks, until_the_end
@@ -145,6 +147,8 @@ def fly(
     realtime: bool = False,
     progress: Progress | None = None,
     report: bool = False,
+    camera: bool = False,
+    film: bool = False,
 ) -> Flight:
     """Fly a scenario.
 
@@ -154,6 +158,8 @@ def fly(
         realtime: Tick by tick by the wall clock instead of compiled.
         progress: Called about once a simulated second.
         report: Write the HTML report and the figures (needs a folder).
+        camera: Record the scenario's cameras (needs a folder).
+        film: Write films of them too.
 
     Returns:
         The flight. Ctrl-C ends the run, not the program: what was flown is logged, scored and reported.
@@ -176,7 +182,7 @@ def fly(
     pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}
     if folder is None:
         recorder = Recorder(scenario, lambda name, t, values: pieces[name].append((t, values)))
-        interrupted = _run(composed, scenario, recorder, realtime, progress)
+        interrupted = _run(composed, scenario, [recorder.take], recorder, realtime, progress)
         flown = recorder.flown()
         summary = summarise(flown, composed, interrupted)
         data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(flown, scenario)
@@ -184,9 +190,13 @@ def fly(
 
     folder = _new_folder(folder)
     (folder / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(scenario, composed)), encoding="utf-8")
-    with LogWriter(folder / "log.mcap", channels, metadata) as log:
+    with ExitStack() as stack:
+        log = stack.enter_context(LogWriter(folder / "log.mcap", channels, metadata))
         recorder = Recorder(scenario, log.write_many)
-        interrupted = _run(composed, scenario, recorder, realtime, progress)
+        takers = [recorder.take]
+        if camera or film:
+            takers.append(stack.enter_context(Filming(scenario, composed.vehicle, folder, film)).take)
+        interrupted = _run(composed, scenario, takers, recorder, realtime, progress)
         flown = recorder.flown()
         summary = summarise(flown, composed, interrupted)
         for name, (t, values) in _scores(flown, scenario).items():
@@ -201,7 +211,14 @@ def fly(
     return flight
 
 
-def _run(composed: Composed, scenario: Scenario, recorder: Recorder, realtime: bool, progress: Progress | None) -> bool:
+def _run(
+    composed: Composed,
+    scenario: Scenario,
+    takers: Sequence[Callable[[Record], None]],
+    recorder: Recorder,
+    realtime: bool,
+    progress: Progress | None,
+) -> bool:
     """Run to the end or to Ctrl-C; whether it was the latter."""
     source = realtime_chunks if realtime else chunks
     stream: Iterator[Record] = source(
@@ -209,7 +226,8 @@ def _run(composed: Composed, scenario: Scenario, recorder: Recorder, realtime: b
     )
     with Interrupt() as interrupt:
         for record in stream:
-            recorder.take(record)
+            for take in takers:
+                take(record)
             if progress:
                 progress(recorder.seconds, PHASES[int(record.autopilot.setpoint.phase[-1])])
             if interrupt.asked:

@@ -15,6 +15,7 @@ from rovtwin.scenario.schema.mission import MissionSection, StartSection, Waypoi
 from rovtwin.scenario.schema.sensors import SensorsSection
 from rovtwin.scenario.schema.trial import TrialSection
 from rovtwin.scenario.schema.world import WorldSection
+from rovtwin.simulation.camera.sensor import CameraSection
 
 
 class RatesSection(Strict):
@@ -60,6 +61,7 @@ class Scenario(Strict):
     mission: MissionSection | None = Field(default=None, description="way-points, or")
     test: TrialSection | None = Field(default=None, description="an identification test: manoeuvres")
     battery: BatterySection | None = None
+    cameras: list[CameraSection] = Field(default_factory=list, description="recorded by fly --camera")
     faults: list[FaultSection] = Field(default_factory=list, description="what breaks, and when")
     log: LogSection = LogSection()
 
