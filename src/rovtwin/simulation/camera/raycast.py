@@ -4,7 +4,9 @@ Pixels that an edge crosses are cast again with 4 x 4 rays. What lies below the 
 in it, as in a mirror. Runs wherever JAX does.
 """
 
-from functools import partial
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -106,13 +108,24 @@ class Raycaster:
         """Of any number of rays, a block at a time."""
         n = len(direction)
         colour, way, code = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.int32)
-        for start in range(0, n, BLOCK):
+
+        def one(start: int) -> None:
             part = slice(start, min(start + BLOCK, n))
             rays = [np.zeros((BLOCK, 3), np.float32) for _ in range(2)]
             rays[0][: part.stop - start], rays[1][: part.stop - start] = point[part], direction[part]
             found = _block(faces, light, R_nc, rays[0].T, rays[1].T, self._pixel)
             colour[part], way[part], code[part] = (np.asarray(f)[: part.stop - start] for f in found)
+
+        one(0)  # by itself, so that what is not compiled yet is compiled once
+        list(_threads().map(one, range(BLOCK, n, BLOCK)))
         return colour, way, code
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadPoolExecutor:
+    """As many as there are processors: each block is a call of its own, during which Python is free."""
+    many = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return ThreadPoolExecutor(many)
 
 
 def _edges(code: np.ndarray) -> np.ndarray:
