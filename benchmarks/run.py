@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))  # `benchmarks` and `tests.oracle` are not part of the installed package
 
-from benchmarks import closed_loop, compile, dynamics, gpu, latency  # noqa: E402  (the path above comes first)
+from benchmarks import closed_loop, compile, dynamics, gpu, latency, rendering  # noqa: E402  (the path above comes first)
 from benchmarks.timing import machine  # noqa: E402
 
 PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
@@ -29,6 +29,8 @@ PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
     "latency": latency.tick,
     "compile": compile.cold_and_cached,
     "gpu": gpu.batch,
+    "rendering": rendering.rendering,
+    "corners": rendering.corners,
 }
 
 
@@ -128,6 +130,21 @@ def _gpu(found: dict[str, Any]) -> list[tuple[str, str]]:
     ] + [("GPU", found["device"])]
 
 
+def _rendering(found: dict[str, Any]) -> list[tuple[str, str]]:
+    return [
+        (f"pictures/s a core, {what}", f"{one['pictures_per_s']['median']:.1f} (one in {one['wall_s']:.2f} s)")
+        for what, one in found.items()
+    ]
+
+
+def _corners(found: dict[str, Any]) -> list[tuple[str, str]]:
+    table = []
+    for what, one in found.items():
+        figures = [f"{one[key]:.2f} px {key}" for key in ("rms", "middle") if key in one]
+        table.append((f"markers at {what}", ", ".join([f"{one['found']} found", *figures])))
+    return table
+
+
 ROWS: dict[str, Callable[[dict[str, Any]], list[tuple[str, str]]]] = {
     "single_vehicle": _single,
     "closed_loop": _loop,
@@ -138,6 +155,8 @@ ROWS: dict[str, Callable[[dict[str, Any]], list[tuple[str, str]]]] = {
     "latency": _latency,
     "compile": _compile,
     "gpu": _gpu,
+    "rendering": _rendering,
+    "corners": _corners,
 }
 
 

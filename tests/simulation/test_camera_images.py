@@ -80,7 +80,13 @@ def test_corners_come_out_where_projection_has_them(name, kind):
 
     A corner is found to 0.1 px rms: that is OpenCV's refinement, also for a pinhole and a board that faces it.
     """
-    scene, camera = chess(), replace(LEFT, lens=LENSES[name])
+    off = corner_errors(chess(), replace(LEFT, lens=LENSES[name]), kind)
+    assert np.sqrt((off**2).sum(axis=1).mean()) < (0.13 if kind == "raycast" else 0.17)
+    assert np.abs(off.mean(axis=0)).max() < 0.05
+
+
+def corner_errors(scene, camera, kind):
+    """Corners of the board as refined in the picture less those that projection has [px], shape (n, 2)."""
     picture = cv2.cvtColor(renderer(scene, camera, kind).image([0.0, 0.0, 1.0], LEVEL), cv2.COLOR_RGB2GRAY)
     eye = np.array([0.0, 0.0, 1.0]) + camera.position
     true = np.asarray(project(camera.lens, (scene.corners - eye) @ camera.R_bc))
@@ -88,9 +94,22 @@ def test_corners_come_out_where_projection_has_them(name, kind):
     assert len(true) >= 40
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     start = true.astype(np.float32).reshape(-1, 1, 2).copy()
-    off = cv2.cornerSubPix(picture, start, (4, 4), (-1, -1), stop).reshape(-1, 2) - true
-    assert np.sqrt((off**2).sum(axis=1).mean()) < (0.13 if kind == "raycast" else 0.17)
-    assert np.abs(off.mean(axis=0)).max() < 0.05
+    return cv2.cornerSubPix(picture, start, (4, 4), (-1, -1), stop).reshape(-1, 2) - true
+
+
+@gl_here
+@pytest.mark.parametrize("away", [0.5, 1.0, 5.0])
+def test_a_port_is_drawn_for_the_range_that_is_seen(away):
+    """One pinhole for all ranges would be off by 1.8 px rms at 0.5 m."""
+    lens = lens_from([520, 520], [470, 280], (960, 540), [0.1, 0.02], Port.of(0.02, 0.005))
+    camera = replace(LEFT, lens=lens)
+
+    class Board(Chess):
+        CELL, AHEAD = 0.12 * away, away + LEFT.position[0]
+
+    scene = Board(chess().file, "chess")
+    off = corner_errors(scene, camera, "gl")
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.17
 
 
 def detected(picture):
@@ -220,3 +239,27 @@ def test_a_lens_that_maps_nothing_to_some_pixels_is_named():
     broken = Camera("broken", lens_from([300, 300], [319.5, 179.5], (640, 360), [-2.0, 0.0]), LEFT.position, LEFT.R_bc)
     with pytest.raises(ConfigError, match="camera broken: its distortion"):
         renderer(load_scene("pool"), broken, "raycast")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_stands_out_of_the_water_is_not_seen_above_the_surface_which_mirrors_what_is_below(kind):
+    # A red plate whose upper half is in the air, before a white wall.
+    plate = {"name": "p", "plane": [0.6, 0.6], "pose": {"position": [3.0, 0.0, 0.0], "attitude_deg": [0, -90, 0]}}
+    marker = {"id": 3, "size": 0.2, "position": [2.9, 0.0, 0.25], "faces": [-1.0, 0.0, 0.0]}
+    objects = [plate | {"surface": {"colour": "#ff0000"}}]
+    light = {"caustics": 0.0}
+    scene = scene_from_dict(
+        {"name": "s", "tank": TANK, "objects": objects, "markers": {"free": [marker]}, "light": light}
+    )
+    camera = replace(SMALL, position=np.zeros(3), lens=lens_from([250, 250], [319.5, 179.5], (640, 360)))
+    picture = renderer(scene, camera, kind).image([1.5, 0.0, 0.4], LEVEL).astype(int)
+
+    def row(z, x=3.0):
+        return round(179.5 + 250 * (z - 0.4) / (x - 1.5))
+
+    red = picture[..., 0] - picture[..., 2] > 40
+    column = np.flatnonzero(red[:, 290])
+    assert abs(column.min() - row(-0.3)) <= 1 and abs(column.max() - row(0.3)) <= 1
+    # The marker's mirror image hangs where a marker upside down at the same height above the surface would.
+    black = np.flatnonzero(picture[:, 319 + 15].max(axis=-1) < 90)
+    assert abs(black.min() - row(-0.35, 2.9)) <= 2 and abs(black.max() - row(0.35, 2.9)) <= 2

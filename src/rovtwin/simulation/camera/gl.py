@@ -2,8 +2,9 @@
 
 It draws a pinhole picture, just wide enough for what the lens sees, and `cv2.remap` bends it as lens and port do. With
 k_1 > 0 the lens sees *less* at its corners than a pinhole of the same focal length, so that this picture is narrower.
-A flat port has no one centre of projection: the pinhole sits where most rays seem to come from, and is exact at
-PORT_RANGE from the camera (`docs/scene.md` says what that costs elsewhere).
+A flat port has no one centre of projection: the pinhole sits where most rays seem to come from, and its picture is bent
+once for things at PORT_RANGE, then again for the range that is seen there. What is left are pixels beside edges in
+depth.
 """
 
 from functools import lru_cache
@@ -18,10 +19,12 @@ from rovtwin.simulation.camera.shaders import BACKGROUND, BACKGROUND_VERTEX, FRA
 from rovtwin.simulation.scene.scene import Scene
 from rovtwin.simulation.scene.surfaces import Material, Mesh, Rectangle
 
-PORT_RANGE = 2.0  # at which the pinhole that stands for a flat port is exact [m]
+PORT_RANGE = 2.0  # for which a picture through a flat port is bent first [m]
+_PORT_ROUNDS = 2  # in which it is then bent for the range that is seen
 NEAR, FAR = 0.05, 250.0  # [m]
 _AHEAD = 6e-4 * NEAR  # prints before their faces, in clip space: 0.3 per mille of the range
 _SAMPLES = 4
+_CLIP_DISTANCE0 = 0x3000  # OpenGL's number of it
 _WIDEST = 4.0  # tangent of half the field of view that a pinhole picture can reasonably have
 _FINE = 0.6  # share of the lens's pixels that the pinhole picture shows at least as finely
 _MARGIN = 2  # pixels of the pinhole picture beyond what the lens sees
@@ -59,6 +62,7 @@ class Pinhole:
         principal: [px], shape (2,).
         center: In c [m], shape (3,).
         map_x: Columns of the lens's pixels in it, shape (H, W), float32; map_y rows.
+        through_port: Whether these depend on range, and hold for PORT_RANGE.
     """
 
     def __init__(self, rays: Rays, name: str):
@@ -75,8 +79,21 @@ class Pinhole:
         low, high = tangent.min(axis=(0, 1)), tangent.max(axis=(0, 1))
         self.principal = _MARGIN - self.focal * low
         self.size = tuple(int(n) for n in np.ceil(self.focal * (high - low)) + 2 * _MARGIN + 1)
-        at = (self.focal * tangent + self.principal).astype(np.float32)
-        self.map_x, self.map_y = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
+        self.map_x, self.map_y = self._columns_and_rows(seen)
+        self.through_port = points.shape[0] > 1
+        if self.through_port:
+            from_center = points - self.center
+            self._start, self._direction = from_center.astype(np.float32), rays.direction
+            self._ahead = (from_center * d).sum(axis=-1).astype(np.float32)
+
+    def maps_at(self, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The maps for things at a way from the center [m], shape (H, W)."""
+        along = np.minimum(way, FAR) - self._ahead  # of the ray itself, which starts at the port
+        return self._columns_and_rows(self._start + along[..., None] * self._direction)
+
+    def _columns_and_rows(self, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, y = (self.focal * seen[..., i] / seen[..., 2] + self.principal[i] for i in range(2))
+        return x.astype(np.float32), y.astype(np.float32)
 
     @property
     def clip(self) -> np.ndarray:
@@ -150,7 +167,12 @@ class GlDrawer:
     def draw(self, light: Lighting, R_nc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Raycaster.draw`."""
         picture = self._pinhole_picture(light, R_nc)
-        seen = self._remap(picture, self.pinhole.map_x, self.pinhole.map_y, self._linear)
+        at = self.pinhole.map_x, self.pinhole.map_y
+        if self.pinhole.through_port:
+            way = np.ascontiguousarray(picture[..., 3])
+            for _ in range(_PORT_ROUNDS):
+                at = self.pinhole.maps_at(self._remap(way, *at, self._linear))
+        seen = self._remap(picture, *at, self._linear)
         return seen[..., :3], np.where(seen[..., 3] < 0.5 * FAR, seen[..., 3], np.inf)
 
     def _pinhole_picture(self, light: Lighting, R_nc: np.ndarray) -> np.ndarray:
@@ -164,7 +186,7 @@ class GlDrawer:
         _set(self._background, "towards", R_nc @ pinhole.ray)
         _set(self._background, "endless", FAR)
         given = {"surface": light.surface, "diffuse": light.diffuse, "below": light.below, "strength": light.caustics}
-        for name, value in (given | {"pixel": self.pixel, "ahead": _AHEAD}).items():
+        for name, value in (given | {"pixel": self.pixel, "ahead": _AHEAD, "cut": float(self.tank)}).items():
             _set(self._program, name, value)
         for unit, (name, texture) in enumerate(
             (("materials", self._materials), ("prints", self._prints), ("cells", self._cells))
@@ -176,11 +198,12 @@ class GlDrawer:
         self._many.clear(depth=1.0)
         self._screen.render(vertices=3)
         ctx.enable(ctx.DEPTH_TEST)
-        ctx.enable_direct(0x3000)  # GL_CLIP_DISTANCE0: at the surface of the water
+        if self.tank:
+            ctx.enable_direct(_CLIP_DISTANCE0)  # at the surface of the water
         for flip in (1.0, -1.0) if self.tank else (1.0,):
             self._program["flip"] = flip
             self._things.render()
-        ctx.disable_direct(0x3000)
+        ctx.disable_direct(_CLIP_DISTANCE0)
         ctx.copy_framebuffer(self._one, self._many)
         raw = np.frombuffer(self._one.read(components=4, dtype="f2"), np.float16)
         return raw.reshape(pinhole.size[1], pinhole.size[0], 4).astype(np.float32)

@@ -4,7 +4,9 @@ Pixels that an edge crosses are cast again with 4 x 4 rays. What lies below the 
 in it, as in a mirror. Runs wherever JAX does.
 """
 
-from functools import partial
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -38,6 +40,7 @@ class _Faces(eqx.Module):
     origin: Array
     material: Array
     indoor: Array
+    below: Array  # 1 where only what is below the surface counts, -1 above it (mirrored), 0 all
     print: Array  # 1 where it is a marker
     cells: Array  # along a side of its print
     bits: Array
@@ -106,13 +109,24 @@ class Raycaster:
         """Of any number of rays, a block at a time."""
         n = len(direction)
         colour, way, code = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.int32)
-        for start in range(0, n, BLOCK):
+
+        def one(start: int) -> None:
             part = slice(start, min(start + BLOCK, n))
             rays = [np.zeros((BLOCK, 3), np.float32) for _ in range(2)]
             rays[0][: part.stop - start], rays[1][: part.stop - start] = point[part], direction[part]
             found = _block(faces, light, R_nc, rays[0].T, rays[1].T, self._pixel)
             colour[part], way[part], code[part] = (np.asarray(f)[: part.stop - start] for f in found)
+
+        one(0)  # by itself, so that what is not compiled yet is compiled once
+        list(_threads().map(one, range(BLOCK, n, BLOCK)))
         return colour, way, code
+
+
+@lru_cache(maxsize=1)
+def _threads() -> ThreadPoolExecutor:
+    """As many as there are processors: each block is a call of its own, during which Python is free."""
+    many = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return ThreadPoolExecutor(many)
 
 
 def _edges(code: np.ndarray) -> np.ndarray:
@@ -163,6 +177,10 @@ def _trace(faces: _Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: fl
         at = [t * d[i] - q[i] for i in range(3)]
         u, v = (at[0] * e[0] + at[1] * e[1] + at[2] * e[2] for e in (a, b))
         inside = (u >= 0) & (v >= 0) & (u <= faces.size[k, 0]) & (v <= faces.size[k, 1]) & (t > _NEAR)
+        depth = (
+            eye[2] + R_nc[2, 0] * (o[0] + t * d[0]) + R_nc[2, 1] * (o[1] + t * d[1]) + R_nc[2, 2] * (o[2] + t * d[2])
+        )
+        inside = inside & (faces.below[k] * depth >= 0)
         # A print lies in the face that carries it and is seen before it.
         ahead = inside & (t < best[0] * jnp.where(faces.print[k] > 0, 1.0 + 1e-4, 1.0))
         new = (t, u, v, jnp.full_like(zero, k, dtype=jnp.int32), towards)
@@ -248,7 +266,7 @@ def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.nd
     border = np.concatenate([rays.direction[i] for i in (0, -1)] + [rays.direction[:, i] for i in (0, -1)])
     tangent = border[:, :2] / np.maximum(border[:, 2:], 1e-3)
     low, high = tangent.min(axis=0), tangent.max(axis=0)
-    rows = []
+    rows, tank = [], any(mirrored for _, mirrored in rectangles)
     for rectangle, mirrored in rectangles:
         flip = np.array([1.0, 1.0, -1.0 if mirrored else 1.0])
         corners = (rectangle.corners * flip - eye) @ R_nc
@@ -260,25 +278,30 @@ def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.nd
         outside = [(corners[:, i] > high[i] * corners[:, 2] + margin).all() for i in range(2)]
         outside += [(corners[:, i] < low[i] * corners[:, 2] - margin).all() for i in range(2)]
         if not any(outside):
-            rows.append((rectangle, corners, normal))
+            rows.append((rectangle, corners, normal, -1.0 if mirrored else float(tank)))
     return _as_faces(rows, R_nc)
 
 
-def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray]], R_nc: np.ndarray) -> _Faces:
+def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray, float]], R_nc: np.ndarray) -> _Faces:
     count = max(-(-len(rows) // 8) * 8, 8)
     table: dict[str, np.ndarray] = {
         name: np.zeros((count, 3)) for name in ("corner", "normal", "normal_n", "right", "up")
     }
     table |= {"size": np.full((count, 2), -1.0), "origin": np.zeros((count, 2)), "material": np.ones((count, 11))}
-    table |= {"indoor": np.zeros(count, np.int32), "print": np.zeros(count), "cells": np.ones(count)}
+    table |= {
+        "indoor": np.zeros(count, np.int32),
+        "below": np.zeros(count),
+        "print": np.zeros(count),
+        "cells": np.ones(count),
+    }
     table["bits"] = np.zeros((count, _MOST_CELLS, _MOST_CELLS))
-    for k, (rectangle, corners, normal) in enumerate(rows):
+    for k, (rectangle, corners, normal, below) in enumerate(rows):
         right, up = corners[1] - corners[0], corners[3] - corners[0]
         table["size"][k] = np.linalg.norm(right), np.linalg.norm(up)
         table["corner"][k], table["normal"][k], table["normal_n"][k] = corners[0], normal, R_nc @ normal
         table["right"][k], table["up"][k] = right / table["size"][k, 0], up / table["size"][k, 1]
         table["origin"][k], table["material"][k] = rectangle.origin, rectangle.material.numbers
-        table["indoor"][k] = rectangle.indoor
+        table["indoor"][k], table["below"][k] = rectangle.indoor, below
         if rectangle.print is not None:
             cells = len(rectangle.print)
             table["print"][k], table["cells"][k] = 1.0, cells

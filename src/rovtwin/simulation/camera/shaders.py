@@ -9,6 +9,7 @@ VERTEX = """
 uniform mat4 clip;      // n, seen from the eye, to clip space
 uniform vec3 eye;
 uniform float flip;     // -1: as the surface mirrors it
+uniform float cut;      // 1: only below the surface, and what is mirrored above it
 uniform float ahead;    // prints come before the face that carries them
 in vec3 at; in vec3 out_; in vec2 texture_; in vec2 local_; in vec4 face_; in vec2 look_;
 out vec3 point; out vec3 normal; out vec2 uv; out vec2 local;
@@ -20,7 +21,7 @@ void main() {
     uv = texture_; local = local_; face = face_; look = look_;
     gl_Position = clip * vec4(point - eye, 1.0);
     gl_Position.z -= look_.y >= 0.0 ? ahead : 0.0;
-    gl_ClipDistance[0] = flip < 0.0 ? -point.z : point.z;
+    gl_ClipDistance[0] = cut > 0.0 ? flip * point.z : 1.0;
 }
 """
 
