@@ -101,7 +101,7 @@ def rendered(drive, scene, camera, keep: Path) -> list[Detections]:
     return found
 
 
-def track_square(seeds: int, quick: bool, keep: Path, rate: float = 10.0) -> None:
+def track_square(seeds: int, quick: bool, keep: Path, acceleration: float, rate: float = 10.0) -> None:
     """On-line and smoothed errors on the square of thesis 6.3, the markers' places unknown."""
     scene, camera = load_scene("mclab"), cameras_of(load_vehicle("double_blueye"))[0]
     shift = np.array([2.0, 0.0, 0.0])
@@ -112,7 +112,7 @@ def track_square(seeds: int, quick: bool, keep: Path, rate: float = 10.0) -> Non
         truth = drive.position + shift
         if quick:
             rng = np.random.default_rng(1000 + seed)
-            seen = [corners_seen(scene.layout, camera, truth[k], drive.R_nb[k], rng) for k in range(len(drive.t))]
+            seen = [corners_seen(scene.layout, camera, truth[k], drive.R_nb[k], rng, 0.15) for k in range(len(drive.t))]
         else:
             moved = type(drive)(drive.t, truth, drive.velocity, drive.R_nb, drive.R_meas)
             seen = images = images or rendered(moved, scene, camera, keep)
@@ -122,7 +122,7 @@ def track_square(seeds: int, quick: bool, keep: Path, rate: float = 10.0) -> Non
             [sightings([found], [camera], SIZES, slots=8) for found in seen],
         )
         start = Start.at(truth[0])
-        filter = MarkerEkf.of([camera])
+        filter = MarkerEkf.of([camera], SlamTuning.of(acceleration=acceleration))
         out = run_observer(filter, frames, start)
         spent.append(step_time(filter, frames, start))
         results = {"filter": out, "smoother": smooth(filter, frames, out)}
@@ -182,12 +182,13 @@ def main() -> None:
     parser.add_argument("what", choices=["detection", "square"], nargs="*", default=["detection", "square"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--acceleration", type=float, default=0.1, help="that the filter believes in [m/s2]")
     parser.add_argument("--keep", type=Path, default=Path("square_corners.npz"))
     given = parser.parse_args()
     if "detection" in given.what:
         detection()
     if "square" in given.what:
-        track_square(given.seeds, given.quick, given.keep)
+        track_square(given.seeds, given.quick, given.keep, given.acceleration)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,7 @@ def go(seen_, d=None, layout=None, start=None, cameras=(EYE,), **tuning):
     """Runs the filter; the default block and capacity, so that it is compiled once."""
     d = d or drive()
     d = cut(d, len(seen_))
-    if layout:
-        tuning.setdefault("start_position", 10.0)
+    tuning = {"pixel": 0.2, "start_position": 10.0 if layout else 0.0} | tuning
     block = MarkerEkf.of(cameras, SlamTuning.of(**tuning), layout)
     frames = frames_of(d, seen_, cameras)
     begin = Start.at(d.position[0] if start is None else start)
