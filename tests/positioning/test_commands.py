@@ -67,6 +67,7 @@ def test_track_with_json_and_a_layout(recorded):
     [
         (["--method", "kalman"], "--method: found 'kalman', expected one of ekf, luenberger, smoother"),
         (["--camera", "starboard"], "found 1 lens files for 2 cameras"),
+        (["--heading-offset", "5"], "--heading-offset: without --layout north is the compass's"),
         (["--size", "3kg"], "--size: found the unit 'kg'"),
         (["--dictionary", "DICT_9X9"], "found 'DICT_9X9', expected one of"),
     ],
