@@ -349,6 +349,6 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 # Compiling these takes long: they run in `make test-all`.
 SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
 SLOW_BATCH = SLOW | {"positioning.ekf.MarkerEkf", "simulation.twin.Twin"}  # tests/simulation/test_twin.py has one
-SLOW_GRADIENT = SLOW | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether", "simulation.twin.Twin"}
+SLOW_GRADIENT = SLOW_BATCH | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether"}
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

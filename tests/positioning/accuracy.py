@@ -1,4 +1,4 @@
-"""How well markers and tracks are found: `python -m tests.positioning.accuracy [detection|square|port] ...`.
+"""How well markers and tracks are found: `python -m tests.positioning.accuracy [detection|square]`.
 
 Prints the tables of docs/positioning.md. `square --quick` runs on projected corners with noise, otherwise on rendered
 images, which takes minutes; their corners are kept in --keep and used again.
@@ -6,11 +6,13 @@ images, which takes minutes; their corners are kept in --keep and used again.
 
 import argparse
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from tests.positioning.tracks import corners_seen, rotations, square
+from tests.positioning.tracks import Drive, corners_seen, rotations, square
 
 from rovtwin.core.block import Start
 from rovtwin.core.frames import quaternion_from_rotation
@@ -101,51 +103,57 @@ def rendered(drive, scene, camera, keep: Path) -> list[Detections]:
     return found
 
 
-def track_square(seeds: int, quick: bool, keep: Path, rate: float = 10.0) -> None:
-    """On-line and smoothed errors on the square of thesis 6.3, the markers' places unknown."""
+@dataclass
+class Run:
+    """One drive: its truth, and what each method made of it."""
+
+    drive: Drive
+    results: dict[str, Any]
+    spent: float
+
+
+def run_square(seed: int, keep: Path | None, acceleration: float = 0.1, rate: float = 10.0) -> Run:
+    """The square before the box of `mclab`, the markers' places unknown; keep: None for projected corners."""
     scene, camera = load_scene("mclab"), cameras_of(load_vehicle("double_blueye"))[0]
-    shift = np.array([2.0, 0.0, 0.0])
-    rows, nees, spent = {}, [], []
-    images = None
-    for seed in range(seeds):
-        drive = square(rate=rate, seed=seed)
-        truth = drive.position + shift
-        if quick:
-            rng = np.random.default_rng(1000 + seed)
-            seen = [corners_seen(scene.layout, camera, truth[k], drive.R_nb[k], rng) for k in range(len(drive.t))]
-        else:
-            moved = type(drive)(drive.t, truth, drive.velocity, drive.R_nb, drive.R_meas)
-            seen = images = images or rendered(moved, scene, camera, keep)
-        frames = Frames.of(
-            drive.t,
-            np.asarray(quaternions(jnp.asarray(drive.R_meas))),
-            [sightings([found], [camera], SIZES, slots=8) for found in seen],
-        )
-        start = Start.at(truth[0])
-        filter = MarkerEkf.of([camera])
-        out = run_observer(filter, frames, start)
-        spent.append(step_time(filter, frames, start))
-        results = {"filter": out, "smoother": smooth(filter, frames, out)}
-        for name, gains in (("Luenberger, thesis", Gains.thesis()), ("Luenberger, tuned", Gains.tuned())):
-            results[name] = run_observer(MarkerLuenberger.of([camera], gains), frames, start)
-        for name, result in results.items():
-            e, v = result.position - truth, result.velocity - drive.velocity
-            rows.setdefault(name, []).append([np.sqrt((e**2).sum(1).mean()), np.sqrt((v**2).sum(1).mean())])
-        both = [
-            np.concatenate([r.position - truth, r.velocity - drive.velocity], 1) for r in (out, results["smoother"])
-        ]
-        nees.append([squares(e, r.covariance) for e, r in zip(both, (out, results["smoother"]), strict=True)])
+    drive = square(rate=rate, seed=seed)
+    drive = replace(drive, position=drive.position + [2.0, 0.0, 0.0])
+    if keep is None:
+        rng = np.random.default_rng(1000 + seed)
+        where = zip(drive.position, drive.R_nb, strict=True)
+        seen = [corners_seen(scene.layout, camera, p, R, rng, pixel=0.15) for p, R in where]
+    else:
+        seen = rendered(drive, scene, camera, keep)
+    attitude = np.asarray(quaternions(jnp.asarray(drive.R_meas)))
+    frames = Frames.of(drive.t, attitude, [sightings([found], [camera], SIZES, slots=8) for found in seen])
+    start = Start.at(drive.position[0])
+    filter = MarkerEkf.of([camera], SlamTuning.of(acceleration=acceleration))
+    out = run_observer(filter, frames, start)
+    results = {"filter": out, "smoother": smooth(filter, frames, out)}
+    for name, gains in (("Luenberger, thesis", Gains.thesis()), ("Luenberger, tuned", Gains.tuned())):
+        results[name] = run_observer(MarkerLuenberger.of([camera], gains), frames, start)
+    return Run(drive, results, step_time(filter, frames, start))
+
+
+def track_square(seeds: int, keep: Path | None, acceleration: float) -> None:
+    """On-line and smoothed errors on the square of thesis 6.3."""
+    runs = [run_square(seed, keep, acceleration) for seed in range(seeds)]
     print("method, position rms [mm], velocity rms [mm/s]: mean (worst) of seeds")
-    for name, values in rows.items():
-        p, v = 1e3 * np.array(values).T
+    for name in runs[0].results:
+        rows = []
+        for run in runs:
+            e, v = run.results[name].position - run.drive.position, run.results[name].velocity - run.drive.velocity
+            rows.append([np.sqrt((e**2).sum(1).mean()), np.sqrt((v**2).sum(1).mean())])
+        p, v = 1e3 * np.array(rows).T
         print(f"{name}, {p.mean():.1f} ({p.max():.1f}), {v.mean():.1f} ({v.max():.1f})")
+    nees = [[squares(run.drive, run.results[name]) for name in ("filter", "smoother")] for run in runs]
     report_nees(np.array(nees), seeds)
-    print(f"filter: {1e3 * np.median(spent):.2f} ms a frame (median)", flush=True)
+    print(f"filter: {1e3 * np.median([run.spent for run in runs]):.2f} ms a frame (median)", flush=True)
 
 
-def squares(e: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def squares(drive: Drive, result: Any) -> np.ndarray:
     """Normalised errors squared of position (3 degrees of freedom) and of position and velocity (6), shape (n, 2)."""
-    tiny = 1e-14 * np.eye(6)  # the start is known exactly
+    e = np.concatenate([result.position - drive.position, result.velocity - drive.velocity], axis=1)
+    covariance, tiny = result.covariance, 1e-14 * np.eye(6)  # the start is known exactly
     six = np.einsum("ki,ki->k", e, np.linalg.solve(covariance + tiny, e[..., None])[..., 0])
     three = np.linalg.solve((covariance + tiny)[:, :3, :3], e[:, :3, None])[..., 0]
     return np.stack([np.einsum("ki,ki->k", e[:, :3], three), six], axis=1)
@@ -182,12 +190,13 @@ def main() -> None:
     parser.add_argument("what", choices=["detection", "square"], nargs="*", default=["detection", "square"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--acceleration", type=float, default=0.1, help="that the filter believes in [m/s2]")
     parser.add_argument("--keep", type=Path, default=Path("square_corners.npz"))
     given = parser.parse_args()
     if "detection" in given.what:
         detection()
     if "square" in given.what:
-        track_square(given.seeds, given.quick, given.keep)
+        track_square(given.seeds, None if given.quick else given.keep, given.acceleration)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,7 @@ def go(seen_, d=None, layout=None, start=None, cameras=(EYE,), **tuning):
     """Runs the filter; the default block and capacity, so that it is compiled once."""
     d = d or drive()
     d = cut(d, len(seen_))
-    if layout:
-        tuning.setdefault("start_position", 10.0)
+    tuning = {"pixel": 0.2, "start_position": 10.0 if layout else 0.0} | tuning
     block = MarkerEkf.of(cameras, SlamTuning.of(**tuning), layout)
     frames = frames_of(d, seen_, cameras)
     begin = Start.at(d.position[0] if start is None else start)
@@ -183,7 +182,7 @@ def test_an_offset_of_the_compass_is_found_where_places_are_known():
     c, s = np.cos(0.05), np.sin(0.05)
     turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ d.R_meas
     tilted = Drive(d.t, d.position, d.velocity, d.R_nb, turned)
-    out, _ = go(seen()[:200], tilted, layout=LAYOUT, offset=[1e-6, 1e-6, 0.2])
+    out, _ = go(seen()[:200], tilted, layout=LAYOUT, offset=[0.0, 0.0, 0.2])
     assert out.offset[-1][2] == pytest.approx(-0.05, abs=0.004)
     assert errors(out, cut(d, 200))[50:].max() < 0.03
 

@@ -1,5 +1,6 @@
 """rovtwin track: where the vehicle was, from its video and printed markers."""
 
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +33,9 @@ def track(
     size: Annotated[str, typer.Option(help="Side of markers that are not in the layout.")] = "150mm",
     start: Annotated[str, typer.Option(help="Place at the first frame, x,y,z in n [m].")] = "0,0,0",
     attitude_noise: Annotated[float, typer.Option(min=1e-5, help="Of one reading of an angle [rad].")] = 1e-3,
+    heading_offset: Annotated[
+        float, typer.Option(min=0, max=20, help="How far the compass's north may be off the layout's, std [deg].")
+    ] = 0.0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -60,7 +64,11 @@ def track(
     cameras = choose(load_vehicle(vehicle), camera or [], lens or [])
     cameras, videos = _videos(log, cameras, video or [], video_start)
     recording = _record(source, videos, cameras, markers, side, as_json)
-    tuning = SlamTuning.of(attitude=attitude_noise, start_position=10.0 if markers.markers else 0.0)
+    if heading_offset and not markers.markers:
+        raise ConfigError("--heading-offset: without --layout north is the compass's; leave it out, or give a layout")
+    offset = [0.0, 0.0, radians(heading_offset)]
+    place = 10.0 if markers.markers else 0.0
+    tuning = SlamTuning.of(attitude=attitude_noise, start_position=place, offset=offset)
     known = markers if markers.markers else None
     found = track(recording, cameras, method, known, tuning, side, begin)
     track_log(found, source, {"cameras": [c.name for c in cameras]}).write(out, overwrite=overwrite)
@@ -114,7 +122,10 @@ def _record(source: Any, videos: list[Any], cameras: list[Any], layout: Any, sid
     columns = TextColumn("{task.description}"), TimeElapsedColumn()
     with Progress(*columns, console=console(True), transient=True) as bar:
         task = bar.add_task("looking for markers", total=None)
-        step = lambda t: bar.update(task, description=f"looking for markers, {t:.0f} s")  # noqa: E731
+
+        def step(t: float) -> None:
+            bar.update(task, description=f"looking for markers, {t:.0f} s")
+
         return record(source, videos, cameras, Detector(layout.dictionary), sizes, progress=step)
 
 

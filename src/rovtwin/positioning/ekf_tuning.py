@@ -40,12 +40,12 @@ class SlamTuning(eqx.Module):
     @classmethod
     def of(
         cls,
-        pixel: float = 0.25,
+        pixel: float = 0.15,
         attitude: object = 1e-3,
         acceleration: object = 0.1,
         correlation: float = 1.0,
         start_position: float = 0.0,
-        start_velocity: float = 0.1,
+        start_velocity: float = 0.3,
         offset: object = 0.0,
         offset_walk: object = 0.0,
         tilt: float = 0.6,

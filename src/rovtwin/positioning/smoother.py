@@ -22,6 +22,7 @@ from rovtwin.positioning.sight import Eyes, rotation, see
 from rovtwin.positioning.sightings import Frames
 
 ROUNDS = 15  # Gauss-Newton steps at most
+DROPS = 5  # times that what does not fit is left out
 STILL = 1e-6  # no state moves further than this [m, m/s, rad]: done
 _EXACT = 1e-7  # standard deviation of what is known exactly [m, rad]; gtsam wants a number
 _BLOCK = 256  # sightings are linearised so many at a time, so that it is compiled once
@@ -80,7 +81,9 @@ def smooth(filter: MarkerEkf, frames: Frames, out: Outputs) -> Smoothed:
     """
     graph = _Graph(filter, frames, out)
     graph.solve()
-    if graph.drop_outliers():
+    for _ in range(DROPS):
+        if not graph.drop_outliers():
+            break
         graph.solve()
     return graph.result()
 
@@ -215,11 +218,16 @@ class _Graph:
         return float((e**2).sum() + sum((part**2).sum() for _, _, part in self._others()))
 
     def drop_outliers(self) -> bool:
-        """Leaves out sightings whose corners are further off than the gate allows; whether there were any."""
+        """Leaves out the worst sighting of each frame that the gate does not allow; whether there were any.
+
+        One at a time: a wrong one turns the frame's attitude, and those that are right seem wrong with it.
+        """
         if not len(self.k):
             return False
         squares = (self.linearised()[0] ** 2).sum(axis=1) / float(self.filter.tuning.pixel) ** 2
-        bad = squares > float(self.filter.tuning.gate)
+        worst = np.zeros(len(self.frames))
+        np.maximum.at(worst, self.k, squares)
+        bad = (squares > float(self.filter.tuning.gate)) & (squares == worst[self.k])
         landmark = self.map.landmark.copy()
         landmark[self.k[bad], self.slot[bad]] = -1
         self.map = replace(self.map, landmark=landmark)
