@@ -36,6 +36,10 @@ def identify(
     free: Annotated[
         list[str] | None, typer.Option(metavar="PATTERN", help="Parameters to estimate: added_mass.*. Repeatable.")
     ] = None,
+    track: Annotated[
+        str | None,
+        typer.Option(help="aruco: positions from the markers in the pictures beside each log, not from its sensor."),
+    ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("identified.yaml"),
     report: Annotated[bool, typer.Option(help="Write the HTML report beside it.")] = True,
     trust_logs: Annotated[bool, typer.Option("--trust-logs", help="Go on where checks say a log is wrong.")] = False,
@@ -47,6 +51,9 @@ def identify(
     was learnt and what was not; what no test could tell stays at the prior and is named.
 
     From logs of rovtwin itself: [bold]rovtwin identify double_blueye runs/*/log.mcap -o identified.yaml[/bold]
+
+    Positions from the vehicle's own camera: [bold]rovtwin identify double_blueye runs/pool/log.mcap --track
+    aruco[/bold]
 
     From other recordings: [bold]rovtwin identify --evidence evidence.yaml[/bold]
 
@@ -72,6 +79,8 @@ def identify(
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)
+    if track is not None:
+        logs, validate = _tracked(wanted, track, logs or []), _tracked(wanted, track, validate or [])
     fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
     _warn(screen, wanted, whole, trust_logs)
     with _progress(screen) as told:
@@ -90,6 +99,7 @@ def identify(
     more += [word for pattern in free or [] for word in ("--free", f"'{pattern}'")]
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
     more += ["--trust-logs"] if trust_logs else []
+    more += ["--track", track] if track else []
     out.write_text(to_yaml(result.file(), _command_line(vehicle, logs, evidence, prior, more)), encoding="utf-8")
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
@@ -99,6 +109,22 @@ def identify(
         screen.print(f"\nwritten: {out}" + (f"   report: {page}" if page else ""), markup=False)
     settled = result.solution is None or result.solution.converged
     raise typer.Exit(DONE if settled else FAILED)
+
+
+def _tracked(vehicle: Any, kind: str, logs: list[Path]) -> list[Path]:
+    """Logs of the tracks, written beside the logs given."""
+    from rovtwin.cli.track import looking_for_markers
+    from rovtwin.scenario.tracking import track_run
+
+    if kind != "aruco":
+        raise ConfigError(f"--track: found '{kind}', expected aruco")
+    tracks = []
+    for path in _files(logs):
+        with looking_for_markers() as told:
+            _, log = track_run(path, vehicle, "smoother", progress=told)
+        tracks.append(path.with_name("track.mcap" if path.stem == "log" else f"{path.stem}_track.mcap"))
+        log.write(tracks[-1], overwrite=True)
+    return tracks
 
 
 def _records(

@@ -8,14 +8,17 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+import yaml
 from PIL import Image
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.log.pictures import PictureWriter
 from rovtwin.core.numerics import jax
+from rovtwin.positioning.camera_file import as_data
 from rovtwin.scenario.loop import Record
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.tracking import LAYOUT
 from rovtwin.simulation.camera.sensor import CameraSection, camera_renderer, frames
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import Vehicle
@@ -28,8 +31,8 @@ _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 class Filming:
     """Takes the chunks of a run and writes what each camera sees of them; a context manager.
 
-    Each camera gets `<camera>.mcap` beside the log, on request a film `<camera>.mp4` with the times of its frames in
-    `<camera>.csv`.
+    Each camera gets `<camera>.mcap` and its lens, `<camera>.yaml`, beside the log, on request a film `<camera>.mp4`
+    with the times of its frames in `<camera>.csv`; where the markers hang goes into `layout.yaml`. See `tracking`.
 
     Args:
         scenario: Its `cameras`.
@@ -49,6 +52,7 @@ class Filming:
             )
         self._dt, self._ticks = scenario.control_dt, 0
         self._last: tuple[np.ndarray, ...] | None = None
+        _write_yaml(folder / LAYOUT, load_scene(scenario.cameras[0].scene).layout.model_dump())
         with ExitStack() as stack:
             self._cameras = [_Camera(one, scenario, vehicle, folder, film, stack) for one in scenario.cameras]
             self._open = stack.pop_all()
@@ -82,8 +86,10 @@ class _Camera:
         self._renderer = camera_renderer(section, load_scene(section.scene), vehicle)
         name = self._renderer.camera.name
         stem = folder / name.replace(".", "_")
+        lens = self._renderer.camera.lens
+        _write_yaml(stem.with_suffix(".yaml"), as_data(name, lens, f"{vehicle.name}, as rendered"))
         self._pictures = stack.enter_context(PictureWriter(stem.with_suffix(".mcap"), name))
-        self._film = _Film(stem, section.rate_hz, self._renderer.camera.lens.size, stack) if film else None
+        self._film = _Film(stem, section.rate_hz, lens.size, stack) if film else None
 
     def take(self, t: np.ndarray, position: np.ndarray, attitude: np.ndarray, nu: np.ndarray) -> None:
         """Pictures taken up to the end of a stretch of the path."""
@@ -122,6 +128,10 @@ class _Film:
     def write(self, t: float, picture: np.ndarray) -> None:
         self._writer.write(np.ascontiguousarray(picture[..., ::-1]))
         self._times.writerow([f"{t:.6f}"])
+
+
+def _write_yaml(path: Path, data: dict[str, Any]) -> None:
+    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
 
 
 def jpeg(picture: np.ndarray) -> bytes:
