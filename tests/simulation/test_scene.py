@@ -17,7 +17,7 @@ def on(face, pose=None, at=(0.0, 0.0), roll=0.0):
     box = BOX | ({} if pose is None else {"pose": pose})
     marker = {"id": 1, "size": 0.2, "at": list(at), "roll_deg": roll}
     scene = scene_from_dict(
-        {"name": "s", "objects": [box], "markers": {"on": [{"object": "box", "face": face, "markers": [marker]}]}}
+        {"name": "s", "objects": [box], "markers": {"on_faces": [{"object": "box", "face": face, "markers": [marker]}]}}
     )
     return scene.layout.markers[0], scene
 
@@ -72,7 +72,7 @@ def test_the_walls_of_a_tank_look_inwards_and_carry_markers():
     tank = {"length": 10.0, "width": 4.0, "depth": 2.0, "heading_deg": 90.0, "position": [1.0, 2.0, 0.0]}
     data = {"id": 0, "size": 0.3, "at": [1.0, 0.5]}
     scene = scene_from_dict(
-        {"name": "s", "tank": tank, "markers": {"on": [{"object": "tank", "face": "north", "markers": [data]}]}}
+        {"name": "s", "tank": tank, "markers": {"on_faces": [{"object": "tank", "face": "north", "markers": [data]}]}}
     )
     middle = np.array([1.0, 2.0, 1.0])
     for wall in scene.rectangles[:5]:
@@ -120,8 +120,8 @@ def test_a_mesh_file_is_placed_and_scaled(tmp_path):
         ({"objects": [BOX | {"surface": {"colour": "red"}}]}, "expected a colour such as '#e6b800'"),
         ({"water": {"type": "jerlov_4"}}, "expected one of clear_tank, jerlov_I"),
         ({"markers": {"free": [MARKER, MARKER]}}, "marker 3 2 times, expected each id once"),
-        ({"markers": {"on": [{"object": "bax", "face": "top", "markers": []}]}, "objects": [BOX]}, "mean 'box'"),
-        ({"markers": {"on": [{"object": "tank", "face": "top", "markers": []}]}}, "but the scene has none"),
+        ({"markers": {"on_faces": [{"object": "bax", "face": "top", "markers": []}]}, "objects": [BOX]}, "mean 'box'"),
+        ({"markers": {"on_faces": [{"object": "tank", "face": "top", "markers": []}]}}, "but the scene has none"),
         ({"tank": {"length": 1, "width": 1, "depth": 1}, "bottom": {"depth": 2}}, "expected one of them"),
         ({"tank": {"lenght": 1, "width": 1, "depth": 1}}, "Did you mean 'length'"),
         ({"objects": [{"name": "a", "mesh": {"file": "no.stl"}}]}, "no.stl, which is no file"),

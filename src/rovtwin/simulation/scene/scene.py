@@ -51,7 +51,7 @@ class Scene:
     def layout(self) -> Layout:
         """Where the markers hang, in n."""
         given = self.file.markers
-        markers = [*given.free, *(marker for on in given.on for marker in self._on_face(on))]
+        markers = [*given.free, *(marker for on in given.on_faces for marker in self._on_face(on))]
         try:
             return Layout(dictionary=given.dictionary, markers=markers)
         except ValidationError as error:
@@ -119,14 +119,16 @@ class Scene:
     def _face(self, on: schema.OnFace) -> tuple[np.ndarray, np.ndarray, np.ndarray, Placement]:
         if on.object == "tank":
             if self.file.tank is None:
-                raise ConfigError(f"{self.where}: markers.on: found object 'tank', but the scene has none")
+                raise ConfigError(f"{self.where}: markers.on_faces: found object 'tank', but the scene has none")
             if on.face == "top":
-                raise ConfigError(f"{self.where}: markers.on: the tank has no face 'top': that is the water's surface")
+                raise ConfigError(
+                    f"{self.where}: markers.on_faces: the tank has no face 'top': that is the water's surface"
+                )
             return *side(_tank_size(self.file.tank), on.face, inside=True), _tank_place(self.file.tank)
         boxes = {item.name: item for item in self.file.objects if item.box is not None}
         if on.object not in boxes:
             hint = near(on.object, [*boxes, "tank"])
-            raise ConfigError(f"{self.where}: markers.on: no box is called '{on.object}'.{hint}")
+            raise ConfigError(f"{self.where}: markers.on_faces: no box is called '{on.object}'.{hint}")
         item = boxes[on.object]
         return *side(np.array(item.box), on.face), Placement.of(item.pose.position, item.pose.attitude_deg)
 

@@ -142,7 +142,7 @@ class Markers(Strict):
 
     dictionary: str = Field("DICT_4X4_50", description="of OpenCV's, " + ", ".join(DICTIONARIES[:4]) + " ..")
     free: list[Marker] = Field([], description="with their place in n; each a thin board")
-    on: list[OnFace] = []
+    on_faces: list[OnFace] = Field([], description="hung on boxes and walls")
 
 
 class Lamp(Strict):
