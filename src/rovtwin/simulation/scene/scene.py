@@ -65,7 +65,7 @@ class Scene:
 
     def with_layout(self, layout: Layout) -> "Scene":
         """The same scene with other markers."""
-        markers = schema.Markers(dictionary=layout.dictionary, free=layout.markers)
+        markers = schema.Markers(dictionary=layout.dictionary, on_faces=[], free=layout.markers)
         return replace(self, file=self.file.model_copy(update={"markers": markers}))
 
     @cached_property
