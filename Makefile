@@ -14,7 +14,7 @@ PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-re
 SOURCES := src tests $(wildcard benchmarks examples)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-all bench lint clean check-python
+.PHONY: help install demo test test-all bench lint clean check-python system
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -63,11 +63,22 @@ check-python:
 	"$(PYTHON)" -c 'import venv, ensurepip' 2>/dev/null || { \
 	  echo "rovtwin: '$(PYTHON)' comes without venv. Debian, Ubuntu: apt install python3-venv" >&2; exit 1; }
 
+# OpenGL without a display, for pictures of scenes; without it a slower renderer without meshes takes its place.
+system:
+	@ldconfig -p 2>/dev/null | grep -q 'libEGL.so.1' && exit 0; \
+	if test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
+	  echo "rovtwin: installing libegl1 and libgl1-mesa-dri, for OpenGL without a display"; \
+	  { apt-get update -qq && apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri; } >/dev/null 2>&1 && exit 0; \
+	fi; \
+	echo "rovtwin: no OpenGL over EGL here: scenes are drawn by the ray-caster, without meshes." >&2; \
+	echo "         Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri" >&2
+
 # The build backend goes in first, at its pinned version: every pip then builds the package with it.
 $(STAMP): pyproject.toml constraints.txt | check-python
 	@if ! $(BIN)/python -c 'import pip' 2>/dev/null; then \
 	  echo "rovtwin: making $(VENV) with $$("$(PYTHON)" --version)"; rm -rf $(VENV); "$(PYTHON)" -m venv $(VENV); fi
 	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) (about 1.2 GB on disk)"
+	@$(MAKE) --no-print-directory system
 	@$(PIP) hatchling editables
 	@$(PIP) --no-build-isolation -e '.[all]'
 	@touch $@

@@ -1,5 +1,6 @@
 """rovtwin fly, demo, score, report and scenario: run scenarios and look at what came out."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -153,19 +154,32 @@ def demo(
     out: Annotated[Path | None, typer.Option(help="Folder; default runs/<time>-demo.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly the Double Blueye's lawn-mower in calm water and in waves, beside the thesis's published behaviour."""
+    """Fly the Double Blueye's lawn-mower in calm water and in waves, and identify it from its own camera.
+
+    The page that comes out holds the flights beside the thesis's published behaviour.
+    """
     from rovtwin.scenario.demo import run_demo
     from rovtwin.scenario.flight import run_folder
 
     screen = console(as_json)
     screen.print(
-        "Three flights: the thesis's gains in calm water and in waves, then gains placed from the vehicle's model."
+        "Three flights: the thesis's gains in calm water and in waves, then gains placed from the vehicle's model; "
+        "then a short test filmed by the vehicle, and its parameters from that."
     )
     screen.print(
         "In waves the thesis's gains are expected to fail: they have no integral against the drift (see the page).\n"
     )
     folder = out or run_folder("demo")
-    result = run_demo(folder, lambda scenario, where: _fly(scenario, where, False, True, screen))
+    with ExitStack() as stack:
+
+        def say(what: str) -> None:
+            stack.pop_all().close()
+            bar = stack.enter_context(_bar(""))
+            bar.add_task(f"camera and markers: {what}", total=None)
+
+        result = run_demo(folder, lambda scenario, where: _fly(scenario, where, False, True, screen), say)
+    if result["camera"].get("left_out"):
+        screen.print(f"left out: {result['camera']['left_out']}", markup=False, soft_wrap=True)
     screen.print(f"\nOpen [bold]{result['report']}[/bold] in a browser.", soft_wrap=True)
     if as_json:
         emit(result)

@@ -24,6 +24,7 @@ def write_comparison(
     folder: str | Path,
     title: str = "Comparison",
     reports: Mapping[str, str] | None = None,
+    camera: tuple[Figure, Table] | str | None = None,
 ) -> Path:
     """Write `report.html` that shows runs side by side, and its figures.
 
@@ -33,6 +34,7 @@ def write_comparison(
         folder: Where to write.
         title: On top of the page.
         reports: Links to the report of each run, relative to `folder`, by label.
+        camera: What a run's own camera saw, and what was identified from it; or why there is none.
 
     Returns:
         The path of the page.
@@ -51,6 +53,7 @@ def write_comparison(
         if any(flight.has(*needs) for flight in flights.values())
     ]
     rows = [[str(cell) for cell in row] for row in published]
+    seen, learnt = (None, None) if camera is None or isinstance(camera, str) else camera
     return write_page(
         folder / "report.html",
         "comparison.html.j2",
@@ -60,7 +63,17 @@ def write_comparison(
         scores=_score_table(flights),
         published=Table("", ["Statement", "Published", *logs, "Note"], rows) if rows else None,
         pictures=pictures,
+        seen=None if seen is None else save(seen, folder, "camera", *_SEEN),
+        learnt=learnt,
+        no_camera=camera if isinstance(camera, str) else "",
     )
+
+
+_SEEN = (
+    "What the vehicle saw, and its track",
+    "A picture of the port camera as the twin renders it, with the markers that were found; position and velocity from "
+    "all pictures, and the truth.",
+)
 
 
 def _score_table(flights: Mapping[str, Flight]) -> Table:

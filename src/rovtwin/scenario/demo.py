@@ -5,10 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FINISHED
 from rovtwin.core.log import Log
 from rovtwin.report import write_comparison
+from rovtwin.report.tables import Table
+from rovtwin.scenario.demo_camera import film_and_identify
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import Flight
 from rovtwin.scenario.schema import Scenario
@@ -21,12 +25,15 @@ RUNS: dict[str, tuple[str, tuple[str, ...]]] = {
 """Label -> scenario and overrides: the thesis's gains twice, and gains placed from the vehicle's own model."""
 
 
-def run_demo(folder: Path, fly: Callable[[Scenario, Path], Flight]) -> dict[str, Any]:
+def run_demo(
+    folder: Path, fly: Callable[[Scenario, Path], Flight], say: Callable[[str], None] = lambda what: None
+) -> dict[str, Any]:
     """Fly the runs of the demonstration and write the page that compares them.
 
     Args:
         folder: Where the page goes; each run has a folder in it.
         fly: Flies a scenario into a folder.
+        say: Told what is going on besides flights.
 
     Returns:
         Path of the page, and the summary of each run; `completed` says that all runs were flown, not that all arrived.
@@ -37,19 +44,36 @@ def run_demo(folder: Path, fly: Callable[[Scenario, Path], Flight]) -> dict[str,
         flights[label] = fly(scenario, folder / scenario.name)
         if flights[label].summary["interrupted"]:
             break
+    camera, seen = _filmed(folder / "camera", say) if len(flights) == len(RUNS) else ("interrupted", {})
     page = write_comparison(
         {label: flight.log for label, flight in flights.items()},
         published_beside(flights),
         folder,
         title="Double Blueye: the lawn-mower of thesis chapter 8",
         reports={label: f"{flight.scenario.name}/report.html" for label, flight in flights.items()},
+        camera=camera,
     )
     return {
         "completed": len(flights) == len(RUNS) and not any(f.summary["interrupted"] for f in flights.values()),
         "report": str(page),
         "run_dir": str(folder),
+        "camera": seen,
         "runs": {label: flight.summary | {"run_dir": str(flight.folder)} for label, flight in flights.items()},
     }
+
+
+def _filmed(folder: Path, say: Callable[[str], None]) -> tuple[tuple[Figure, Table] | str, dict[str, Any]]:
+    """Figure, table and summary of the step with the camera; why there is none where a library is missing."""
+    try:
+        done = film_and_identify(folder, say)
+    except ConfigError as error:
+        return str(error), {"left_out": str(error)}
+    head = ["Parameter", "Guess", "Found (95 % interval)", "Truth"]
+    note = (
+        "Chapter 8.1 in short: the twin pushes itself ahead and astern before a wall with printed markers; its own "
+        "rendered pictures give the track, the track the parameters. The thrust curve is given."
+    )
+    return (done.figure, Table("", head, done.rows, note)), done.summary
 
 
 def published_beside(flights: dict[str, Flight]) -> list[list[str]]:
