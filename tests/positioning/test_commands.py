@@ -84,7 +84,7 @@ def test_a_video_of_another_size_than_the_cameras_and_none_at_all_are_named(reco
     )
     assert "found frames of 640 x 480 pixels, but the camera is calibrated for 1920 x 1080" in str(result.exception)
     result = run("track", recorded / "log.mcap", "-o", recorded / "t.mcap")
-    assert "found no video, expected port_camera.mp4, starboard_camera.mp4" in str(result.exception)
+    assert "found no video, expected port_camera.mcap, starboard_camera.mcap" in str(result.exception)
 
 
 def test_calibrate_writes_a_camera_file_and_a_figure(tmp_path):

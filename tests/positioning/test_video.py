@@ -87,7 +87,7 @@ def test_a_film_that_is_cut_gives_what_is_left_or_says_that_it_cannot_be_read(tm
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda p: p / "none.mp4", "no such video; expected a film"),
+        (lambda p: p / "none.mp4", "no such video; expected MCAP, a film"),
         (lambda p: folder(p / "empty", [], []), "found no pictures in it"),
         (lambda p: folder(p / "names", frames(1), ["frame.png"]), "found no time; name pictures by their time"),
         (lambda p: film(p / "big.mp4", frames(2, (320, 240))), "found frames of 320 x 240 pixels, but the camera is"),
