@@ -70,7 +70,8 @@ def truly_changed(model, old, new, rng):
         center_of_buoyancy=np.asarray(now.center_of_gravity) + lever,
     )
     everything = catalogue(new, model=added)
-    free = choose(everything, [n for n in everything.names if n.split(".")[0] in DAMPINGS])
+    # Linear damping astern acts where that ahead does, for the truth as for the estimate.
+    free = choose(everything, [n for n in default_free(everything, []) if n.split(".")[0] in DAMPINGS])
     # One draw for both sides: astern is like ahead where the file says so, for the truth as for the estimate.
     draws = {p.name: np.array([DRAG, INTERACTION]) * rng.standard_normal(2) for p in free.free}
     true = {}
