@@ -9,55 +9,67 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.middle import moved_to_the_middle
 
-RIGID, COUNT, PULL = 30.0, 12, 0.02  # [kg]; directions of motion; of the pull on a scale
+RIGID, COUNT = 30.0, 12  # [kg]; directions of motion
 
 
 def problem_of(names, mean, information, scaled, pulled):
     """What the correction asks of a Problem; `pulled` is the information of a pull on the first parameter."""
     static = information + np.diag([pulled] + [0.0] * (len(names) - 1))
+
+    def static_cost(theta):
+        return float((theta - mean) @ static @ (theta - mean))
+
     return SimpleNamespace(
         information=information,
         prior=Gaussian(mean, np.linalg.inv(information)),
         static_information=lambda theta: static,
+        static_cost=static_cost,
         shooting=SimpleNamespace(
             parameters=SimpleNamespace(free=[SimpleNamespace(name=name) for name in names]),
             scaled=jax.jit(scaled),
             scaled_by_theta=jax.jit(jax.jacfwd(scaled)),
+            scale_tangent=jax.jit(lambda theta: jax.jacfwd(scaled, argnums=1)(theta, 0.0)),
         ),
     )
 
 
-def test_along_the_scale_of_forces_it_is_the_mean_and_not_the_maximum():
-    """Motion gives (rigid + added) / thrust of many directions exactly; a pull gives the thrust to 2 %."""
-    ratio = np.full(COUNT, 61.0 / 20.0)  # masses of 61 kg in all, 20 N
+@pytest.mark.parametrize(
+    ("pull", "added", "width"),
+    [(0.02, 31.0, 0.5), (None, 31.0, 1.0), (0.05, 10.0, 0.5)],
+)
+def test_along_the_scale_of_forces_it_is_the_mean_and_not_the_maximum(pull, added, width):
+    """Motion gives (rigid + added) / thrust of many directions exactly; a pull, if there is one, gives the thrust."""
+    total, thrust, before = RIGID + added, np.log(20.0), 0.15
 
-    def added(log_thrust):
-        return ratio * np.exp(log_thrust)[..., None] - RIGID
+    def masses(log_thrust):
+        return total / 20.0 * np.exp(log_thrust) - RIGID
 
     def scaled(theta, s):
         return jnp.concatenate([theta[:1] + s, jnp.log((RIGID + jnp.exp(theta[1:])) * jnp.exp(s) - RIGID)])
 
-    width = 0.5
-    information = np.diag([0.15**-2.0] + [width**-2.0] * COUNT)
-    mean = np.concatenate([[np.log(20.0)], np.full(COUNT, np.log(31.0))])
+    information = np.diag([before**-2.0] + [width**-2.0] * COUNT)
+    maximum = np.concatenate([[thrust], np.full(COUNT, np.log(added))])  # by prior and pull alone, too
     names = ["thrusters.surge.force_ahead"] + ["added_mass.surge_pitch"] * COUNT
-    problem = problem_of(names, mean, information, scaled, PULL**-2.0)
-    # By the prior and the pull alone the maximum is at 20 N.
-    maximum = mean.copy()
+    problem = problem_of(names, maximum, information, scaled, 0.0 if pull is None else pull**-2.0)
     J = np.zeros((COUNT, COUNT + 1))
-    J[:, 0], J[range(COUNT), range(1, COUNT + 1)] = -61.0 / 20.0, 31.0 / 20.0
-    theta, _ = moved_to_the_middle(problem, maximum, 1e8 * J.T @ J)
+    J[:, 0], J[range(COUNT), range(1, COUNT + 1)] = -total / 20.0, added / 20.0
+    theta, covariance = moved_to_the_middle(problem, maximum, 1e8 * J.T @ J)
 
-    grid = np.log(20.0) + np.linspace(-0.15, 0.15, 3001)
-    off = (grid - np.log(20.0)) ** 2 * (0.15**-2.0 + PULL**-2.0)
-    off += np.sum(((np.log(added(grid)) - np.log(31.0)) / width) ** 2, axis=1)
+    grid = thrust + np.linspace(-0.9, 0.9, 20_001)
+    grid = grid[masses(grid) > 0]
+    of_masses = np.log(masses(grid))
+    off = (grid - thrust) ** 2 * (before**-2.0 + (0.0 if pull is None else pull**-2.0))
+    off += COUNT * ((of_masses - np.log(added)) / width) ** 2
     # Room of the added masses that fit the motion: their logarithms' widths.
-    log_p = -0.5 * off + np.sum(np.log(np.exp(grid)[:, None] / added(grid)), axis=1)
+    log_p = -0.5 * off + COUNT * (grid - of_masses)
     p = np.exp(log_p - log_p.max())
-    exact = float(p @ grid / p.sum())
-    assert exact < np.log(20.0) - 0.1 * PULL
-    assert theta[0] == pytest.approx(exact, abs=0.03 * PULL)
-    np.testing.assert_allclose(np.exp(theta[1:]), added(theta[0]), rtol=1e-6)  # the same motion
+    p /= p.sum()
+    exact = float(p @ grid)
+    std = float(np.sqrt(p @ (grid - exact) ** 2))
+    assert exact < thrust - 0.1 * std
+    assert theta[0] == pytest.approx(exact, abs=0.1 * std)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(std, rel=0.2)
+    np.testing.assert_allclose(np.exp(theta[1:]), masses(theta[0]), rtol=1e-6)  # the same motion
 
 
 def test_where_the_readings_tell_the_scale_nothing_moves_along_it():
@@ -89,3 +101,27 @@ def test_a_damping_that_is_hardly_seen_is_taken_at_its_mean(measured, noise):
     found, covariance = moved_to_the_middle(problem, np.array([0.0, top]), told)
     assert found[1] == pytest.approx(exact[0], abs=1e-3)
     assert np.sqrt(covariance[1, 1]) == pytest.approx(exact[1], rel=1e-3)
+
+
+def test_two_dampings_of_one_direction_come_nearer_to_their_means():
+    """Only their sum is read, at one speed, with noise: exp(a) + exp(b) = 1.5 +- 0.4, prior of a factor of 2.2 each.
+
+    Each is moved by itself, the other giving way, so that not all of the way is made.
+    """
+    width, read, noise = 0.8, 1.5, 0.4
+    x = np.linspace(-5, 3, 801)
+    a, b = np.meshgrid(x, x, indexing="ij")
+    log_p = -0.5 * ((np.exp(a) + np.exp(b) - read) / noise) ** 2 - 0.5 * (a**2 + b**2) / width**2
+    p = np.exp(log_p - log_p.max())
+    p /= p.sum()
+    mean = float(np.sum(p * a))
+    std = float(np.sqrt(np.sum(p * (a - mean) ** 2)))
+    i, j = np.unravel_index(np.argmax(log_p), log_p.shape)
+    names = ["thrusters.surge.force_ahead", "linear_damping.surge", "quadratic_damping.surge"]
+    problem = problem_of(names, np.zeros(3), np.diag([1.0] + [width**-2.0] * 2), lambda theta, s: theta + s, 0.0)
+    J = np.array([0.0, np.exp(x[i]), np.exp(x[j])]) / noise
+    maximum = np.array([0.0, x[i], x[j]])
+    found, covariance = moved_to_the_middle(problem, maximum, np.outer(J, J) + np.diag([1e6, 0.0, 0.0]))
+    assert x[i] > mean + 0.25 * std
+    assert np.all(found[1:] < x[i]) and np.all(found[1:] > mean)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)[1:]), std, rtol=0.25)

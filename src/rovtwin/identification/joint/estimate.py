@@ -30,7 +30,7 @@ class Solution:
         unknowns: In the middle of the posterior, see `middle`; the nodes at its maximum.
         noise: As estimated.
         covariance: Of theta, shape (n, n).
-        information: Of theta from the readings and static evidence alone, without the prior, shape (n, n).
+        information: Of theta from the readings and static evidence alone, without the prior, at the maximum, (n, n).
         offset_std: Standard deviation of the offsets, shape (G,).
         converged: Whether the last step was below a hundredth of a standard deviation, or none gained anything.
         steps: Gauss-Newton steps taken.

@@ -14,59 +14,78 @@ import numpy as np
 from rovtwin.identification.joint.parameters import DIRECTIONS
 from rovtwin.identification.joint.problem import Problem
 
-_H = 0.01  # of the scale: step of the difference quotient
+_REACH, _STEPS = 5.0, 81  # of the scale that is integrated over, in standard deviations; points
 _WEAK = 0.1  # standard deviation of a logarithm from which its skewness counts
 _LINEAR = ("added_mass", "linear_damping", "quadratic_damping")  # forces grow with these values
 _GRID = np.linspace(-6.0, 6.0, 601)  # standard deviations
 
 
 def moved_to_the_middle(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of theta.
+    """Mean and covariance of theta; the maximum's where they cannot be had.
 
     Args:
         problem: Its prior and static evidence, and how theta scales.
         theta: At the maximum, shape (n,).
         readings: Information that the readings give of it, shape (n, n).
     """
-    theta = _along_the_scale(problem, theta, readings)
+    try:
+        theta, readings = _along_the_scale(problem, theta, readings)
+    except np.linalg.LinAlgError:
+        pass  # an added mass at the end of what it can be does not scale
     covariance = np.linalg.inv(readings + problem.static_information(theta))
     return _without_skewness(problem, theta, 0.5 * (covariance + covariance.T))
 
 
-def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> np.ndarray:
-    """The same motion at the mean of the scale, to first order: off the maximum by -1/2 var(s) d(log det H)/ds."""
-    scaled, by_theta = problem.shooting.scaled, problem.shooting.scaled_by_theta
-    direction = np.asarray(scaled(theta, _H) - scaled(theta, -_H)) / (2 * _H)
-    known = direction @ problem.static_information(theta) @ direction
-    if direction @ readings @ direction > known:
-        return theta  # not all that should scale is free: the readings tell the scale
+def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same motion at the mean of the scale, and what the readings tell of theta there.
 
-    def log_det(s: float) -> float:
-        # The motion is the same, so that the readings' information only changes its coordinates.
-        back = np.linalg.inv(np.asarray(by_theta(theta, s)))
-        H = back.T @ readings @ back + problem.static_information(np.asarray(scaled(theta, s)))
-        return float(np.linalg.slogdet(H)[1])
+    The posterior of the scale s is that along the curve of equal motion, times the room across it, det H^(-1/2).
+    """
+    tangent = np.asarray(problem.shooting.scale_tangent(theta))
+    known = tangent @ problem.static_information(theta) @ tangent
+    # Where not all that should scale is free, the readings tell the scale.
+    told = max(float(tangent @ readings @ tangent), 0.0)
+    s = np.linspace(-_REACH, _REACH, _STEPS) / np.sqrt(known + told)
+    log_p = np.array([_log_density(problem, theta, readings, x) for x in s]) - 0.5 * told * s**2
+    p = np.exp(log_p - log_p.max())
+    mean = float(p @ s / p.sum())
+    return np.asarray(problem.shooting.scaled(theta, mean)), _carried(problem, theta, readings, mean)
 
-    slope = (log_det(_H) - log_det(-_H)) / (2 * _H)
-    return np.asarray(scaled(theta, -0.5 * slope / known))
+
+def _log_density(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> float:
+    there = np.asarray(problem.shooting.scaled(theta, s))
+    H = _carried(problem, theta, readings, s) + problem.static_information(there)
+    return -0.5 * (problem.static_cost(there) + float(np.linalg.slogdet(H)[1]))
+
+
+def _carried(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> np.ndarray:
+    """The readings' information at another scale: the motion is the same, only the coordinates change."""
+    back = np.linalg.inv(np.asarray(problem.shooting.scaled_by_theta(theta, s)))
+    return back.T @ readings @ back
 
 
 def _without_skewness(problem: Problem, theta: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each weakly known coefficient at the mean of its logarithm, with its spread; what goes with it follows."""
-    std = np.sqrt(np.diag(covariance))
+    """Each weakly known coefficient at the mean of its logarithm, with its spread; what goes with it follows.
+
+    One by one, the others giving way: of two that are known by their sum only, part of the way is left.
+    """
+    top, std = theta, np.sqrt(np.diag(covariance))
     weak = [
         i
         for i, p in enumerate(problem.shooting.parameters.free)
         if p.name.startswith(_LINEAR) and p.name.partition(".")[2] in DIRECTIONS and std[i] > _WEAK
     ]
+    # All are judged at the maximum, where the slopes cancel; what one moved of another is not moved again.
+    slope = problem.information @ (top - problem.prior.mean)
+    wanted = {}
+    for i in weak:
+        along = covariance[:, i] / covariance[i, i]  # the others' best values, as this one moves
+        wanted[i] = _moments(std[i], along @ problem.information @ along, along @ slope)
     for i in sorted(weak, key=lambda i: -std[i]):
-        variance = covariance[i, i]
-        along = covariance[:, i] / variance  # the others' best values, as this one moves
-        before = along @ problem.information @ along
-        slope = along @ problem.information @ (theta - problem.prior.mean)
-        mean, new = _moments(np.sqrt(variance), before, slope)
-        theta = theta + along * mean
-        covariance = covariance + np.outer(along, along) * (new - variance)
+        mean, variance = wanted[i]
+        along = covariance[:, i] / covariance[i, i]
+        theta = theta + along * (top[i] + mean - theta[i])
+        covariance = covariance + np.outer(along, along) * (variance - covariance[i, i])
     return theta, covariance
 
 

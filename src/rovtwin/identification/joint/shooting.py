@@ -67,6 +67,7 @@ class Shooting:
         self.trajectories = jax.jit(self._trajectories)
         self.scaled = jax.jit(parameters.scaled)
         self.scaled_by_theta = jax.jit(jax.jacfwd(parameters.scaled))
+        self.scale_tangent = jax.jit(lambda theta: jax.jacfwd(parameters.scaled, argnums=1)(theta, 0.0))
 
     # Thrust: known from the commands alone, so that it is integrated once through each whole record.
 
