@@ -123,5 +123,5 @@ def test_two_dampings_of_one_direction_come_nearer_to_their_means():
     maximum = np.array([0.0, x[i], x[j]])
     found, covariance = moved_to_the_middle(problem, maximum, np.outer(J, J) + np.diag([1e6, 0.0, 0.0]))
     assert x[i] > mean + 0.25 * std
-    assert np.all(found[1:] < x[i]) and np.all(found[1:] > mean)
+    assert mean < np.mean(found[1:]) < x[i] - 0.05 * std
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)[1:]), std, rtol=0.25)
