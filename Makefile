@@ -67,7 +67,7 @@ check-python:
 system:
 	@ldconfig -p 2>/dev/null | grep -q 'libEGL.so.1' && exit 0; \
 	if test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
-	  echo "rovtwin: installing libegl1 and libgl1-mesa-dri, for OpenGL without a display"; \
+	  echo "rovtwin: apt-get install libegl1 libgl1-mesa-dri, for OpenGL without a display (you are root)"; \
 	  { apt-get update -qq && apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri; } >/dev/null 2>&1 && exit 0; \
 	fi; \
 	echo "rovtwin: no OpenGL over EGL here: scenes are drawn by the ray-caster, without meshes." >&2; \

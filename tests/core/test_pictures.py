@@ -39,6 +39,22 @@ def test_rosbags_reads_them_as_a_ros_message(written):
         assert (picture.header.frame_id, picture.format, bytes(picture.data)) == ("port.camera", "jpeg", data)
 
 
+def test_a_damaged_byte_is_told_and_never_a_traceback(written, tmp_path):
+    data = written.read_bytes()
+    whole = list(read_pictures(written))
+    for at in range(0, len(data), 7):
+        changed = bytearray(data)
+        changed[at] ^= 0x5A
+        path = tmp_path / "damaged.mcap"
+        path.write_bytes(changed)
+        told = []
+        try:
+            found = list(read_pictures(path, damaged=told.append))
+        except LogError:
+            continue  # magic, declaration or end of the file
+        assert told or found == whole
+
+
 def test_bad_files_are_named(written, tmp_path):
     with pytest.raises(LogError, match="exists"):
         PictureWriter(written, "port.camera")

@@ -10,7 +10,9 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.log.pictures import read_pictures
 from rovtwin.core.markers import read_layout
+from rovtwin.identification.logs.readers import read_records
 from rovtwin.positioning.camera_file import read_lens
+from rovtwin.scenario.demo_camera import film_and_identify
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.schema import Scenario
@@ -74,3 +76,46 @@ def test_a_run_without_pictures_is_named(tmp_path, run):
     Log.read(run.folder / "log.mcap").write(tmp_path / "log.mcap")
     with pytest.raises(ConfigError, match="found no video, expected port_camera.mcap"):
         track_run(tmp_path / "log.mcap", load_vehicle("double_blueye_thesis"))
+
+
+def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
+    from rovtwin.cli.identify import _tracked
+    from rovtwin.cli.output import console
+
+    pytest.importorskip("gtsam")
+    vehicle = load_vehicle("double_blueye_thesis")
+    (path,) = _tracked(vehicle, "aruco", [run.folder / "log.mcap"], console(False))
+    assert path.name == "log_aruco.mcap"
+    assert "markers in" in capsys.readouterr().out
+    (record,) = read_records(path, vehicle)
+    positions = record.signals["horizontal"].value
+    assert len(positions) > 15 and np.ptp(positions[:, 0]) > 0.2
+    with pytest.raises(ConfigError, match="--track: found 'qr', expected aruco"):
+        _tracked(vehicle, "qr", [], console(False))
+
+
+def test_two_scenes_one_camera_twice_and_the_wall_clock_are_named(tmp_path):
+    for cameras, said in (
+        ([CAMERA, CAMERA | {"scene": "mclab", "camera": "starboard.camera"}], "expected one for all cameras"),
+        ([CAMERA, CAMERA], "found one camera twice"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            fly(parse(Scenario, SCENARIO | {"cameras": cameras}, "filmed"), tmp_path / said, camera=True)
+    with pytest.raises(ConfigError, match="leave out --realtime"):
+        fly(parse(Scenario, SCENARIO, "filmed"), tmp_path / "run", camera=True, realtime=True)
+
+
+@pytest.mark.slow  # renders 160 pictures, tracks, identifies: a minute
+def test_the_demonstration_finds_the_parameters_from_its_pictures(tmp_path):
+    pytest.importorskip("gtsam")
+    done = film_and_identify(tmp_path / "camera")
+    assert done.summary["track_rms_m"] < 0.01
+    truth = load_vehicle("double_blueye").to_dict()["hydrodynamics"]
+    found = done.summary["parameters"]
+    assert found["added_mass.surge"] == pytest.approx(truth["added_mass"][0], rel=0.05)
+    for v in (0.1, 0.2, 0.3):
+        of = [linear * v + quadratic * v * v for linear, quadratic in (
+            (found["linear_damping.surge"], found["quadratic_damping.surge"]),
+            (truth["linear_damping"][0], truth["quadratic_damping"][0]),
+        )]  # fmt: skip
+        assert of[0] == pytest.approx(of[1], rel=0.03)

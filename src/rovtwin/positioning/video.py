@@ -65,15 +65,19 @@ class Video:
         return self._messages() if self.path.suffix == ".mcap" else self._film()
 
     def _messages(self) -> Iterator[tuple[float, np.ndarray]]:
-        cv2, lost = opencv(), 0
-        for t, data in read_pictures(self.path):
+        cv2, lost, count = opencv(), [], 0
+        for t, data in read_pictures(self.path, damaged=lost.append):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
             if image is None:
-                lost += 1
+                lost.append("not a picture")
             else:
+                count += 1
                 yield t, image
+        if not count:
+            said = f", the first: {lost[0]}" if lost else ""
+            raise ConfigError(f"{self.path}: found no picture in it that can be read{said}")
         if lost:
-            self.notes.append(f"{self.path}: {lost} pictures cannot be read")
+            self.notes.append(f"{self.path}: {len(lost)} parts cannot be read and are left out, the first: {lost[0]}")
 
     def _film(self) -> Iterator[tuple[float, np.ndarray]]:
         cv2 = opencv()

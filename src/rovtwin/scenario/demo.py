@@ -67,6 +67,8 @@ def _filmed(folder: Path, say: Callable[[str], None]) -> tuple[tuple[Figure, Tab
     try:
         done = film_and_identify(folder, say)
     except ConfigError as error:
+        if "pip install" not in str(error):
+            raise  # that is no missing library
         return str(error), {"left_out": str(error)}
     head = ["Parameter", "Guess", "Found (95 % interval)", "Truth"]
     note = (

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import zlib
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -52,6 +53,7 @@ class Filming:
             )
         self._dt, self._ticks = scenario.control_dt, 0
         self._last: tuple[np.ndarray, ...] | None = None
+        _check(scenario)
         _write_yaml(folder / LAYOUT, load_scene(scenario.cameras[0].scene).layout.model_dump())
         with ExitStack() as stack:
             self._cameras = [_Camera(one, scenario, vehicle, folder, film, stack) for one in scenario.cameras]
@@ -77,12 +79,21 @@ class Filming:
         self._open.close()
 
 
+def _check(scenario: Scenario) -> None:
+    scenes = list(dict.fromkeys(one.scene for one in scenario.cameras))
+    if len(scenes) > 1:
+        raise ConfigError(f"{scenario.name}: cameras: found scenes {', '.join(scenes)}, expected one for all cameras")
+    names = [one.camera for one in scenario.cameras]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{scenario.name}: cameras: found one camera twice, expected each once")
+
+
 class _Camera:
     def __init__(
         self, section: CameraSection, scenario: Scenario, vehicle: Vehicle, folder: Path, film: bool, stack: ExitStack
     ) -> None:
         self._frames = frames(section, scenario.duration, scenario.seed)
-        self._next = 0
+        self._next, self._seed = 0, scenario.seed
         self._renderer = camera_renderer(section, load_scene(section.scene), vehicle)
         name = self._renderer.camera.name
         stem = folder / name.replace(".", "_")
@@ -103,10 +114,16 @@ class _Camera:
         turned /= np.linalg.norm(turned, axis=1, keepdims=True)
         for i, row in enumerate(rows):
             number = int(self._frames.number[row])
-            picture = self._renderer.image(places[i], np.asarray(_rotations(turned[i : i + 1]))[0], speeds[i], number)
+            R_nb = np.asarray(_rotations(turned[i : i + 1]))[0]
+            picture = self._renderer.image(places[i], R_nb, speeds[i], self._noise_of(number))
             self._pictures.write(float(at[i]), float(self._frames.delivered[row]), jpeg(picture))
             if self._film:
                 self._film.write(float(at[i]), picture)
+
+    def _noise_of(self, number: int) -> int:
+        """Seed of a picture's noise: of this run, this camera and this picture."""
+        words = [self._seed, zlib.crc32(self._renderer.camera.name.encode()), number]
+        return int(np.random.SeedSequence(words).generate_state(1)[0] >> 1)
 
 
 class _Film:

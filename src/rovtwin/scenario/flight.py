@@ -168,6 +168,8 @@ def fly(
         ConfigError: The scenario cannot be composed.
         LogError: The folder cannot be written.
     """
+    if realtime and (camera or film):
+        raise ConfigError(f"{scenario.name}: pictures cannot be rendered by the wall clock; leave out --realtime")
     composed = compose(scenario)
     channels = log_channels(
         composed.thruster_names,

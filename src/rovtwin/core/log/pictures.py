@@ -4,17 +4,18 @@ The message carries when the picture was taken, the record when it was delivered
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
+from typing import BinaryIO
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap import records
+from mcap.opcode import Opcode
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.log.files import exists_error, write_error
-from rovtwin.core.log.mcapfile import McapFile
-from rovtwin.core.log.reader import is_finished, open_mcap
+from rovtwin.core.log.mcapfile import Contents, McapFile, decompress, iter_records, message_offsets, parse
+from rovtwin.core.log.reader import check_finished, open_mcap
 
 TYPE = "sensor_msgs/msg/CompressedImage"
 # Field by field the published interface definitions of ROS 2: names and types are the contract.
@@ -31,6 +32,7 @@ int32 sec
 uint32 nanosec
 """
 _RECORD = struct.Struct("<BQHIQQ")  # operation, length, channel, sequence, time of log and of publication
+_LENGTH = struct.Struct("<Q")
 _BODY = _RECORD.size - 9  # of the record, what its length counts
 _LITTLE = b"\x00\x01\x00\x00"  # plain CDR, little endian
 
@@ -80,33 +82,69 @@ class PictureWriter:
             self._stream.close()
 
 
-def read_pictures(path: Path, topic: str | None = None) -> Iterator[tuple[float, bytes]]:
-    """Time at which each picture was taken [s], and its compressed bytes, in the order of delivery.
+def read_pictures(
+    path: Path, topic: str | None = None, damaged: Callable[[str], None] = lambda why: None
+) -> Iterator[tuple[float, bytes]]:
+    """Time at which each picture was taken [s], and its compressed bytes, in the order of the file.
 
     Args:
         path: MCAP, ours or a recording of ROS 2.
         topic: Where several cameras are in the file.
+        damaged: Told of each part that cannot be read and is left out.
 
     Raises:
-        LogError: It is no such file, has no pictures, or those of several cameras and none is named.
+        LogError: It is no such file or unfinished, has no pictures, or those of several cameras and none is named.
     """
     with open_mcap(path) as stream:
-        if not is_finished(stream):
-            raise LogError(f"{path}: unfinished: its run was killed, still goes on, or the file was cut")
-        stream.seek(0)
+        check_finished(stream, path)
+        found = _cameras(stream)
+        wanted = {number for number, name in found.items() if topic in (None, name)}
+        if len({found[number] for number in wanted}) != 1:
+            said = ", ".join(sorted(set(found.values()))) or "none"
+            raise LogError(f"{path}: found topics with pictures: {said}; expected {topic or 'one'}")
+        for data, contents in _blocks(stream, damaged):
+            places = sorted((int(at), n) for n in wanted for at in contents.messages.get(n, ()))
+            for at, _ in places:
+                length = _LENGTH.unpack_from(data, at + 1)[0]
+                try:
+                    yield _decode(data[at + _RECORD.size : at + 9 + length])
+                except ValueError as error:
+                    damaged(str(error))
+
+
+def _cameras(stream: BinaryIO) -> dict[int, str]:
+    """Topic of each channel with pictures, by its number."""
+    schemas: set[int] = set()
+    channels: list[records.Channel] = []
+    for _, contents in _blocks(stream, lambda why: None):
+        for opcode, content in contents.others:
+            try:
+                if opcode == Opcode.SCHEMA:
+                    schema = parse(records.Schema, content)
+                    schemas |= {schema.id} if schema.name == TYPE else set()
+                elif opcode == Opcode.CHANNEL:
+                    channels.append(parse(records.Channel, content))
+            except ValueError:
+                continue  # of a declaration that cannot be read the pictures cannot, either
+    return {channel.id: channel.topic for channel in channels if channel.schema_id in schemas}
+
+
+def _blocks(stream: BinaryIO, damaged: Callable[[str], None]) -> Iterator[tuple[bytes, Contents]]:
+    """Message records and declarations, chunk by chunk."""
+    for record in iter_records(stream):
         try:
-            reader = make_reader(stream)
-            summary = reader.get_summary()
-            channels = summary.channels.values() if summary else []
-            schemas = summary.schemas if summary else {}
-            found = [c.topic for c in channels if c.schema_id in schemas and schemas[c.schema_id].name == TYPE]
-            if topic is None and len(found) != 1 or topic is not None and topic not in found:
-                said = ", ".join(found) or "none"
-                raise LogError(f"{path}: found topics with pictures: {said}; expected {topic or 'one'}")
-            for _, _, record in reader.iter_messages(topics=[topic or found[0]]):
-                yield _decode(record.data, path)
-        except McapError as error:
-            raise LogError(f"{path}: cannot be read as MCAP: {error}") from None
+            if not record.complete:
+                raise ValueError("a record that is not whole: what follows it is lost")
+            if record.opcode == Opcode.DATA_END:
+                expected = parse(records.DataEnd, record.content).data_section_crc
+                if expected not in (0, record.crc):
+                    raise ValueError("the checksum of the data does not match")
+                return
+            whole = record.opcode == Opcode.CHUNK
+            data = decompress(parse(records.Chunk, record.content)) if whole else record.header + record.content
+            yield data, message_offsets(data)
+        except ValueError as error:
+            damaged(str(error))
 
 
 def _encode(stamp: int, frame: str, encoding: str, data: bytes) -> bytes:
@@ -118,9 +156,10 @@ def _encode(stamp: int, frame: str, encoding: str, data: bytes) -> bytes:
     return _LITTLE + body + struct.pack("<I", len(data)) + data
 
 
-def _decode(message: bytes, path: Path) -> tuple[float, bytes]:
+def _decode(message: bytes) -> tuple[float, bytes]:
+    """Raises ValueError where it is no such message."""
     if message[:2] != _LITTLE[:2]:
-        raise LogError(f"{path}: found a picture in an encoding other than plain little-endian CDR")
+        raise ValueError("a picture in an encoding other than plain little-endian CDR")
     body = memoryview(message)[4:]
     try:
         seconds, nanoseconds = struct.unpack_from("<iI", body)
@@ -130,5 +169,7 @@ def _decode(message: bytes, path: Path) -> tuple[float, bytes]:
             at += -at % 4
         (length,) = struct.unpack_from("<I", body, at)
     except struct.error:
-        raise LogError(f"{path}: found a picture that is cut short") from None
+        raise ValueError("a picture that is cut short") from None
+    if at + 4 + length > len(body):
+        raise ValueError("a picture that is cut short")
     return seconds + 1e-9 * nanoseconds, bytes(body[at + 4 : at + 4 + length])
