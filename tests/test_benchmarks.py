@@ -20,6 +20,7 @@ def test_compiled_loop_flies_like_plain_numpy():
     assert np.ptp(plain[:, 0]) > 1.0 and np.ptp(plain[:, 1]) > 1.0 and np.ptp(plain[:, 2]) > 0.1  # it went places
 
 
+@pytest.mark.slow  # compiles every benchmark
 def test_quick_run_writes_figures_and_prints_them(tmp_path, capsys):
     out = tmp_path / "bench" / "figures.json"
     parts = ["single_vehicle", "closed_loop", "latency"]

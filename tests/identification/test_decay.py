@@ -51,6 +51,7 @@ def test_the_release_is_found_after_it_happened_and_soon():
     assert all(0.0 <= late < 0.6 for late in starts), starts
 
 
+@pytest.mark.slow  # many fits
 def test_intervals_hold_the_truth():
     """95 % intervals over 120 seeds: binomial, 99.9 % of such experiments have 88 to 100 %."""
     z = []

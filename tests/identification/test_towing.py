@@ -66,6 +66,7 @@ def test_recovers_ahead_and_astern_apart() -> None:
     assert 1 < result.drag_coefficient < 2.2  # type: ignore[operator]  (given a size, it is a number)
 
 
+@pytest.mark.slow  # 100 fits
 def test_intervals_and_bands_hold_the_truth_over_100_seeds() -> None:
     at, inside, bands = np.array([-0.35, -0.2, 0.2, 0.35]), [], []
     for seed in range(100):
