@@ -339,3 +339,12 @@ def test_what_stands_out_of_the_water_is_not_seen_above_the_surface_which_mirror
     # The marker's mirror image hangs where a marker upside down at the same height above the surface would.
     black = np.flatnonzero(picture[:, 319 + 15].max(axis=-1) < 90)
     assert abs(black.min() - row(-0.35, 2.9)) <= 2 and abs(black.max() - row(0.35, 2.9)) <= 2
+
+
+@gl_here
+def test_where_opengl_refuses_auto_falls_back_and_gl_says_so(monkeypatch):
+    monkeypatch.setattr("rovtwin.simulation.camera.gl.FRAGMENT", "#version 330\nthis is no shader")
+    camera = replace(LEFT, lens=LEFT.lens.scaled(1 / 12))
+    assert renderer(load_scene("pool"), camera, "auto").kind == "raycast"
+    with pytest.raises(ConfigError, match=r"port\.camera: OpenGL refuses to draw 160 x 90 pixels .* 'raycast'"):
+        renderer(load_scene("pool"), camera, "gl")
