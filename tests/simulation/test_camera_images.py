@@ -7,13 +7,14 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.simulation.camera import renderer
+from rovtwin.simulation.camera.outside import outside_view
 from rovtwin.simulation.camera.rays import rays_of
 from rovtwin.simulation.camera.renderer import image_flow
 from rovtwin.simulation.camera.water import PURE, Optics
 from rovtwin.simulation.scene import load_scene, scene_from_dict
 from rovtwin.simulation.scene.schema import Water
 from rovtwin.simulation.scene.surfaces import Material, Rectangle
-from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.camera import Camera, Port, cameras_of, lens_from, project
 
 cv2 = pytest.importorskip("cv2")
@@ -348,3 +349,12 @@ def test_where_opengl_refuses_auto_falls_back_and_gl_says_so(monkeypatch):
     assert renderer(load_scene("pool"), camera, "auto").kind == "raycast"
     with pytest.raises(ConfigError, match=r"port\.camera: OpenGL refuses to draw 160 x 90 pixels .* 'raycast'"):
         renderer(load_scene("pool"), camera, "gl")
+
+
+@gl_here
+@pytest.mark.parametrize("depth", [3.0, 0.25])
+def test_from_outside_in_a_tank_so_tiny_that_the_camera_is_straight_above(depth):
+    scene = scene_from_dict({"name": "s", "tank": {"length": 0.28, "width": 0.28, "depth": depth}})
+    sphere = vehicle_from_dict({"name": "v", "mass": 1.0, "shape": {"sphere": 0.05}})
+    picture = outside_view(scene, sphere, [0.0, 0.0, 0.5 * depth], LEVEL, size=(128, 72))
+    assert picture.shape == (72, 128, 3) and picture.max() > 0
