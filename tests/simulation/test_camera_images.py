@@ -354,7 +354,7 @@ def test_where_opengl_refuses_auto_falls_back_and_gl_says_so(monkeypatch):
 @gl_here
 @pytest.mark.parametrize("depth", [3.0, 0.25])
 def test_from_outside_in_a_tank_so_tiny_that_the_camera_is_straight_above(depth):
-    scene = scene_from_dict({"name": "s", "tank": {"length": 0.28, "width": 0.28, "depth": depth}})
+    scene = scene_from_dict({"name": "s", "tank": {"length": 0.3, "width": 0.3, "depth": depth}})
     sphere = vehicle_from_dict({"name": "v", "mass": 1.0, "shape": {"sphere": 0.05}})
     picture = outside_view(scene, sphere, [0.0, 0.0, 0.5 * depth], LEVEL, size=(128, 72))
-    assert picture.shape == (72, 128, 3) and picture.max() > 0
+    assert picture.shape == (72, 128, 3) and picture.max() > 105  # the walls: open water has 95 at most
