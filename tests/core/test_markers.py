@@ -1,11 +1,13 @@
-"""Where markers hang."""
+"""Where markers hang, and what is printed on them."""
+
+import sys
 
 import numpy as np
 import pytest
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.markers import Layout, Marker
+from rovtwin.core.markers import Layout, Marker, pattern
 
 
 def marker(**changed):
@@ -53,3 +55,18 @@ def test_roll_turns_counter_clockwise_for_who_looks_at_it():
 def test_what_cannot_be_is_named(data, said):
     with pytest.raises(ConfigError, match=said):
         parse(Layout, data, "pool.yaml")
+
+
+def test_a_pattern_has_a_black_border_and_is_read_as_its_number():
+    cv2 = pytest.importorskip("cv2")
+    black = pattern("DICT_5X5_100", 42)
+    assert black.shape == (7, 7) and black[[0, -1]].all() and black[:, [0, -1]].all()
+    picture = np.kron(np.pad(~black, 1, constant_values=True), np.ones((20, 20))).astype(np.uint8) * 255
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100))
+    assert detector.detectMarkers(picture)[1].ravel().tolist() == [42]
+
+
+def test_without_opencv_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(ConfigError, match=r"pip install 'rovtwin\[vision\]'"):
+        pattern("DICT_4X4_50", 0)

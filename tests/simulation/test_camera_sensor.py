@@ -36,6 +36,15 @@ def test_a_share_is_lost_the_same_for_the_same_seed_and_a_longer_run_begins_alik
     assert np.allclose(one.taken, (one.number + 1) / 20.0)
 
 
+def test_two_cameras_lose_pictures_of_their_own():
+    port, starboard = (
+        frames(section(rate_hz=20.0, dropped=0.3, jitter=0.01, camera=f"{side}.camera"), 100.0, 1)
+        for side in ("port", "starboard")
+    )
+    both = len(set(port.number) & set(starboard.number)) / 2000
+    assert both == pytest.approx(0.7 * 0.7, abs=0.04)
+
+
 def test_latency_varies_as_much_as_asked_and_pictures_stay_in_order():
     late = frames(section(rate_hz=5.0, latency=0.1, jitter=0.02), 1000.0)
     assert (late.delivered - late.taken).std() == pytest.approx(0.02, rel=0.05)

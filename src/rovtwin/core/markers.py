@@ -70,6 +70,20 @@ class Layout(Strict):
         return self
 
 
+def pattern(dictionary: str, number: int) -> np.ndarray:
+    """Cells of a marker with its black border, rows from the top, shape (n, n), True is black.
+
+    Raises:
+        ConfigError: OpenCV, which knows the patterns, is not installed.
+    """
+    try:
+        import cv2
+    except ModuleNotFoundError:
+        raise ConfigError("markers need OpenCV: pip install 'rovtwin[vision]'") from None
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    return cv2.aruco.generateImageMarker(known, number, known.markerSize + 2, borderBits=1) < 128
+
+
 def read_layout(path: Any) -> Layout:
     """A layout from a YAML file.
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.markers import DICTIONARIES
+from rovtwin.core.markers import DICTIONARIES, pattern
 from rovtwin.core.yamlfile import near
 
 PAGES = {"a4": (0.210, 0.297), "a3": (0.297, 0.420), "letter": (0.2159, 0.2794)}  # width, height [m]
@@ -104,7 +104,7 @@ def write_markers(path: Path, dictionary: str, ids: list[int], size: float, page
     last = int(dictionary.rpartition("_")[2]) - 1
     if max(ids) > last:
         raise ConfigError(f"--ids: found {max(ids)}, but {dictionary} ends with {last}")
-    patterns = {number: _pattern(dictionary, number) for number in ids}
+    patterns = {number: pattern(dictionary, number) for number in ids}
     plan = sheet(size, len(patterns[ids[0]]), page)
     each = plan.across * plan.down
     pages = [ids[start : start + each] for start in range(0, len(ids), each)]
@@ -112,16 +112,6 @@ def write_markers(path: Path, dictionary: str, ids: list[int], size: float, page
         for shown in pages:
             pdf.savefig(_page(plan, {n: patterns[n] for n in shown}, dictionary, size))
     return len(pages)
-
-
-def _pattern(dictionary: str, number: int) -> np.ndarray:
-    """Cells of a marker with its border, rows from the top, True is black."""
-    try:
-        import cv2
-    except ModuleNotFoundError:
-        raise ConfigError("markers need OpenCV: pip install 'rovtwin[vision]'") from None
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    return cv2.aruco.generateImageMarker(known, number, known.markerSize + 2, borderBits=1) < 128
 
 
 def _page(plan: Sheet, patterns: dict[int, np.ndarray], dictionary: str, size: float) -> Figure:

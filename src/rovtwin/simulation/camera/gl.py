@@ -209,6 +209,24 @@ class GlDrawer:
         return raw.reshape(pinhole.size[1], pinhole.size[0], 4).astype(np.float32)
 
 
+def gl_drawer(scene: Scene, rays: Rays, name: str) -> GlDrawer:
+    """A drawer.
+
+    Raises:
+        ConfigError: What OpenGL needs is missing, or it refuses: its shaders, or a picture larger than it can hold.
+    """
+    context()  # says what is missing, and that moderngl is there
+    import moderngl
+
+    try:
+        return GlDrawer(scene, rays, name)
+    except moderngl.Error as error:
+        raise ConfigError(
+            f"camera {name}: OpenGL refuses to draw {rays.direction.shape[1]} x {rays.direction.shape[0]} pixels "
+            f"({' '.join(str(error).split())}); make it smaller, update the driver, or use the renderer 'raycast'"
+        ) from None
+
+
 def _shared(program: Any, light: Lighting, eye: np.ndarray) -> None:
     for name in ("beam", "veil", "glow", "gain"):
         _set(program, name, getattr(light, name))

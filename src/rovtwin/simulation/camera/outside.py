@@ -41,15 +41,27 @@ def outside_view(
     level, up = np.cos(np.radians(elevation_deg)), np.sin(np.radians(elevation_deg))
     eye = position + distance * np.array([level * np.cos(heading), level * np.sin(heading), -up])
     eye = _inside(scene, eye)
-    ahead = (position - eye) / np.linalg.norm(position - eye)
-    right = np.cross([0.0, 0.0, 1.0], ahead)
-    right /= np.linalg.norm(right)
-    R_nd = np.column_stack([ahead, right, np.cross(ahead, right)])  # of a device: x forward, y right, z down
+    R_nd = _towards(position - eye, heading)
     width, height = size
     lens = lens_from([0.8 * width] * 2, [0.5 * (width - 1), 0.5 * (height - 1)], size)
     camera = Camera("outside", lens, R_nb.T @ (eye - position), R_nb.T @ R_nd @ R_DEVICE_C)
     around = replace(scene, bodies=vehicle_meshes(vehicle, position, R_nb))
     return Renderer(around, camera, "gl").image(position, R_nb)
+
+
+def _towards(way: np.ndarray, heading: float) -> np.ndarray:
+    """Attitude of a device (x forward, y right, z down) that looks along a way, level, shape (3, 3).
+
+    Straight up or down, where every side is level, its right is that of who looks from that heading [rad]; where there
+    is no way at all, it looks down.
+    """
+    length = np.linalg.norm(way)
+    ahead = way / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    right = np.cross([0.0, 0.0, 1.0], ahead)
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+    right /= np.linalg.norm(right)
+    return np.column_stack([ahead, right, np.cross(ahead, right)])
 
 
 def _inside(scene: Scene, eye: np.ndarray) -> np.ndarray:
@@ -60,7 +72,7 @@ def _inside(scene: Scene, eye: np.ndarray) -> np.ndarray:
     c, s = np.cos(np.radians(tank.heading_deg)), np.sin(np.radians(tank.heading_deg))
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     local = R.T @ (eye - tank.position)
-    half = 0.5 * np.array([tank.length, tank.width]) - _ROOM
+    half = np.maximum(0.5 * np.array([tank.length, tank.width]) - _ROOM, 0.0)
     local[:2] = np.clip(local[:2], -half, half)
-    local[2] = np.clip(local[2], _ROOM, tank.depth - _ROOM)
+    local[2] = np.clip(local[2], min(_ROOM, 0.5 * tank.depth), max(tank.depth - _ROOM, 0.5 * tank.depth))
     return R @ local + tank.position

@@ -97,10 +97,10 @@ def _backend(scene: Scene, camera: Camera, rays: Rays, kind: Kind) -> tuple[str,
     if kind not in ("auto", "gl", "raycast"):
         raise ConfigError(f"renderer: found {kind!r}, expected auto, gl or raycast")
     if kind != "raycast":
-        from rovtwin.simulation.camera.gl import GlDrawer
+        from rovtwin.simulation.camera.gl import gl_drawer
 
         try:
-            return "gl", GlDrawer(scene, rays, camera.name).draw
+            return "gl", gl_drawer(scene, rays, camera.name).draw
         except ConfigError as error:
             if kind == "gl":
                 raise

@@ -1,5 +1,6 @@
 """A camera as a sensor: which one, when it takes pictures, when they arrive, which are lost."""
 
+import zlib
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -40,7 +41,7 @@ class Frames:
 
     Attributes:
         taken: When each is taken, the middle of its exposure [s], shape (n,), increasing.
-        delivered: When it arrives [s], shape (n,), increasing.
+        delivered: When it arrives [s], shape (n,), non-decreasing: what is held up comes together with the next.
         number: Of the picture, counted with those that are lost, shape (n,): also the seed of its noise.
     """
 
@@ -50,14 +51,15 @@ class Frames:
 
 
 def frames(section: CameraSection, duration: float, seed: int = 0) -> Frames:
-    """Times of the pictures that arrive in a run of a duration [s]; the same for the same seed.
+    """Times of the pictures that arrive in a run of a duration [s]; the same for the same seed and camera.
 
     The first is taken at 1 / rate, as with all sensors. What happens to a picture is drawn from its number, so that a
     longer run begins as the shorter one.
     """
     number = np.arange(int(np.floor(duration * section.rate_hz * (1 + 1e-12))))
     taken = (number + 1) / section.rate_hz
-    chances = np.random.default_rng([seed, _STREAM]).random((len(number), 2))
+    camera = zlib.crc32((section.camera or "").encode())  # each camera loses its own
+    chances = np.random.default_rng([seed, _STREAM, camera]).random((len(number), 2))
     # A latency that varies by a uniform draw of the same standard deviation, and never is negative.
     late = np.maximum(section.latency + section.jitter * np.sqrt(12.0) * (chances[:, 1] - 0.5), 0.0)
     delivered = np.maximum.accumulate(taken + late)  # what comes over one cable comes in order

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.markers import Layout, Marker
+from rovtwin.core.markers import Layout, Marker, pattern
 from rovtwin.simulation.scene import schema
 from rovtwin.simulation.scene.shapes import cylinder, mesh_from_file, seabed, wreck
 from rovtwin.simulation.scene.surfaces import QUIET, SIDES, Material, Mesh, Rectangle, rectangle, side
@@ -100,7 +100,9 @@ class Scene:
 
     @property
     def _prints(self) -> list[np.ndarray]:
-        return [cells(self.layout.dictionary, marker.id) for marker in self.layout.markers]
+        """Black and white of the markers with their white rims, rows from the top, 1 is white."""
+        white = [~pattern(self.layout.dictionary, marker.id) for marker in self.layout.markers]
+        return [np.pad(cells.astype(np.uint8), QUIET, constant_values=1) for cells in white]
 
     def _on_face(self, on: schema.OnFace) -> list[Marker]:
         """Markers that a face carries, with their place in n."""
@@ -131,22 +133,6 @@ class Scene:
             raise ConfigError(f"{self.where}: markers.on_faces: no box is called '{on.object}'.{hint}")
         item = boxes[on.object]
         return *side(np.array(item.box), on.face), Placement.of(item.pose.position, item.pose.attitude_deg)
-
-
-def cells(dictionary: str, number: int) -> np.ndarray:
-    """Black and white of a marker with its border and a white rim, rows from the top, 1 is white.
-
-    Raises:
-        ConfigError: OpenCV, which knows the patterns, is not installed.
-    """
-    try:
-        import cv2
-    except ModuleNotFoundError:
-        raise ConfigError("markers need OpenCV: pip install 'rovtwin[vision]'") from None
-    patterns = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    side = patterns.markerSize + 2
-    image = cv2.aruco.generateImageMarker(patterns, number, side, borderBits=1)
-    return np.pad((image > 127).astype(np.uint8), QUIET, constant_values=1)
 
 
 def _board(marker: Marker, bits: np.ndarray) -> Rectangle:
