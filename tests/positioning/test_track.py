@@ -1,10 +1,13 @@
 """Smoother, fixes and track logs on projected corners."""
 
 import functools
+import json
 
 import numpy as np
 import pytest
-from tests.positioning.test_ekf import EYE, cut, drive, frames_of, seen
+from scipy.spatial.transform import Rotation
+from tests.positioning.test_ekf import EYE, LAYOUT, cut, drive, frames_of, seen
+from tests.positioning.tracks import Drive
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
@@ -103,6 +106,36 @@ def test_the_log_of_a_track_reads_as_that_of_a_vehicle_with_a_position_sensor(tm
     assert rms(values, d.position[:, :2]) < 0.01
     assert np.allclose(raw.signals["horizontal"].sigma, np.median(result.fix_std[:, :2], axis=0))
     assert "attitude" in raw.signals
+
+
+TURN = 0.05  # of the compass against the layout [rad]
+
+
+@functools.cache
+def tracked_with_offset(method):
+    d = cut(drive(), N)
+    c, s = np.cos(TURN), np.sin(TURN)
+    off = Drive(d.t, d.position, d.velocity, d.R_nb, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ d.R_meas)
+    tuning = SlamTuning.of(pixel=0.2, acceleration=0.07, start_position=10.0, offset=[0.0, 0.0, 0.2])
+    recording = Recording(frames_of(off, seen()[:N]), seen()[:N], ())
+    return track(recording, [EYE], method, LAYOUT, tuning, start=d.position[0]), off
+
+
+@pytest.mark.parametrize("method", ["ekf", "smoother"])
+def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
+    if method == "smoother":
+        pytest.importorskip("gtsam")
+    result, d = tracked_with_offset(method)
+    assert result.offset[2] == pytest.approx(-TURN, abs=5e-3) and 0 < result.offset_std[2] < 5e-3
+    angles = Rotation.from_matrix(d.R_meas).as_euler("ZYX")[:, ::-1]
+    channel = Channel("sensor/attitude", ("phi", "theta", "psi", "t_valid"), ("rad",) * 3 + ("s",), "n")
+    values = np.concatenate([angles, d.t[:, None]], axis=1)
+    log = track_log(result, Log.from_arrays([channel], {channel.name: (d.t, values)}))
+    e = log["sensor/attitude"].values[50:, :3] - log["track/eta"].values[50:, 3:]
+    assert np.abs(e.mean(axis=0)).max() < 3e-3 and np.abs(e).max() < 8e-3
+    assert np.array_equal(log["sensor/attitude"]["t_valid"], d.t)
+    told = json.loads(log.metadata["track_attitude_offset"])
+    assert told["rotation_vector_n"] == result.offset.tolist() and told["std"] == result.offset_std.tolist()
 
 
 def test_without_any_marker_the_track_says_what_to_look_at():

@@ -66,6 +66,7 @@ class SlamOutput(eqx.Module):
         covariance: Of both, shape (6, 6).
         attitude: Quaternion R_nb with the estimated error taken out, shape (4,).
         offset: Of the measured attitude [rad], axes of n, shape (3,).
+        offset_std: Its standard deviation [rad], shape (3,).
         ids: Of the map, shape (capacity,); -1 is a free place.
         marker_position: In n [m], shape (capacity, 3).
         marker_attitude: Quaternions R_nm, shape (capacity, 4).
@@ -81,6 +82,7 @@ class SlamOutput(eqx.Module):
     covariance: Array
     attitude: Array
     offset: Array
+    offset_std: Array
     ids: Array
     marker_position: Array
     marker_attitude: Array
@@ -259,6 +261,7 @@ class MarkerEkf(Block):
             covariance=state.P[both, both],
             attitude=quaternion_from_rotation(given.attitude(state.x)),
             offset=state.x[OFFSET],
+            offset_std=jnp.sqrt(jnp.maximum(jnp.diagonal(state.P)[OFFSET], 0.0)),
             ids=state.map.ids,
             marker_position=state.map.position,
             marker_attitude=jax.vmap(quaternion_from_rotation)(state.map.R_nm),

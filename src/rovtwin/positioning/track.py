@@ -50,6 +50,8 @@ class Track:
         velocity: In n [m/s], shape (n, 3).
         std: Of both, as the estimator believes, shape (n, 6); NaN where it does not say (luenberger).
         attitude: Quaternions R_nb, shape (n, 4).
+        offset: Of the attitude that was measured, a rotation vector in n [rad], shape (3,); R_nb = exp(offset) R_meas.
+        offset_std: Its standard deviation [rad], shape (3,).
         counts: Markers seen, used and rejected in each frame, shape (n, 3).
         fix: Position from each frame alone [m], shape (n, 3); NaN where there is none. See `fixes`.
         fix_std: Its standard deviation [m], shape (n, 3).
@@ -64,6 +66,8 @@ class Track:
     velocity: np.ndarray
     std: np.ndarray
     attitude: np.ndarray
+    offset: np.ndarray
+    offset_std: np.ndarray
     counts: np.ndarray
     fix: np.ndarray
     fix_std: np.ndarray
@@ -124,8 +128,8 @@ def _filtered(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
         Placed(int(out.ids[-1, k]), out.marker_position[-1, k], out.marker_attitude[-1, k], marker_std[k]) for k in last
     ]
     return Track(
-        "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, _counts(recording, out), fix, fix_std,
-        markers, float("nan"), _notes(recording, out),
+        "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, out.offset[-1],
+        out.offset_std[-1], _counts(recording, out), fix, fix_std, markers, float("nan"), _notes(recording, out),
     )  # fmt: skip
 
 
@@ -138,8 +142,8 @@ def _smoothed(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     counts = _counts(recording, out)
     counts[:, 1] = (s.landmark >= 0).sum(axis=1)
     return Track(
-        "smoother", recording.frames.t, s.position, s.velocity, std, s.attitude, counts, fix, fix_std, markers,
-        s.pixel_rms, _notes(recording, out),
+        "smoother", recording.frames.t, s.position, s.velocity, std, s.attitude, s.offset, s.offset_std, counts, fix,
+        fix_std, markers, s.pixel_rms, _notes(recording, out),
     )  # fmt: skip
 
 
@@ -156,8 +160,8 @@ def _observed(recording: Recording, cameras: Sequence[Camera], begin: Start, gai
     ]
     counts = np.stack([seen, used, np.zeros(n, int)], axis=1)
     return Track(
-        "luenberger", frames.t, out.position, out.velocity, none, frames.attitude, counts, none[:, :3], none[:, :3],
-        markers, float("nan"), recording.notes,
+        "luenberger", frames.t, out.position, out.velocity, none, frames.attitude, np.zeros(3), np.zeros(3), counts,
+        none[:, :3], none[:, :3], markers, float("nan"), recording.notes,
     )  # fmt: skip
 
 
