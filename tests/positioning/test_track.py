@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.positioning.test_ekf import EYE, LAYOUT, cut, drive, frames_of, seen
-from tests.positioning.tracks import Drive
+from tests.positioning.tracks import Drive, corners_seen, wall
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
@@ -17,6 +17,7 @@ from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.recording import Recording
 from rovtwin.positioning.run import run_observer
+from rovtwin.positioning.sightings import Frames, sightings
 from rovtwin.positioning.smoother import smooth
 from rovtwin.positioning.track import track
 from rovtwin.positioning.track_log import track_log
@@ -136,6 +137,19 @@ def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
     assert np.array_equal(log["sensor/attitude"]["t_valid"], d.t)
     told = json.loads(log.metadata["track_attitude_offset"])
     assert told["rotation_vector_n"] == result.offset.tolist() and told["std"] == result.offset_std.tolist()
+
+
+def test_the_sizes_that_the_poses_were_made_with_are_those_of_the_filter():
+    """Markers twice as large as the thesis's, none at a known place."""
+    big, d, rng = wall(size=0.3), cut(drive(), 20), np.random.default_rng(3)
+    found = [[corners_seen(big, EYE, d.position[k], d.R_nb[k], rng)] for k in range(20)]
+    sizes = np.full(1000, 0.3)
+    rows = [sightings(one, [EYE], sizes, 8) for one in found]
+    frames = Frames.of(d.t, frames_of(d, seen()[:20]).attitude, rows)
+    result = track(Recording(frames, found, ()), [EYE], tuning=TUNING, sizes=sizes, start=d.position[0])
+    assert (result.counts[:, 1] == 3).all() and (result.counts[:, 2] == 0).all()
+    places = {m.id: m.position for m in result.markers}
+    assert all(np.linalg.norm(places[m.id] - m.position) < 0.03 for m in big.markers)
 
 
 def test_without_any_marker_the_track_says_what_to_look_at():

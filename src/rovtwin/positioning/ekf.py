@@ -119,6 +119,7 @@ class MarkerEkf(Block):
         size: float = DEFAULT_SIZE,
         capacity: int = 8,
         layout_std: tuple[float, float] = (0.0, 0.0),
+        sizes: Array | None = None,
     ) -> "MarkerEkf":
         """For these cameras.
 
@@ -129,6 +130,8 @@ class MarkerEkf(Block):
             size: Side of the markers that are not in the layout [m].
             capacity: Largest number of markers in the map; at least that of the layout.
             layout_std: How well a known marker's place [m] and attitude [rad] are known.
+            sizes: Side of each marker by its id [m], as the poses of the sightings were made with; None: of the layout,
+                else `size`.
         """
         markers = layout.markers if layout else []
         capacity = max(capacity, len(markers))
@@ -138,7 +141,8 @@ class MarkerEkf(Block):
         known = MarkerMap(
             as_array(ids, dtype=int), as_array(position), as_array(R), as_array(np.zeros(capacity), dtype=int)
         )
-        sizes = sizes_of({marker.id: marker.size for marker in markers}, default=size)
+        if sizes is None:
+            sizes = sizes_of({marker.id: marker.size for marker in markers}, default=size)
         variance = as_array(np.repeat(np.square(layout_std), 3))
         chosen = tuning or SlamTuning.of(start_position=10.0 if markers else 0.0)
         return cls(Eyes.of(cameras), chosen, sizes, known, variance)

@@ -82,7 +82,7 @@ def track(
     method: Method = "ekf",
     layout: Layout | None = None,
     tuning: SlamTuning | None = None,
-    size: float = 0.15,
+    sizes: np.ndarray | None = None,
     start: Sequence[float] = (0.0, 0.0, 0.0),
     gains: Gains | None = None,
 ) -> Track:
@@ -94,7 +94,8 @@ def track(
         method: One of METHODS.
         layout: Markers of known place; None: the start fixes the frame.
         tuning: Of filter and smoother.
-        size: Side of markers that are not in the layout [m].
+        sizes: Side of each marker by its id [m], the table that the recording was made with; None: the layout's, and
+            that of the thesis for others.
         start: Where the vehicle is at the first frame, n [m]; with a layout, nearly.
         gains: Of the Luenberger observer; None: the thesis's.
 
@@ -113,7 +114,8 @@ def track(
     if method == "luenberger":
         return _observed(recording, cameras, begin, gains)
     capacity = len({*np.asarray(frames.sightings.ids)[frames.sightings.valid].tolist()}) + 4
-    filter = MarkerEkf.of(cameras, tuning, layout, size, capacity=-(-capacity // 8) * 8)
+    table = None if sizes is None else as_array(sizes)
+    filter = MarkerEkf.of(cameras, tuning, layout, capacity=-(-capacity // 8) * 8, sizes=table)
     out = run_observer(filter, frames, begin)
     return _smoothed(recording, filter, out) if method == "smoother" else _filtered(recording, filter, out)
 
