@@ -152,6 +152,20 @@ def test_the_sizes_that_the_poses_were_made_with_are_those_of_the_filter():
     assert all(np.linalg.norm(places[m.id] - m.position) < 0.03 for m in big.markers)
 
 
+def test_luenberger_holds_all_markers_and_says_what_it_does_not_do():
+    d = cut(drive(), 3)
+    corners = seen()[0][0].corners[0]
+    many = [[Detections(np.arange(40), np.stack([corners + k for k in range(40)]))]] * 3
+    recording = Recording(frames_of(d, many, slots=40), many, ("from the video",))
+    result = track(recording, [EYE], "luenberger", LAYOUT, start=d.position[0])
+    assert sorted(m.id for m in result.markers) == list(range(40))
+    assert result.notes[0] == "from the video"
+    assert any(note.startswith("luenberger does not use the layout") for note in result.notes)
+    assert any("no sensor/position" in note for note in result.notes)
+    assert "sensor/position" not in track_log(result)
+    assert not any("layout" in note for note in track(recording, [EYE], "luenberger").notes)
+
+
 def test_without_any_marker_the_track_says_what_to_look_at():
     d = cut(drive(), 5)
     empty = Recording(frames_of(d, [[Detections.none()]] * 5), [], ())

@@ -26,6 +26,11 @@ Method = Literal["ekf", "luenberger", "smoother"]
 METHODS: tuple[Method, ...] = ("ekf", "luenberger", "smoother")
 DARK = 2.0  # time without any marker that is worth a note [s]
 
+_NO_LAYOUT = "luenberger does not use the layout: the start fixes the frame; ekf and smoother use it"
+_NO_FIXES = (
+    "luenberger gives no positions of single frames: the log has no sensor/position that rovtwin identify could read; "
+    "use ekf or smoother for that"
+)
 _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 
@@ -112,8 +117,8 @@ def track(
     # The first frame may be long after the log's clock began: nothing is known of the time before.
     begin = Start(as_array(start), as_array(frames.attitude[0]), as_array(np.zeros(6)))
     if method == "luenberger":
-        return _observed(recording, cameras, begin, gains)
-    capacity = len({*np.asarray(frames.sightings.ids)[frames.sightings.valid].tolist()}) + 4
+        return _observed(recording, cameras, begin, gains, layout)
+    capacity = _number_of_ids(recording) + 4
     table = None if sizes is None else as_array(sizes)
     filter = MarkerEkf.of(cameras, tuning, layout, capacity=-(-capacity // 8) * 8, sizes=table)
     out = run_observer(filter, frames, begin)
@@ -149,9 +154,16 @@ def _smoothed(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     )  # fmt: skip
 
 
-def _observed(recording: Recording, cameras: Sequence[Camera], begin: Start, gains: Gains | None) -> Track:
+def _number_of_ids(recording: Recording) -> int:
+    seen = recording.frames.sightings
+    return len(np.unique(np.asarray(seen.ids)[np.asarray(seen.valid)]))
+
+
+def _observed(
+    recording: Recording, cameras: Sequence[Camera], begin: Start, gains: Gains | None, layout: Layout | None
+) -> Track:
     frames = recording.frames
-    out = run_observer(MarkerLuenberger.of(cameras, gains, capacity=32), frames, begin)
+    out = run_observer(MarkerLuenberger.of(cameras, gains, capacity=_number_of_ids(recording)), frames, begin)
     n, none = len(frames), np.full((len(frames), 6), np.nan)
     seen = np.asarray(frames.sightings.valid).sum(axis=1)
     used = (np.asarray(frames.sightings.valid) & np.asarray(frames.sightings.single)).sum(axis=1)
@@ -161,9 +173,10 @@ def _observed(recording: Recording, cameras: Sequence[Camera], begin: Start, gai
         if number >= 0
     ]
     counts = np.stack([seen, used, np.zeros(n, int)], axis=1)
+    notes = (*recording.notes, *([_NO_LAYOUT] if layout else []), _NO_FIXES)
     return Track(
         "luenberger", frames.t, out.position, out.velocity, none, frames.attitude, np.zeros(3), np.zeros(3), counts,
-        none[:, :3], none[:, :3], markers, float("nan"), recording.notes,
+        none[:, :3], none[:, :3], markers, float("nan"), notes,
     )  # fmt: skip
 
 
