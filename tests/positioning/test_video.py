@@ -55,6 +55,17 @@ def test_a_table_beside_a_film_says_its_times_and_frames_out_of_order_are_left_o
     assert video.notes == [f"{path}: 2 frames out of order left out, the first at 1.2 s after 1.3 s"]
 
 
+def test_a_table_that_is_shorter_than_the_film_is_not_told_as_damage(tmp_path):
+    path = film(tmp_path / "a.mp4", frames())
+    (tmp_path / "a.csv").write_text("t\n1.0\n1.1\n1.2\n")
+    video = Video(path, SIZE)
+    assert read(video)[0] == [1.0, 1.1, 1.2]
+    assert video.notes == [f"{tmp_path / 'a.csv'}: has times of 3 of 6 frames; the frames after them are left out"]
+    (tmp_path / "a.csv").write_text("t\n")
+    with pytest.raises(ConfigError, match=r"a\.csv: found no times in it"):
+        read(video)
+
+
 def test_a_folder_of_pictures_by_names_or_by_a_table(tmp_path):
     path = folder(tmp_path / "a", frames(3), ["2.5.png", "10.0.png", "9.25.png"])
     assert read(Video(path))[0] == [2.5, 9.25, 10.0]
