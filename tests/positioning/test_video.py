@@ -7,8 +7,8 @@ from tests.positioning.tracks import camera, rotations, wall
 
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
-from rovtwin.positioning.detection import Detector
-from rovtwin.positioning.recording import Attitude, record
+from rovtwin.positioning.detection import Detections, Detector
+from rovtwin.positioning.recording import Attitude, _instants, record
 from rovtwin.positioning.video import Video
 from rovtwin.vehicle.camera import lens_from
 
@@ -159,6 +159,13 @@ def test_frames_without_attitude_are_left_out_and_none_at_all_is_an_error(tmp_pa
         record(attitude_log(np.arange(20, 21, 0.1)), *arguments)
     with pytest.raises(LogError, match="found no attitude; expected a channel sensor/attitude or autopilot/eta"):
         record(attitude_log(np.arange(3.0), name="sensor/other"), *arguments)
+
+
+def test_frames_of_two_cameras_are_one_instant_only_where_they_were_taken_together():
+    none = Detections.none()
+    together, apart = [(1.0, 0, none), (1.0002, 1, none)], [(2.0, 0, none), (2.015, 1, none)]
+    times, found = _instants(together + apart, 2)
+    assert times.tolist() == [1.0, 2.0, 2.015] and all(len(one) == 2 for one in found)
 
 
 def test_attitude_turns_the_short_way_between_readings():
