@@ -161,6 +161,13 @@ def test_frames_without_attitude_are_left_out_and_none_at_all_is_an_error(tmp_pa
         record(attitude_log(np.arange(3.0), name="sensor/other"), *arguments)
 
 
+def test_attitude_that_is_read_less_often_than_frames_come_is_told(tmp_path):
+    path, eye = marked(tmp_path / "a")
+    arguments = [Video(path, LENS.size)], [eye], Detector(), np.full(1000, 0.15)
+    (note,) = record(attitude_log(np.arange(0, 3, 0.15)), *arguments).notes
+    assert note.startswith("sensor/attitude is read every 0.15 s, frames come every 0.1 s: frames between two readings")
+
+
 def test_frames_of_two_cameras_are_one_instant_only_where_they_were_taken_together():
     none = Detections.none()
     together, apart = [(1.0, 0, none), (1.0002, 1, none)], [(2.0, 0, none), (2.015, 1, none)]
