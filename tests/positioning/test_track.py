@@ -2,12 +2,13 @@
 
 import functools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.positioning.test_ekf import EYE, LAYOUT, cut, drive, frames_of, seen
-from tests.positioning.tracks import Drive, corners_seen, wall
+from tests.positioning.tracks import Drive, camera, corners_seen, wall
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
@@ -17,10 +18,12 @@ from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.recording import Recording
 from rovtwin.positioning.run import run_observer
+from rovtwin.positioning.sight import Eyes, see
 from rovtwin.positioning.sightings import Frames, sightings
 from rovtwin.positioning.smoother import smooth
 from rovtwin.positioning.track import track
 from rovtwin.positioning.track_log import track_log
+from rovtwin.vehicle.camera import Camera, Port
 
 N = 150
 TUNING = SlamTuning.of(pixel=0.2, acceleration=0.07)
@@ -164,6 +167,18 @@ def test_luenberger_holds_all_markers_and_says_what_it_does_not_do():
     assert any("no sensor/position" in note for note in result.notes)
     assert "sensor/position" not in track_log(result)
     assert not any("layout" in note for note in track(recording, [EYE], "luenberger").notes)
+
+
+def test_a_camera_behind_a_port_beside_one_without():
+    dry = camera(y=0.29)
+    wet = Camera("wet", replace(dry.lens, port=Port.of(0.03, 0.005)), dry.position, dry.R_bc)
+    both, alone = Eyes.of([wet, dry]), Eyes.of([dry])
+    marker = LAYOUT.markers[0]
+    where = np.array([0.8, -0.5, 0.75]), np.eye(3), np.array(marker.position), marker.R_nm, np.array(0.15)
+    for field in ("pixels", "by_position", "by_offset", "by_noise", "by_marker"):
+        mixed, own = (np.asarray(getattr(see(eye, *where), field)) for eye in (both[1], alone[0]))
+        assert np.allclose(mixed, own, rtol=1e-6, atol=1e-3)
+    assert np.abs(see(both[0], *where).pixels - see(both[1], *where).pixels).max() > 20
 
 
 def test_without_any_marker_the_track_says_what_to_look_at():
