@@ -12,7 +12,19 @@ from rovtwin.core.frames import quaternion_from_rotation
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.detection import Detections
 from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_steps import FULL, NEW, REJECTED, USED, WAITING
+from rovtwin.positioning.ekf_steps import (
+    FULL,
+    NEW,
+    OFFSET,
+    POSITION,
+    REJECTED,
+    USED,
+    WAITING,
+    Given,
+    State,
+    take_position,
+    vote,
+)
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.run import run_observer, step
 from rovtwin.positioning.sightings import Frames, sightings
@@ -190,16 +202,19 @@ def test_after_a_blackout_the_vehicle_is_found_from_those_that_agree():
 
 
 def test_a_known_offset_of_the_compass_is_not_forgotten_when_the_position_is_taken_afresh():
-    d = drive()
+    """0.4 rad at 3.2 m: 1.3 m apart."""
+    d, found = cut(drive(), 1), frames_of(cut(drive(), 1), seen()[:1])
     c, s = np.cos(0.4), np.sin(0.4)
-    turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ d.R_meas
-    found = list(seen()[:160])
-    found[80:150] = [[Detections.none()]] * 70
-    found[150:] = [[Detections(f.ids[f.ids == 1], f.corners[f.ids == 1])] for (f,) in found[150:]]
-    tilted = Drive(d.t, d.position, d.velocity, d.R_nb, turned)
-    out, _ = go(found, tilted, layout=LAYOUT, offset=[0.0, 0.0, 0.3])
-    assert out.afresh[150]
-    assert errors(out, cut(d, 160))[150:].max() < 0.05
+    turned = jnp.asarray(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ d.R_meas[0])
+    block = MarkerEkf.of([EYE], SlamTuning.of(start_position=10.0), LAYOUT)
+    state = block.init(jax.random.key(0), Start.at(np.zeros(3))).state
+    known = State(state.x.at[OFFSET].set(jnp.array([0.0, 0.0, -0.4])), state.P, state.map)
+    given = Given(block.tuning, block.eyes, block.sizes, turned)
+    slots = jax.tree.map(jnp.asarray, found.at(0).sightings)
+    there = take_position(given, known, vote(given, known, slots)).x[POSITION]
+    assert np.linalg.norm(there - d.position[0]) < 0.15
+    off = take_position(given, state, vote(given, state, slots)).x[POSITION]
+    assert np.linalg.norm(off - d.position[0]) > 1.0
 
 
 def test_a_marker_that_is_moved_is_taken_out_of_the_map_and_put_in_where_it_is():
