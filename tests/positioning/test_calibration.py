@@ -10,7 +10,7 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.calibration import calibrate, residual_figure
 from rovtwin.positioning.camera_file import as_data, choose, read_lens
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import lens_from, ray
+from rovtwin.vehicle.camera import Port, lens_from, ray
 
 cv2 = pytest.importorskip("cv2")
 LENS = lens_from([520, 523], [322, 238], (640, 480), [0.12, -0.05, 1e-3, -5e-4, 0.0])
@@ -79,6 +79,13 @@ def test_a_camera_file_is_read_as_it_was_written_and_takes_the_place_of_the_vehi
         and np.allclose(lens.focal, LENS.focal)
         and np.allclose(lens.distortion, LENS.distortion)
     )
+    whole = lens_from([520, 523], [322, 238], (640, 480), 0.01 * np.arange(1, 9), Port.of(0.03, 0.005, 1.5, 1.34))
+    path.write_text(yaml.safe_dump(as_data("camera", whole, "drawn")))
+    again = read_lens(path)
+    assert np.allclose(again.distortion, whole.distortion) and again.port is not None and whole.port is not None
+    for part in ("distance", "thickness", "glass", "water"):
+        assert np.allclose(getattr(again.port, part), getattr(whole.port, part))
+    path.write_text(yaml.safe_dump(as_data("camera", LENS, "drawn")))
     (chosen,) = choose(load_vehicle("double_blueye"), ["port"], [path])
     assert chosen.lens.size == (640, 480) and chosen.position[1] < 0
     path.write_text(path.read_text() + "port: {distance: 0.03, thickness: 0.005}\n")

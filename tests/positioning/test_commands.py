@@ -62,6 +62,16 @@ def test_track_with_json_and_a_layout(recorded):
     assert np.allclose(told["markers"][0]["std"], 0.0)
 
 
+def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
+    """Filter and poses have one table: as if the user had measured the paper, not where it hangs."""
+    from tests.positioning.test_video import LAYOUT
+
+    (recorded / "layout.yaml").write_text(yaml.safe_dump(LAYOUT.model_dump()))
+    more = "--layout", recorded / "layout.yaml", "--no-layout", "--size", "300mm"
+    result = run(*arguments(recorded, *more))
+    assert "8 of 8 sightings used" in result.stdout, result.output
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [

@@ -12,7 +12,19 @@ from rovtwin.core.frames import quaternion_from_rotation
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.detection import Detections
 from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_steps import FULL, NEW, REJECTED, USED, WAITING
+from rovtwin.positioning.ekf_steps import (
+    FULL,
+    NEW,
+    OFFSET,
+    POSITION,
+    REJECTED,
+    USED,
+    WAITING,
+    Given,
+    State,
+    take_position,
+    vote,
+)
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.run import run_observer, step
 from rovtwin.positioning.sightings import Frames, sightings
@@ -152,6 +164,57 @@ def test_an_id_twice_in_the_image_makes_no_landmark_and_the_copy_of_a_known_mark
     assert (out.status[:50] == WAITING).sum() >= 100
     assert ((out.status[55:] == REJECTED).sum(axis=1) == 1).all()
     assert errors(out, d).max() < 0.02
+
+
+def with_copy(hide=()):
+    """The layout's markers, of which some are hidden, and one more print of marker 0, 0.8 m nearer."""
+    copy = wall([(-0.4, 0.65)], north=3.2)
+    there = LAYOUT.model_copy(update={"markers": [m for m in LAYOUT.markers if m.id not in hide]})
+    rng, d = np.random.default_rng(7), drive()
+    found = []
+    for k in range(120):
+        a, b = (corners_seen(one, EYE, d.position[k], d.R_nb[k], rng) for one in (there, copy))
+        found.append([Detections(np.r_[a.ids, b.ids], np.concatenate([a.corners, b.corners]))])
+    return found
+
+
+@pytest.mark.parametrize("hide", [(), (0,)])
+def test_a_second_print_of_a_marker_does_not_capture_the_vehicle(hide):
+    """Nearer than the others, so that it comes first; with the true one in view, and with that hidden."""
+    out, d = go(with_copy(hide), layout=LAYOUT, start=drive().position[0] + 0.4)
+    assert errors(out, d).max() < 0.1 and errors(out, d)[20:].max() < 0.03
+    assert nees(out, d)[5:].mean() < 12.0
+    kept = {n: p for n, p in zip(out.ids[-1], out.marker_position[-1], strict=True) if n in (1, 2)}
+    for marker in LAYOUT.markers[1:]:
+        assert np.linalg.norm(kept[marker.id] - marker.position) < 1e-9
+
+
+def test_one_marker_alone_does_not_gainsay_the_layout():
+    out, d = go(with_copy(hide=(0, 1)), layout=LAYOUT, start=drive().position[0] + 0.4)
+    assert not out.moved.any()
+
+
+def test_after_a_blackout_the_vehicle_is_found_from_those_that_agree():
+    found = list(with_copy(hide=(0,)))
+    found[30:80] = [[Detections.none()]] * 50
+    out, d = go(found, layout=LAYOUT, start=drive().position[0] + 0.4)
+    assert errors(out, d)[81:].max() < 0.1
+
+
+def test_a_known_offset_of_the_compass_is_not_forgotten_when_the_position_is_taken_afresh():
+    """0.4 rad at 3.2 m: 1.3 m apart."""
+    d, found = cut(drive(), 1), frames_of(cut(drive(), 1), seen()[:1])
+    c, s = np.cos(0.4), np.sin(0.4)
+    turned = jnp.asarray(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ d.R_meas[0])
+    block = MarkerEkf.of([EYE], SlamTuning.of(start_position=10.0), LAYOUT)
+    state = block.init(jax.random.key(0), Start.at(np.zeros(3))).state
+    known = State(state.x.at[OFFSET].set(jnp.array([0.0, 0.0, -0.4])), state.P, state.map)
+    given = Given(block.tuning, block.eyes, block.sizes, turned)
+    slots = jax.tree.map(jnp.asarray, found.at(0).sightings)
+    there = take_position(given, known, vote(given, known, slots)).x[POSITION]
+    assert np.linalg.norm(there - d.position[0]) < 0.15
+    off = take_position(given, state, vote(given, state, slots)).x[POSITION]
+    assert np.linalg.norm(off - d.position[0]) > 1.0
 
 
 def test_a_marker_that_is_moved_is_taken_out_of_the_map_and_put_in_where_it_is():

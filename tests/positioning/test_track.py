@@ -1,10 +1,14 @@
 """Smoother, fixes and track logs on projected corners."""
 
 import functools
+import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.positioning.test_ekf import EYE, cut, drive, frames_of, seen
+from scipy.spatial.transform import Rotation
+from tests.positioning.test_ekf import EYE, LAYOUT, cut, drive, frames_of, seen
+from tests.positioning.tracks import Drive, camera, corners_seen, wall
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LogError
@@ -14,9 +18,12 @@ from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.recording import Recording
 from rovtwin.positioning.run import run_observer
+from rovtwin.positioning.sight import Eyes, see
+from rovtwin.positioning.sightings import Frames, sightings
 from rovtwin.positioning.smoother import smooth
 from rovtwin.positioning.track import track
 from rovtwin.positioning.track_log import track_log
+from rovtwin.vehicle.camera import Camera, Port
 
 N = 150
 TUNING = SlamTuning.of(pixel=0.2, acceleration=0.07)
@@ -103,6 +110,75 @@ def test_the_log_of_a_track_reads_as_that_of_a_vehicle_with_a_position_sensor(tm
     assert rms(values, d.position[:, :2]) < 0.01
     assert np.allclose(raw.signals["horizontal"].sigma, np.median(result.fix_std[:, :2], axis=0))
     assert "attitude" in raw.signals
+
+
+TURN = 0.05  # of the compass against the layout [rad]
+
+
+@functools.cache
+def tracked_with_offset(method):
+    d = cut(drive(), N)
+    c, s = np.cos(TURN), np.sin(TURN)
+    off = Drive(d.t, d.position, d.velocity, d.R_nb, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ d.R_meas)
+    tuning = SlamTuning.of(pixel=0.2, acceleration=0.07, start_position=10.0, offset=[0.0, 0.0, 0.2])
+    recording = Recording(frames_of(off, seen()[:N]), seen()[:N], ())
+    return track(recording, [EYE], method, LAYOUT, tuning, start=d.position[0]), off
+
+
+@pytest.mark.parametrize("method", ["ekf", "smoother"])
+def test_the_attitude_in_the_log_has_the_north_of_the_positions(method):
+    if method == "smoother":
+        pytest.importorskip("gtsam")
+    result, d = tracked_with_offset(method)
+    assert result.offset[2] == pytest.approx(-TURN, abs=5e-3) and 0 < result.offset_std[2] < 5e-3
+    angles = Rotation.from_matrix(d.R_meas).as_euler("ZYX")[:, ::-1]
+    channel = Channel("sensor/attitude", ("phi", "theta", "psi", "t_valid"), ("rad",) * 3 + ("s",), "n")
+    values = np.concatenate([angles, d.t[:, None]], axis=1)
+    log = track_log(result, Log.from_arrays([channel], {channel.name: (d.t, values)}))
+    e = log["sensor/attitude"].values[50:, :3] - log["track/eta"].values[50:, 3:]
+    assert np.abs(e.mean(axis=0)).max() < 3e-3 and np.abs(e).max() < 8e-3
+    assert np.array_equal(log["sensor/attitude"]["t_valid"], d.t)
+    told = json.loads(log.metadata["track_attitude_offset"])
+    assert told["rotation_vector_n"] == result.offset.tolist() and told["std"] == result.offset_std.tolist()
+
+
+def test_the_sizes_that_the_poses_were_made_with_are_those_of_the_filter():
+    """Markers twice as large as the thesis's, none at a known place."""
+    big, d, rng = wall(size=0.3), cut(drive(), 20), np.random.default_rng(3)
+    found = [[corners_seen(big, EYE, d.position[k], d.R_nb[k], rng)] for k in range(20)]
+    sizes = np.full(1000, 0.3)
+    rows = [sightings(one, [EYE], sizes, 8) for one in found]
+    frames = Frames.of(d.t, frames_of(d, seen()[:20]).attitude, rows)
+    result = track(Recording(frames, found, ()), [EYE], tuning=TUNING, sizes=sizes, start=d.position[0])
+    assert (result.counts[:, 1] == 3).all() and (result.counts[:, 2] == 0).all()
+    places = {m.id: m.position for m in result.markers}
+    assert all(np.linalg.norm(places[m.id] - m.position) < 0.03 for m in big.markers)
+
+
+def test_luenberger_holds_all_markers_and_says_what_it_does_not_do():
+    d = cut(drive(), 3)
+    corners = seen()[0][0].corners[0]
+    many = [[Detections(np.arange(40), np.stack([corners + k for k in range(40)]))]] * 3
+    recording = Recording(frames_of(d, many, slots=40), many, ("from the video",))
+    result = track(recording, [EYE], "luenberger", LAYOUT, start=d.position[0])
+    assert sorted(m.id for m in result.markers) == list(range(40))
+    assert result.notes[0] == "from the video"
+    assert any(note.startswith("luenberger does not use the layout") for note in result.notes)
+    assert any("no sensor/position" in note for note in result.notes)
+    assert "sensor/position" not in track_log(result)
+    assert not any("layout" in note for note in track(recording, [EYE], "luenberger").notes)
+
+
+def test_a_camera_behind_a_port_beside_one_without():
+    dry = camera(y=0.29)
+    wet = Camera("wet", replace(dry.lens, port=Port.of(0.03, 0.005)), dry.position, dry.R_bc)
+    both, alone = Eyes.of([wet, dry]), Eyes.of([dry])
+    marker = LAYOUT.markers[0]
+    where = np.array([0.8, -0.5, 0.75]), np.eye(3), np.array(marker.position), marker.R_nm, np.array(0.15)
+    for field in ("pixels", "by_position", "by_offset", "by_noise", "by_marker"):
+        mixed, own = (np.asarray(getattr(see(eye, *where), field)) for eye in (both[1], alone[0]))
+        assert np.allclose(mixed, own, rtol=1e-6, atol=1e-3)
+    assert np.abs(see(both[0], *where).pixels - see(both[1], *where).pixels).max() > 20
 
 
 def test_without_any_marker_the_track_says_what_to_look_at():

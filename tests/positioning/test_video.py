@@ -7,8 +7,8 @@ from tests.positioning.tracks import camera, rotations, wall
 
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
-from rovtwin.positioning.detection import Detector
-from rovtwin.positioning.recording import Attitude, record
+from rovtwin.positioning.detection import Detections, Detector
+from rovtwin.positioning.recording import Attitude, _instants, record
 from rovtwin.positioning.video import Video
 from rovtwin.vehicle.camera import lens_from
 
@@ -53,6 +53,17 @@ def test_a_table_beside_a_film_says_its_times_and_frames_out_of_order_are_left_o
     video = Video(path, SIZE)
     assert read(video)[0] == [1.0, 1.1, 1.3, 1.4]
     assert video.notes == [f"{path}: 2 frames out of order left out, the first at 1.2 s after 1.3 s"]
+
+
+def test_a_table_that_is_shorter_than_the_film_is_not_told_as_damage(tmp_path):
+    path = film(tmp_path / "a.mp4", frames())
+    (tmp_path / "a.csv").write_text("t\n1.0\n1.1\n1.2\n")
+    video = Video(path, SIZE)
+    assert read(video)[0] == [1.0, 1.1, 1.2]
+    assert video.notes == [f"{tmp_path / 'a.csv'}: has times of 3 of 6 frames; the frames after them are left out"]
+    (tmp_path / "a.csv").write_text("t\n")
+    with pytest.raises(ConfigError, match=r"a\.csv: found no times in it"):
+        read(video)
 
 
 def test_a_folder_of_pictures_by_names_or_by_a_table(tmp_path):
@@ -148,6 +159,20 @@ def test_frames_without_attitude_are_left_out_and_none_at_all_is_an_error(tmp_pa
         record(attitude_log(np.arange(20, 21, 0.1)), *arguments)
     with pytest.raises(LogError, match="found no attitude; expected a channel sensor/attitude or autopilot/eta"):
         record(attitude_log(np.arange(3.0), name="sensor/other"), *arguments)
+
+
+def test_attitude_that_is_read_less_often_than_frames_come_is_told(tmp_path):
+    path, eye = marked(tmp_path / "a")
+    arguments = [Video(path, LENS.size)], [eye], Detector(), np.full(1000, 0.15)
+    (note,) = record(attitude_log(np.arange(0, 3, 0.15)), *arguments).notes
+    assert note.startswith("sensor/attitude is read every 0.15 s, frames come every 0.1 s: frames between two readings")
+
+
+def test_frames_of_two_cameras_are_one_instant_only_where_they_were_taken_together():
+    none = Detections.none()
+    together, apart = [(1.0, 0, none), (1.0002, 1, none)], [(2.0, 0, none), (2.015, 1, none)]
+    times, found = _instants(together + apart, 2)
+    assert times.tolist() == [1.0, 2.0, 2.015] and all(len(one) == 2 for one in found)
 
 
 def test_attitude_turns_the_short_way_between_readings():

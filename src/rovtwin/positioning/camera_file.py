@@ -86,11 +86,19 @@ def _named(cameras: list[Camera], name: str, where: str) -> Camera:
 
 def as_data(name: str, lens: Lens, source: str) -> dict[str, Any]:
     """What a camera file says of a lens."""
-    return {
+    distortion = [round(float(k), 6) for k in lens.distortion]
+    while len(distortion) > 5 and distortion[-1] == 0.0:
+        distortion.pop()
+    data = {
         "name": name,
         "resolution": list(lens.size),
         "focal_length": [round(float(f), 3) for f in lens.focal],
         "principal_point": [round(float(c), 3) for c in lens.principal],
-        "distortion": [round(float(k), 6) for k in lens.distortion[:5]],
+        "distortion": distortion,
         "source": source,
     }
+    if lens.port is not None:
+        port = lens.port
+        parts = {"distance": port.distance, "thickness": port.thickness, "glass": port.glass, "water": port.water}
+        data["port"] = {key: round(float(value), 6) for key, value in parts.items()}
+    return data

@@ -36,11 +36,13 @@ from rovtwin.positioning.ekf_steps import (
     Given,
     MarkerMap,
     State,
+    Vote,
     add_marker,
     forget,
     predict,
     take_position,
     update,
+    vote,
 )
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.sight import DEFAULT_SIZE, Eyes, sizes_of
@@ -64,6 +66,7 @@ class SlamOutput(eqx.Module):
         covariance: Of both, shape (6, 6).
         attitude: Quaternion R_nb with the estimated error taken out, shape (4,).
         offset: Of the measured attitude [rad], axes of n, shape (3,).
+        offset_std: Its standard deviation [rad], shape (3,).
         ids: Of the map, shape (capacity,); -1 is a free place.
         marker_position: In n [m], shape (capacity, 3).
         marker_attitude: Quaternions R_nm, shape (capacity, 4).
@@ -79,6 +82,7 @@ class SlamOutput(eqx.Module):
     covariance: Array
     attitude: Array
     offset: Array
+    offset_std: Array
     ids: Array
     marker_position: Array
     marker_attitude: Array
@@ -115,6 +119,7 @@ class MarkerEkf(Block):
         size: float = DEFAULT_SIZE,
         capacity: int = 8,
         layout_std: tuple[float, float] = (0.0, 0.0),
+        sizes: Array | None = None,
     ) -> "MarkerEkf":
         """For these cameras.
 
@@ -125,6 +130,8 @@ class MarkerEkf(Block):
             size: Side of the markers that are not in the layout [m].
             capacity: Largest number of markers in the map; at least that of the layout.
             layout_std: How well a known marker's place [m] and attitude [rad] are known.
+            sizes: Side of each marker by its id [m], as the poses of the sightings were made with; None: of the layout,
+                else `size`.
         """
         markers = layout.markers if layout else []
         capacity = max(capacity, len(markers))
@@ -134,7 +141,8 @@ class MarkerEkf(Block):
         known = MarkerMap(
             as_array(ids, dtype=int), as_array(position), as_array(R), as_array(np.zeros(capacity), dtype=int)
         )
-        sizes = sizes_of({marker.id: marker.size for marker in markers}, default=size)
+        if sizes is None:
+            sizes = sizes_of({marker.id: marker.size for marker in markers}, default=size)
         variance = as_array(np.repeat(np.square(layout_std), 3))
         chosen = tuning or SlamTuning.of(start_position=10.0 if markers else 0.0)
         return cls(Eyes.of(cameras), chosen, sizes, known, variance)
@@ -163,37 +171,75 @@ class MarkerEkf(Block):
         tuning, slots = self.tuning, input.sightings
         given = Given(tuning, self.eyes, self.sizes, rotation_from_quaternion(input.attitude))
         state = predict(tuning, memory.state, jnp.asarray(dt, dtype=float))
-        mapped = slots.valid & jax.vmap(lambda number: state.map.find(number)[1])(slots.ids)
         unsure = (memory.lost >= tuning.patience) | self._wide(state)
-        afresh = unsure & mapped.any()
-        state = jax.lax.cond(afresh, lambda s: take_position(given, s, slots), lambda s: s, state)
-        state, (status, nis) = self._corrected(given, state, slots)
-        used = (status == USED).any()
-        state, moved = self._contradictions(state, slots, status, used)
+        chosen = vote(given, state, slots)
+        afresh = unsure & chosen.there
+        state = jax.lax.cond(afresh, lambda s: take_position(given, s, chosen), lambda s: s, state)
+        state, (status, nis) = self._corrected(given, state, slots, chosen, unsure)
+        fits, against = self._word(state, slots, status)
+        state, moved = self._contradictions(state, fits, against)
         state, status = self._new_markers(given, state, slots, status, ~self._wide(state))
-        lost = jnp.where(used, 0, memory.lost + (status == REJECTED).any())
+        used = (status == USED).any()
+        # Few that fit against many that do not: the vehicle may sit where a copy or a moved marker put it.
+        borne_out = used & (fits.sum() >= against.sum())
+        lost = jnp.where(borne_out, 0, memory.lost + (status == REJECTED).any())
         # Taken afresh from a marker that does not fit either: wait for as many frames again.
-        lost = jnp.where(afresh & ~used, 0, lost).astype(memory.lost.dtype)
+        lost = jnp.where(afresh, 0, lost).astype(memory.lost.dtype)
         return SlamMemory(state, lost), self._output(given, state, status, nis, moved, afresh)
 
     def _wide(self, state: State) -> Array:
         return (jnp.diagonal(state.P)[POSITION] > self.tuning.wide**2).any()
 
-    def _corrected(self, given: Given, state: State, slots) -> tuple[State, tuple[Array, Array]]:
+    def _corrected(
+        self, given: Given, state: State, slots, chosen: Vote, unsure: Array
+    ) -> tuple[State, tuple[Array, Array]]:
+        """Takes in the slots: first those that bear each other out, then the rest by what is known after that.
+
+        Of several prints of one id in one image the one that fits is used, if it is the only one; none as long as the
+        vehicle's place is not known.
+        """
+        known = slots.valid & jax.vmap(lambda number: state.map.find(number)[1])(slots.ids)
+        first = known & slots.single & chosen.agree
+        state, (status, nis) = self._in_turn(given, state, slots, first)
+        waiting = known & ~slots.single & unsure
+        rest = known & ~first & ~waiting
+
+        def others(state: State) -> tuple[State, tuple[Array, Array]]:
+            told, _ = jax.vmap(lambda slot: update(given, state, slot)[1])(slots)
+            fits = rest & (told == USED)
+            same = (slots.ids[:, None] == slots.ids) & (slots.camera[:, None] == slots.camera)
+            rivals = (same & fits).sum(axis=1) > 1
+            state, (now, nis_now) = self._in_turn(given, state, slots, rest & ~(fits & rivals))
+            return state, (jnp.where(fits & rivals, WAITING, now), nis_now)
+
+        none = jnp.full(status.shape, EMPTY), jnp.zeros(nis.shape)
+        state, (late, late_nis) = jax.lax.cond(rest.any(), others, lambda s: (s, none), state)
+        status = jnp.where(waiting, WAITING, jnp.where(rest, late, status))
+        return state, (status, jnp.where(rest, late_nis, nis))
+
+    def _in_turn(self, given: Given, state: State, slots, wanted: Array) -> tuple[State, tuple[Array, Array]]:
         nothing = jnp.asarray(EMPTY), jnp.zeros(())
 
-        def one(state: State, slot) -> tuple[State, tuple[Array, Array]]:
-            _, known = state.map.find(slot.ids)
-            return jax.lax.cond(slot.valid & known, lambda s: update(given, s, slot), lambda s: (s, nothing), state)
+        def one(state: State, item) -> tuple[State, tuple[Array, Array]]:
+            slot, take = item
+            return jax.lax.cond(take, lambda s: update(given, s, slot), lambda s: (s, nothing), state)
 
-        return jax.lax.scan(one, state, slots)
+        return jax.lax.scan(one, state, (slots, wanted))
 
-    def _contradictions(self, state: State, slots, status: Array, used: Array) -> tuple[State, Array]:
-        """Counts who contradicts the others, and takes out who does so for too long; shape (capacity,), bool."""
+    def _word(self, state: State, slots, status: Array) -> tuple[Array, Array]:
+        """Which markers of the map fit, and which contradict, shape (capacity,); one of several prints says nothing."""
         same = state.map.ids[:, None] == jnp.where(slots.valid, slots.ids, NOBODY - 1)
         fits = (same & (status == USED)).any(axis=1)
-        against = (same & (status == REJECTED)).any(axis=1) & ~fits & used
-        counts = jnp.where(fits, 0, state.map.contradicted + against)
+        return fits, (same & slots.single & (status == REJECTED)).any(axis=1) & ~fits
+
+    def _contradictions(self, state: State, fits: Array, against: Array) -> tuple[State, Array]:
+        """Counts who contradicts a majority, and takes out who does so for too long; shape (capacity,), bool.
+
+        Somebody measured the places of the layout: one marker alone does not gainsay them.
+        """
+        measured = (self.layout.ids != NOBODY) & (self.layout.ids == state.map.ids)
+        heard = (fits.sum() > against.sum()) & (~measured | (fits.sum() > 1))
+        counts = jnp.where(fits, 0, state.map.contradicted + (against & heard))
         gone = counts >= self.tuning.patience
         counted = MarkerMap(state.map.ids, state.map.position, state.map.R_nm, counts)
         return forget(State(state.x, state.P, counted), gone), gone
@@ -219,6 +265,7 @@ class MarkerEkf(Block):
             covariance=state.P[both, both],
             attitude=quaternion_from_rotation(given.attitude(state.x)),
             offset=state.x[OFFSET],
+            offset_std=jnp.sqrt(jnp.maximum(jnp.diagonal(state.P)[OFFSET], 0.0)),
             ids=state.map.ids,
             marker_position=state.map.position,
             marker_attitude=jax.vmap(quaternion_from_rotation)(state.map.R_nm),

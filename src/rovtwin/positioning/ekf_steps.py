@@ -180,24 +180,57 @@ def add_marker(given: Given, state: State, slot: Sightings, wanted: Array) -> tu
     return after, jnp.where(wanted & room, NEW, FULL)
 
 
-def take_position(given: Given, state: State, slots: Sightings) -> State:
-    """Puts the vehicle where the first mapped marker that is seen says; what was believed of its motion is dropped."""
-    mapped = slots.valid & jax.vmap(lambda number: state.map.find(number)[1])(slots.ids)
-    slot = jax.tree.map(lambda leaf: leaf[jnp.argmax(mapped)], slots)
-    place, _ = state.map.find(slot.ids)
-    eye = given.eyes[slot.camera]
-    R_nb = given.R_meas
-    p_nb = state.map.position[place] - R_nb @ (eye.position + eye.R_bc @ slot.t_cm)
+class Vote(eqx.Module):
+    """Where the markers of one frame say the vehicle is.
+
+    Attributes:
+        slot: The one that most markers of the map agree with, a scalar; it is the only one of its id in its image.
+        there: Whether there is such a slot, bool.
+        agree: Slots of the map that put the vehicle where that one does, shape (slots,), bool.
+        position: Where that is, n [m], shape (3,).
+        std: How well a single marker tells it [m].
+    """
+
+    slot: Array
+    there: Array
+    agree: Array
+    position: Array
+    std: Array
+
+
+def vote(given: Given, state: State, slots: Sightings) -> Vote:
+    """Each slot of the map says where the vehicle is; which of them the most markers bear out.
+
+    A second print of a marker may hang anywhere and be the largest in the image. Of the pose only the middle is used,
+    which hardly depends on which of two solutions is right: a clear one only breaks ties.
+    """
+    same = (state.map.ids == slots.ids[:, None]) & slots.valid[:, None]  # (slots, capacity)
+    mapped = same.any(axis=1)
+    place = state.map.position[jnp.argmax(same, axis=1)]
+    from_b = jax.vmap(lambda camera, t: given.eyes.position[camera] + given.eyes.R_bc[camera] @ t)
+    at = place - from_b(slots.camera, slots.t_cm) @ given.attitude(state.x).T
+    distance = jnp.abs(slots.t_cm[:, 2])
+    turn = jnp.sqrt(jnp.trace(state.P[OFFSET, OFFSET]))  # an offset of the compass moves them against each other
+    apart = jnp.linalg.norm(place[:, None] - place, axis=-1)
+    bound = 0.1 + 0.05 * jnp.maximum(distance[:, None], distance) + 2.0 * turn * apart
+    agree = (jnp.linalg.norm(at[:, None] - at, axis=-1) < bound) & mapped
+    markers = (agree[:, :, None] & same).any(axis=1).sum(axis=1)  # not slots: two cameras see the same print
+    able = mapped & slots.single
+    best = jnp.argmax(jnp.where(able, 2 * markers + slots.clear, -1))
+    std = jnp.hypot(0.1 + 0.2 * distance[best], turn * distance[best])
+    return Vote(best, able.any(), agree[best] & able.any(), at[best], std)
+
+
+def take_position(given: Given, state: State, chosen: Vote) -> State:
+    """Puts the vehicle where the markers that are seen say; what was believed of its motion is dropped."""
     tuning = given.tuning
-    distance = slot.t_cm[2]
     variance = jnp.concatenate(
-        [jnp.full(3, (0.1 + 0.2 * distance) ** 2), jnp.full(3, tuning.start_velocity**2), tuning.acceleration**2]
+        [jnp.full(3, chosen.std**2), jnp.full(3, tuning.start_velocity**2), tuning.acceleration**2]
     )
-    x = state.x.at[POSITION].set(p_nb).at[VELOCITY].set(0.0).at[ACCELERATION].set(0.0)
+    x = state.x.at[POSITION].set(chosen.position).at[VELOCITY].set(0.0).at[ACCELERATION].set(0.0)
     kept = jnp.ones(state.P.shape[0]).at[:9].set(0.0)
     P = state.P * kept[:, None] * kept + jnp.diag(jnp.zeros(state.P.shape[0]).at[:9].set(variance))
-    fresh = State(x, P, state.map)
-    return jax.tree.map(lambda new, old: jnp.where(mapped.any(), new, old), fresh, state)
+    return State(x, P, state.map)
 
 
 def forget(state: State, gone: Array) -> State:

@@ -14,7 +14,7 @@ from rovtwin.positioning.video import Video
 from rovtwin.vehicle.camera import Camera
 
 ATTITUDES = ("sensor/attitude", "autopilot/eta")  # in which channels to look for it
-APART = 0.02  # frames of several cameras that are nearer than this share of a second are one instant
+APART = 1e-3  # frames of several cameras that are nearer than this are one instant [s]: at 1 m/s they differ by 1 mm
 GAP = 0.5  # attitude readings further apart than this are not bridged [s]
 
 
@@ -102,8 +102,23 @@ def record(
     if not inside.all():
         notes.append(f"{int((~inside).sum())} of {len(times)} frames without attitude left out")
     keep = np.flatnonzero(inside)
+    notes += _shared_readings(attitude, times[keep])
     rows = [sightings(instants[k], cameras, sizes, slots) for k in keep]
     return Recording(Frames.of(times[keep], q[keep], rows), [instants[k] for k in keep], tuple(notes))
+
+
+def _shared_readings(attitude: Attitude, t: np.ndarray) -> list[str]:
+    """Whether neighbouring frames at times t share readings of the attitude, and with them their errors."""
+    near = attitude.t[(attitude.t >= t[0]) & (attitude.t <= t[-1])]
+    if len(t) < 2 or len(near) < 2:
+        return []
+    reading, frame = float(np.median(np.diff(near))), float(np.median(np.diff(t)))
+    if reading <= 1.05 * frame:  # clocks are not exact
+        return []
+    return [
+        f"{attitude.channel} is read every {reading:.3g} s, frames come every {frame:.3g} s: frames between two "
+        "readings share their errors, so that positions of single frames are less independent than their noise says"
+    ]
 
 
 def _instants(seen: list[tuple[float, int, Detections]], cameras: int) -> tuple[np.ndarray, list[list[Detections]]]:

@@ -12,9 +12,10 @@ import numpy as np
 from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.vehicle.camera import Camera, Lens, project
+from rovtwin.vehicle.camera import Camera, Lens, Port, project
 
 NEAREST = 0.05  # a corner nearer than this to the plane of the lens is not seen [m]
+_THIN = 1e-6  # distance of a port that is none [m]
 DEFAULT_SIZE = 0.15  # side of a marker nobody said anything about: the thesis's [m]
 
 
@@ -33,9 +34,13 @@ class Eyes(eqx.Module):
 
     @classmethod
     def of(cls, cameras: Sequence[Camera]) -> "Eyes":
-        """Stacked; a port on all of them or on none."""
+        """Stacked; beside one with a port, one without gets a port that does not bend light."""
         size = cameras[0].lens.size
-        lenses = [Lens(c.lens.focal, c.lens.principal, c.lens.distortion, c.lens.port, size) for c in cameras]
+        ports = [c.lens.port for c in cameras]
+        if any(ports):
+            ports = [port or Port.of(_THIN, glass=1.0, water=1.0) for port in ports]
+        both = zip(cameras, ports, strict=True)
+        lenses = [Lens(c.lens.focal, c.lens.principal, c.lens.distortion, port, size) for c, port in both]
         lens = jax.tree.map(lambda *leaves: jnp.stack(leaves), *lenses)
         return cls(lens, as_array([c.position for c in cameras]), as_array([c.R_bc for c in cameras]))
 

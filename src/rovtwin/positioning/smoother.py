@@ -40,6 +40,7 @@ class Smoothed:
         covariance: Of position and velocity, shape (n, 6, 6).
         attitude: Quaternions R_nb with the estimated error taken out, shape (n, 4).
         offset: Of the measured attitude [rad], axes of n, shape (3,).
+        offset_std: Its standard deviation [rad], shape (3,).
         ids: Of the landmarks, shape (landmarks,).
         marker_position: In n [m], shape (landmarks, 3).
         marker_attitude: Quaternions R_nm, shape (landmarks, 4).
@@ -54,6 +55,7 @@ class Smoothed:
     covariance: np.ndarray
     attitude: np.ndarray
     offset: np.ndarray
+    offset_std: np.ndarray
     ids: np.ndarray
     marker_position: np.ndarray
     marker_attitude: np.ndarray
@@ -252,6 +254,7 @@ class _Graph:
             covariance,
             np.asarray(quaternions(jnp.asarray(R_nb))),
             self.offset,
+            np.sqrt(np.diag(marginals.marginalCovariance(self.key(len(self.p_nm))))),
             self.map.ids,
             self.p_nm,
             np.asarray(quaternions(jnp.asarray(self.R_nm))) if len(keys) else np.zeros((0, 4)),

@@ -26,6 +26,11 @@ Method = Literal["ekf", "luenberger", "smoother"]
 METHODS: tuple[Method, ...] = ("ekf", "luenberger", "smoother")
 DARK = 2.0  # time without any marker that is worth a note [s]
 
+_NO_LAYOUT = "luenberger does not use the layout: the start fixes the frame; ekf and smoother use it"
+_NO_FIXES = (
+    "luenberger gives no positions of single frames: the log has no sensor/position that rovtwin identify could read; "
+    "use ekf or smoother for that"
+)
 _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 
@@ -50,6 +55,8 @@ class Track:
         velocity: In n [m/s], shape (n, 3).
         std: Of both, as the estimator believes, shape (n, 6); NaN where it does not say (luenberger).
         attitude: Quaternions R_nb, shape (n, 4).
+        offset: Of the attitude that was measured, a rotation vector in n [rad], shape (3,); R_nb = exp(offset) R_meas.
+        offset_std: Its standard deviation [rad], shape (3,).
         counts: Markers seen, used and rejected in each frame, shape (n, 3).
         fix: Position from each frame alone [m], shape (n, 3); NaN where there is none. See `fixes`.
         fix_std: Its standard deviation [m], shape (n, 3).
@@ -64,6 +71,8 @@ class Track:
     velocity: np.ndarray
     std: np.ndarray
     attitude: np.ndarray
+    offset: np.ndarray
+    offset_std: np.ndarray
     counts: np.ndarray
     fix: np.ndarray
     fix_std: np.ndarray
@@ -78,7 +87,7 @@ def track(
     method: Method = "ekf",
     layout: Layout | None = None,
     tuning: SlamTuning | None = None,
-    size: float = 0.15,
+    sizes: np.ndarray | None = None,
     start: Sequence[float] = (0.0, 0.0, 0.0),
     gains: Gains | None = None,
 ) -> Track:
@@ -90,7 +99,8 @@ def track(
         method: One of METHODS.
         layout: Markers of known place; None: the start fixes the frame.
         tuning: Of filter and smoother.
-        size: Side of markers that are not in the layout [m].
+        sizes: Side of each marker by its id [m], the table that the recording was made with; None: the layout's, and
+            that of the thesis for others.
         start: Where the vehicle is at the first frame, n [m]; with a layout, nearly.
         gains: Of the Luenberger observer; None: the thesis's.
 
@@ -107,9 +117,10 @@ def track(
     # The first frame may be long after the log's clock began: nothing is known of the time before.
     begin = Start(as_array(start), as_array(frames.attitude[0]), as_array(np.zeros(6)))
     if method == "luenberger":
-        return _observed(recording, cameras, begin, gains)
-    capacity = len({*np.asarray(frames.sightings.ids)[frames.sightings.valid].tolist()}) + 4
-    filter = MarkerEkf.of(cameras, tuning, layout, size, capacity=-(-capacity // 8) * 8)
+        return _observed(recording, cameras, begin, gains, layout)
+    capacity = _number_of_ids(recording) + 4
+    table = None if sizes is None else as_array(sizes)
+    filter = MarkerEkf.of(cameras, tuning, layout, capacity=-(-capacity // 8) * 8, sizes=table)
     out = run_observer(filter, frames, begin)
     return _smoothed(recording, filter, out) if method == "smoother" else _filtered(recording, filter, out)
 
@@ -124,8 +135,8 @@ def _filtered(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
         Placed(int(out.ids[-1, k]), out.marker_position[-1, k], out.marker_attitude[-1, k], marker_std[k]) for k in last
     ]
     return Track(
-        "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, _counts(recording, out), fix, fix_std,
-        markers, float("nan"), _notes(recording, out),
+        "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, out.offset[-1],
+        out.offset_std[-1], _counts(recording, out), fix, fix_std, markers, float("nan"), _notes(recording, out),
     )  # fmt: skip
 
 
@@ -138,14 +149,21 @@ def _smoothed(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     counts = _counts(recording, out)
     counts[:, 1] = (s.landmark >= 0).sum(axis=1)
     return Track(
-        "smoother", recording.frames.t, s.position, s.velocity, std, s.attitude, counts, fix, fix_std, markers,
-        s.pixel_rms, _notes(recording, out),
+        "smoother", recording.frames.t, s.position, s.velocity, std, s.attitude, s.offset, s.offset_std, counts, fix,
+        fix_std, markers, s.pixel_rms, _notes(recording, out),
     )  # fmt: skip
 
 
-def _observed(recording: Recording, cameras: Sequence[Camera], begin: Start, gains: Gains | None) -> Track:
+def _number_of_ids(recording: Recording) -> int:
+    seen = recording.frames.sightings
+    return len(np.unique(np.asarray(seen.ids)[np.asarray(seen.valid)]))
+
+
+def _observed(
+    recording: Recording, cameras: Sequence[Camera], begin: Start, gains: Gains | None, layout: Layout | None
+) -> Track:
     frames = recording.frames
-    out = run_observer(MarkerLuenberger.of(cameras, gains, capacity=32), frames, begin)
+    out = run_observer(MarkerLuenberger.of(cameras, gains, capacity=_number_of_ids(recording)), frames, begin)
     n, none = len(frames), np.full((len(frames), 6), np.nan)
     seen = np.asarray(frames.sightings.valid).sum(axis=1)
     used = (np.asarray(frames.sightings.valid) & np.asarray(frames.sightings.single)).sum(axis=1)
@@ -155,9 +173,10 @@ def _observed(recording: Recording, cameras: Sequence[Camera], begin: Start, gai
         if number >= 0
     ]
     counts = np.stack([seen, used, np.zeros(n, int)], axis=1)
+    notes = (*recording.notes, *([_NO_LAYOUT] if layout else []), _NO_FIXES)
     return Track(
-        "luenberger", frames.t, out.position, out.velocity, none, frames.attitude, counts, none[:, :3], none[:, :3],
-        markers, float("nan"), recording.notes,
+        "luenberger", frames.t, out.position, out.velocity, none, frames.attitude, np.zeros(3), np.zeros(3), counts,
+        none[:, :3], none[:, :3], markers, float("nan"), notes,
     )  # fmt: skip
 
 

@@ -4,9 +4,10 @@ import json
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rovtwin.core.frames import euler_from_quaternion
-from rovtwin.core.log import Channel, Log
+from rovtwin.core.log import Channel, Log, Series
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.track import Track
 
@@ -20,7 +21,7 @@ def track_log(track: Track, source: Log | None = None, metadata: dict[str, Any] 
     Channels `track/*` are the estimate and what it rests on. `sensor/position` has the fixes of single frames, whose
     noise is independent and stands in the metadata, beside commands and the other sensors of the source: `rovtwin
     identify` reads the log as it would one with a position sensor. Of the source's truth and its own position sensor
-    nothing is taken.
+    nothing is taken. Its attitude is turned by the estimated offset, so that it has the north that the positions have.
 
     Args:
         track: The track.
@@ -34,6 +35,8 @@ def track_log(track: Track, source: Log | None = None, metadata: dict[str, Any] 
             if name == "autopilot/command" or (name.startswith("sensor/") and name != "sensor/position"):
                 channels.append(source.channels[name])
                 data[name] = (source[name].t, source[name].values)
+        if "sensor/attitude" in data:
+            data["sensor/attitude"] = source["sensor/attitude"].t, _turned(source["sensor/attitude"], track.offset)
         told = {key: value for key, value in told.items() if key not in ("created", "log_format")}
     if "sensor/position" in data:
         sheets = json.loads(told.get("sensors", "{}"))
@@ -41,7 +44,21 @@ def track_log(track: Track, source: Log | None = None, metadata: dict[str, Any] 
         sheets["position"] = {"noise": noise, "lever": [0.0, 0.0, 0.0], "rotation": np.eye(3).tolist()}
         told["sensors"] = json.dumps(sheets)
     told |= {"track_method": track.method, "track_notes": list(track.notes)} | (metadata or {})
+    if track.offset.any():
+        told["track_attitude_offset"] = json.dumps(
+            {"rotation_vector_n": track.offset.tolist(), "std": track.offset_std.tolist(), "applied": True}
+        )
     return Log.from_arrays(channels, data, told)
+
+
+def _turned(series: Series, offset: np.ndarray) -> np.ndarray:
+    """Values of an attitude channel with an offset taken out, a rotation vector in n [rad], shape (3,)."""
+    values = series.values.copy()
+    if offset.any():
+        columns = [series.channel.index(angle) for angle in ("psi", "theta", "phi")]
+        turned = Rotation.from_rotvec(offset) * Rotation.from_euler("ZYX", values[:, columns])
+        values[:, columns] = turned.as_euler("ZYX")
+    return values
 
 
 def _own(track: Track) -> tuple[list[Channel], dict[str, tuple[np.ndarray, np.ndarray]]]:

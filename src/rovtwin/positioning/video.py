@@ -88,21 +88,27 @@ class Video:
                 f"{self.path}: cannot be read as video; the file is damaged, cut, or of a kind that OpenCV does not "
                 f"know. Try `ffmpeg -i {self.path.name} -c:v libx264 mended.mp4`"
             )
-        times, k = self._table(self.path.with_suffix(".csv")), 0
+        table = self.path.with_suffix(".csv")
+        times, k, untimed = self._table(table), 0, False
         try:
             while True:
                 found, image = reader.read()
-                if not found or (times is not None and k >= len(times)):
+                untimed = found and times is not None and k >= len(times)
+                if not found or untimed:
                     break
                 t = self.start + k / rate if times is None else times[k][1]
                 k += 1
                 yield t, cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         finally:
             reader.release()
+        if times == []:
+            raise ConfigError(f"{table}: found no times in it; expected one row for each frame of {self.path.name}")
         if not k:
             raise ConfigError(f"{self.path}: found no frame in it; the file is damaged or cut")
         expected = max(promised, len(times or ()))
-        if k < expected:
+        if untimed:
+            self.notes.append(f"{table}: has times of {k} of {expected} frames; the frames after them are left out")
+        elif k < expected:
             self.notes.append(f"{self.path}: ends after {k} of {expected} frames; the rest is damaged or cut")
 
     def _pictures(self) -> Iterator[tuple[float, np.ndarray]]:

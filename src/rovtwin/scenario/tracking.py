@@ -86,6 +86,8 @@ def track_run(
     known = bool(layout.markers) and wanted.known_layout
     if wanted.heading_offset and not known:
         raise ConfigError("--heading-offset: without --layout north is the compass's; leave it out, or give a layout")
+    if wanted.heading_offset and method == "luenberger":
+        raise ConfigError("--heading-offset: --method luenberger takes north as measured; use ekf or smoother")
     source = Log.read(log)
     cameras, videos = _videos(log, vehicle, wanted)
     sizes = np.asarray(sizes_of({marker.id: marker.size for marker in layout.markers}, default=wanted.size))
@@ -95,7 +97,7 @@ def track_run(
         start_position=SOMEWHERE if known else 0.0,
         offset=[0.0, 0.0, wanted.heading_offset],
     )
-    found = track(seen, cameras, method, layout if known else None, tuning, wanted.size, wanted.start)
+    found = track(seen, cameras, method, layout if known else None, tuning, sizes, wanted.start)
     return found, track_log(found, source, {"cameras": [camera.name for camera in cameras]})
 
 
