@@ -1,7 +1,7 @@
-"""Chapter 8.1 again: `python -m tests.positioning.chain [surge|sway] [--keep FOLDER] [--figure FILE]`.
+"""Chapter 8.1 again: `python -m tests.positioning.chain [surge|sway] [--keep FOLDER]`.
 
-The thesis's vehicle is flown and filmed (scenario `free_running_surge`, `_sway`), tracked from its markers and identified
-from the track, the thrust given, everything else of that axis guessed wrong. Prints the tables of docs/positioning.md.
+The thesis's vehicle is flown and filmed (scenarios `free_running_surge`, `_sway`), tracked by markers and identified
+from the track: the thrust given, all else of that axis guessed wrong. Prints the tables of docs/positioning.md.
 Rendering takes minutes; runs are kept in --keep and used again.
 """
 
@@ -94,7 +94,7 @@ def guessed(vehicle: Vehicle, axis: str) -> Vehicle:
 
 
 def steady_speeds(axis: str, t: np.ndarray, position: np.ndarray, log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and speeds of the pulls, from a straight line through the positions of their last part, shapes (pulls,)."""
+    """Forces and speeds of the pulls, from a straight line through positions of their last part, shapes (pulls,)."""
     speeds: dict[float, list[float]] = {}
     for span in json.loads(log.metadata["test"]):
         if not span["what"].startswith("steps"):
@@ -144,29 +144,39 @@ def damping_error(values: dict[str, float], truth: dict[str, float], speed: np.n
     return float(relative[np.argmax(np.abs(relative))])
 
 
-def report(axis: str, log: Path) -> dict[str, Result]:
-    """Prints the tables, gives what they were made from."""
+def report(axis: str, log: Path) -> dict[str, Any]:
+    """Prints the tables; gives force, speeds and parameters by method, as plain data."""
     truth = true_values(axis)
     force, speed = true_speeds(axis, log)
-    results = {
-        "markers known": chain(axis, log),
-        "markers unknown": chain(axis, log, known=False),
-        "Luenberger and differences": thesis_way(axis, log),
+    data: dict[str, Any] = {"force": force.tolist(), "flown": speed.tolist(), "truth": truth, "methods": {}}
+    print(f"{axis}, force {force} N; speeds of the model {terminal(truth, force).round(4)}, flown {speed.round(4)} m/s")
+    ways = {
+        "markers known": lambda: chain(axis, log),
+        "markers unknown": lambda: chain(axis, log, known=False),
+        "Luenberger, differences": lambda: thesis_way(axis, log),
     }
-    print(f"{axis}, force [N]: {force}")
-    print(f"stated model, terminal speed [m/s]: {np.round(terminal(truth, force), 4)}; flown: {np.round(speed, 4)}")
-    for name, result in results.items():
-        print(f"{name}: speeds {np.round(result.speed, 4)}; track rms north, east, down [mm] {1e3 * result.rms}")
+    for name, way in ways.items():
+        result = way()
+        data["methods"][name] = {"speed": result.speed.tolist(), "parameters": result.parameters}
+        print(f"{name}: speeds {result.speed.round(4)}, track rms north, east, down {(1e3 * result.rms).round(1)} mm")
+        _print(name, result.parameters, truth, force)
+        if result.identified is not None:
+            ends = {f: np.round(result.identified.interval(f"{f}.{axis}"), 2).tolist() for f in FAMILIES}
+            print(f"  95 % intervals: {ends}; {result.identified.seconds:.0f} s", flush=True)
     if axis == "surge":
         print(f"thesis table 8.1: ArUco {TABLE_8_1[0]}, 'ground truth' {TABLE_8_1[1]}")
-    thesis = {"thesis table 8.2": TABLE_8_2} if axis == "surge" else {}
-    print("method, added mass [kg], error, linear, quadratic damping, damping force error at most")
-    for name, values in {"truth": truth, **{k: r.parameters for k, r in results.items()}, **thesis}.items():
-        mass = values.get("added_mass", np.nan)
-        figures = f"{mass:.2f}, {100 * (mass / truth['added_mass'] - 1):+.1f} %, {values['linear_damping']:.2f}, "
-        error = 100 * damping_error(values, truth, terminal(truth, force))
-        print(f"{name}: {figures}{values['quadratic_damping']:.2f}, {error:+.1f} %", flush=True)
-    return results
+        _print("thesis table 8.2", TABLE_8_2, truth, force)
+    return data
+
+
+def _print(name: str, values: dict[str, float], truth: dict[str, float], force: np.ndarray) -> None:
+    mass = values.get("added_mass", np.nan)
+    error = 100 * damping_error(values, truth, terminal(truth, force))
+    print(
+        f"  {name}: added mass {mass:.2f} kg ({100 * (mass / truth['added_mass'] - 1):+.1f} %), damping "
+        f"{values['linear_damping']:.2f}, {values['quadratic_damping']:.2f}: force {error:+.1f} % at most",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -175,7 +185,8 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, default=Path("runs/chain"))
     given = parser.parse_args()
     for axis in given.axis:
-        report(axis, run(axis, given.keep / axis))
+        data = report(axis, run(axis, given.keep / axis))
+        (given.keep / axis / "chain.json").write_text(json.dumps(data), encoding="utf-8")
 
 
 if __name__ == "__main__":

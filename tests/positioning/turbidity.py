@@ -1,11 +1,11 @@
 """From how far markers are found in turbid water: `python -m tests.positioning.turbidity [--keep FILE]`.
 
-Rendered pictures of the thesis's left camera at 1920 x 1080, cropped to the markers from 2 m on. Prints the shares found.
+Rendered pictures of the thesis's left camera, 1920 x 1080, cropped to the markers from 2 m on. Prints shares found.
 """
 
 import argparse
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -26,18 +26,12 @@ FACE = 5.99  # just before the marked side of the box in `mclab`, north [m]
 # East and depth of three markers of each size, small ones below.
 PLACES = {0.3: [(-0.45, 0.5), (0.0, 0.5), (0.45, 0.5)], 0.15: [(-0.3, 0.95), (0.0, 0.95), (0.3, 0.95)]}
 FIRST = {0.3: 0, 0.15: 3}  # ids
-DEPTH, POSES = 0.7, 8  # of the camera [m]; views of a distance
-
-
-@dataclass
-class Counts:
-    """Markers in view and found, by size."""
-
-    shown: dict[float, int]
-    found: dict[float, int]
-
-    def share(self, size: float) -> float | None:
-        return self.found[size] / self.shown[size] if self.shown[size] else None
+# The settings of `Detector`, and OpenCV's own limits of contrast.
+SETTINGS: dict[str, dict[str, float]] = {
+    "low": {"adaptiveThreshConstant": 4.0, "minOtsuStdDev": 3.0},
+    "OpenCV": {"adaptiveThreshConstant": 7.0, "minOtsuStdDev": 5.0},
+}
+DEPTH, POSES = 0.7, 4  # of the camera [m]; views of a distance
 
 
 def layout() -> Layout:
@@ -62,39 +56,44 @@ def cropped(camera: Camera, distance: float) -> Camera:
     return replace(camera, lens=part)
 
 
-def count(attenuation: float, distance: float, poses: int = POSES) -> Counts:
-    """Of some views from a distance, the vehicle a little aside and aslant."""
+def count(attenuation: float, distance: float, poses: int = POSES) -> dict[str, tuple[int, int]]:
+    """Markers found and in view, by setting and size, of some views from a distance, the vehicle a little aside."""
     scene = load_scene("mclab").with_layout(layout()).with_water(beam_attenuation=attenuation)
     camera = cropped(cameras_of(load_vehicle("double_blueye"))[0], distance)
-    eye, detector, rng = renderer(scene, camera), Detector(), np.random.default_rng(int(100 * distance))
-    counts = Counts(dict.fromkeys(SIZES, 0), dict.fromkeys(SIZES, 0))
+    eye, rng = renderer(scene, camera), np.random.default_rng(int(100 * distance))
+    detectors = {name: Detector(**setting) for name, setting in SETTINGS.items()}
+    counts = {_key(name, size): (0, 0) for name in SETTINGS for size in SIZES}
     for k in range(poses):
         p = np.array([FACE - distance, 0.0, DEPTH]) - camera.position + rng.uniform(-0.1, 0.1, 3) * [1, 1, 0.5]
         R = rotations(rng.uniform(-0.03, 0.03, (1, 3)))[0]
         shown = corners_seen(scene.layout, camera, p, R, rng, pixel=0.0).ids
-        found = detector(cv2.cvtColor(eye.image(p, R, seed=k), cv2.COLOR_RGB2GRAY)).ids
-        for size in SIZES:
-            own = [number for number in shown if FIRST[size] <= number < FIRST[size] + len(PLACES[size])]
-            counts.shown[size] += len(own)
-            counts.found[size] += len(set(own) & set(found.tolist()))
+        grey = cv2.cvtColor(eye.image(p, R, seed=k), cv2.COLOR_RGB2GRAY)
+        for name, detector in detectors.items():
+            ids = set(detector(grey).ids.tolist())
+            for size in SIZES:
+                own = {number for number in shown if FIRST[size] <= number < FIRST[size] + len(PLACES[size])}
+                found, there = counts[_key(name, size)]
+                counts[_key(name, size)] = found + len(own & ids), there + len(own)
     return counts
 
 
+def _key(setting: str, size: float) -> str:
+    return f"{setting}, {size:g} m"
+
+
 def ranges(keep: Path | None = None) -> dict[str, dict[str, list[list[float]]]]:
-    """By attenuation and size: distance [m] and share found, out to where nothing more is found; kept in a file."""
+    """By attenuation, then setting and size: distances [m] with shares, to where nothing is found; kept in a file."""
     if keep is not None and keep.is_file():
         return json.loads(keep.read_text(encoding="utf-8"))
     out: dict[str, dict[str, list[list[float]]]] = {}
     for attenuation in ATTENUATION:
-        rows: dict[str, list[list[float]]] = {str(size): [] for size in SIZES}
-        nothing = 0
+        rows, nothing = {}, 0
         for distance in DISTANCES:
             counts = count(attenuation, distance)
-            for size in SIZES:
-                if (share := counts.share(size)) is not None:
-                    rows[str(size)].append([distance, share])
-            print(f"{attenuation}, {distance}, {counts.found} of {counts.shown}", flush=True)
-            nothing = nothing + 1 if not any(counts.found.values()) else 0
+            for key, (found, there) in counts.items():
+                rows.setdefault(key, []).extend([[distance, found / there]] if there else [])
+            print(f"{attenuation}, {distance}: {counts}", flush=True)
+            nothing = nothing + 1 if not any(found for found, _ in counts.values()) else 0
             if nothing == 2:
                 break
         out[str(attenuation)] = rows
@@ -117,10 +116,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--keep", type=Path)
     found = ranges(parser.parse_args().keep)
-    print("beam attenuation [1/m], marker [m], half of them found out to [m]")
+    print("beam attenuation [1/m], setting, marker: half of them found out to [m]")
     for attenuation, rows in found.items():
-        for size, row in rows.items():
-            print(f"{attenuation}, {size}, {half_way(row):.1f}")
+        for what, row in rows.items():
+            print(f"{attenuation}, {what}: {half_way(row):.1f}")
 
 
 if __name__ == "__main__":
