@@ -81,7 +81,7 @@ def turbidity_figure(keep: Path | None):
         for colour, (attenuation, rows) in zip(plt.cm.viridis([0.85, 0.6, 0.35, 0.1]), found.items(), strict=True):
             for setting in sorted(settings):
                 distance, share = np.array(rows[f"{setting}, {size}"]).T
-                own = setting == "low"
+                own = setting == "as it is"
                 label = f"{attenuation} /m" if own else None
                 axis.plot(
                     distance,
@@ -95,7 +95,7 @@ def turbidity_figure(keep: Path | None):
         axis.set(xlabel="distance [m]", title=f"markers of {size}")
         axis.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("found [%]")
-    panels[1].plot([], [], "--", color="0.5", lw=0.9, label="OpenCV's limits")
+    panels[1].plot([], [], "--", color="0.5", lw=0.9, label="lower limits of contrast")
     panels[1].legend(frameon=False, fontsize=8, title="beam attenuation", title_fontsize=8)
     return figure
 

@@ -21,17 +21,17 @@ from rovtwin.vehicle.camera import Camera, cameras_of
 
 ATTENUATION = (0.3, 0.6, 1.0, 1.5)  # beam attenuation [1/m]
 SIZES = (0.15, 0.3)  # of markers [m]
-DISTANCES = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 16.0)
+DEPTHS = np.arange(1.2, 3.7, 0.3)  # distances in optical depths: what is nearer is found
 FACE = 5.99  # just before the marked side of the box in `mclab`, north [m]
 # East and depth of three markers of each size, small ones below.
 PLACES = {0.3: [(-0.45, 0.5), (0.0, 0.5), (0.45, 0.5)], 0.15: [(-0.3, 0.95), (0.0, 0.95), (0.3, 0.95)]}
 FIRST = {0.3: 0, 0.15: 3}  # ids
-# The settings of `Detector`, and OpenCV's own limits of contrast.
+# `Detector` as it is, with OpenCV's limits of contrast, and with lower ones [grey levels].
 SETTINGS: dict[str, dict[str, float]] = {
-    "low": {"adaptiveThreshConstant": 4.0, "minOtsuStdDev": 3.0},
-    "OpenCV": {"adaptiveThreshConstant": 7.0, "minOtsuStdDev": 5.0},
+    "as it is": {},
+    "lower limits": {"adaptiveThreshConstant": 4.0, "minOtsuStdDev": 3.0},
 }
-DEPTH, POSES = 0.7, 4  # of the camera [m]; views of a distance
+CAMERA_DEPTH, POSES = 0.7, 4  # of the camera [m]; views of a distance
 
 
 def layout() -> Layout:
@@ -64,7 +64,7 @@ def count(attenuation: float, distance: float, poses: int = POSES) -> dict[str, 
     detectors = {name: Detector(**setting) for name, setting in SETTINGS.items()}
     counts = {_key(name, size): (0, 0) for name in SETTINGS for size in SIZES}
     for k in range(poses):
-        p = np.array([FACE - distance, 0.0, DEPTH]) - camera.position + rng.uniform(-0.1, 0.1, 3) * [1, 1, 0.5]
+        p = np.array([FACE - distance, 0.0, CAMERA_DEPTH]) - camera.position + rng.uniform(-0.1, 0.1, 3) * [1, 1, 0.5]
         R = rotations(rng.uniform(-0.03, 0.03, (1, 3)))[0]
         shown = corners_seen(scene.layout, camera, p, R, rng, pixel=0.0).ids
         grey = cv2.cvtColor(eye.image(p, R, seed=k), cv2.COLOR_RGB2GRAY)
@@ -88,7 +88,7 @@ def ranges(keep: Path | None = None) -> dict[str, dict[str, list[list[float]]]]:
     out: dict[str, dict[str, list[list[float]]]] = {}
     for attenuation in ATTENUATION:
         rows, nothing = {}, 0
-        for distance in DISTANCES:
+        for distance in np.round(DEPTHS / attenuation, 2).tolist():
             counts = count(attenuation, distance)
             for key, (found, there) in counts.items():
                 rows.setdefault(key, []).extend([[distance, found / there]] if there else [])
