@@ -145,7 +145,7 @@ def damping_error(values: dict[str, float], truth: dict[str, float], speed: np.n
 
 
 def report(axis: str, log: Path) -> dict[str, Any]:
-    """Prints the tables; gives force, speeds and parameters by method, as plain data."""
+    """Prints the tables; gives forces, speeds and parameters by method, kept as `chain.json` beside the log."""
     truth = true_values(axis)
     force, speed = true_speeds(axis, log)
     data: dict[str, Any] = {"force": force.tolist(), "flown": speed.tolist(), "truth": truth, "methods": {}}
@@ -158,6 +158,7 @@ def report(axis: str, log: Path) -> dict[str, Any]:
     for name, way in ways.items():
         result = way()
         data["methods"][name] = {"speed": result.speed.tolist(), "parameters": result.parameters}
+        log.with_name("chain.json").write_text(json.dumps(data), encoding="utf-8")
         print(f"{name}: speeds {result.speed.round(4)}, track rms north, east, down {(1e3 * result.rms).round(1)} mm")
         _print(name, result.parameters, truth, force)
         if result.identified is not None:
@@ -185,8 +186,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, default=Path("runs/chain"))
     given = parser.parse_args()
     for axis in given.axis:
-        data = report(axis, run(axis, given.keep / axis))
-        (given.keep / axis / "chain.json").write_text(json.dumps(data), encoding="utf-8")
+        report(axis, run(axis, given.keep / axis))
 
 
 if __name__ == "__main__":
