@@ -84,14 +84,14 @@ def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
 
     pytest.importorskip("gtsam")
     vehicle = load_vehicle("double_blueye_thesis")
-    (path,) = _tracked(vehicle, "aruco", [run.folder / "log.mcap"], console(False))
+    (path,) = _tracked(console(False), vehicle, "aruco", [run.folder / "log.mcap"])
     assert path.name == "log_aruco.mcap"
-    assert "markers in" in capsys.readouterr().out
+    assert "wrote" in capsys.readouterr().out
     (record,) = read_records(path, vehicle)
     positions = record.signals["horizontal"].value
     assert len(positions) > 15 and np.ptp(positions[:, 0]) > 0.2
     with pytest.raises(ConfigError, match="--track: found 'qr', expected aruco"):
-        _tracked(vehicle, "qr", [], console(False))
+        _tracked(console(False), vehicle, "qr", [])
 
 
 def test_two_scenes_one_camera_twice_and_the_wall_clock_are_named(tmp_path):

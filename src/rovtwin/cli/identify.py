@@ -80,7 +80,7 @@ def identify(
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)
     if track is not None:
-        logs, validate = (_tracked(wanted, track, given or [], screen) for given in (logs, validate))
+        logs, validate = (_tracked(screen, wanted, track, paths or []) for paths in (logs, validate))
     fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
     _warn(screen, wanted, whole, trust_logs)
     with _progress(screen) as told:
@@ -111,9 +111,9 @@ def identify(
     raise typer.Exit(DONE if settled else FAILED)
 
 
-def _tracked(vehicle: Any, kind: str, logs: list[Path], screen: Console) -> list[Path]:
-    """Logs of the tracks, `<log>_aruco.mcap` beside the logs given; made anew each time."""
-    from rovtwin.cli.track import looking_for_markers
+def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> list[Path]:
+    """Logs of the tracks, `<log>_aruco.mcap` beside the logs given, made anew each time; says how good they are."""
+    from rovtwin.cli.track import looking_for_markers, summary
     from rovtwin.scenario.tracking import track_run
 
     if kind != "aruco":
@@ -124,10 +124,9 @@ def _tracked(vehicle: Any, kind: str, logs: list[Path], screen: Console) -> list
             found, log = track_run(path, vehicle, "smoother", progress=told)
         tracks.append(path.with_name(f"{path.stem}_aruco.mcap"))
         log.write(tracks[-1], overwrite=True)
-        lit = int((found.counts[:, 1] > 0).sum())
-        screen.print(f"{tracks[-1]}: markers in {lit} of {len(found.t)} pictures", markup=False, soft_wrap=True)
-        for note in found.notes:
-            screen.print(f"- {note}", markup=False, soft_wrap=True)
+        for line in [*summary(found), *found.notes]:
+            screen.print(f"{_short(path)}: {line}", style="dim", markup=False, soft_wrap=True)
+        screen.print(f"wrote {tracks[-1]}", markup=False, soft_wrap=True)
     return tracks
 
 

@@ -95,19 +95,28 @@ def looking_for_markers() -> Iterator[Callable[[float], None]]:
         yield lambda t: bar.update(task, description=f"looking for markers, {t:.0f} s")
 
 
-def _print(found: "Track", out: Path) -> None:
-    from numpy import degrees, isfinite, nanmedian
+def summary(found: "Track") -> list[str]:
+    """What a track rests on and how sure it is, a line each."""
+    from numpy import isfinite, nanmedian
 
-    screen = console(False)
     seen, used, _ = found.counts.sum(axis=0)
     lit = int((found.counts[:, 1] > 0).sum())
-    screen.print(
+    lines = [
         f"{len(found.t)} frames from {found.t[0]:g} to {found.t[-1]:g} s; {lit} with a marker; "
         f"{used} of {seen} sightings used"
-    )
+    ]
     if isfinite(found.std).all():
         p, v = nanmedian(found.std, axis=0).reshape(2, 3)
-        screen.print(f"standard deviation, median: position {1e3 * p.max():.1f} mm, velocity {1e3 * v.max():.1f} mm/s")
+        lines.append(f"standard deviation, median: position {1e3 * p.max():.1f} mm, velocity {1e3 * v.max():.1f} mm/s")
+    return lines
+
+
+def _print(found: "Track", out: Path) -> None:
+    from numpy import degrees
+
+    screen = console(False)
+    for line in summary(found):
+        screen.print(line)
     rows = table("map", "marker", "north [m]", "east [m]", "down [m]", "std [mm]", "tilt std [deg]")
     for marker in found.markers:
         place = [f"{x:.3f}" for x in marker.position]
