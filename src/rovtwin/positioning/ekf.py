@@ -112,7 +112,7 @@ class MarkerEkf(Block):
         cameras: Sequence[Camera],
         tuning: SlamTuning | None = None,
         layout: Layout | None = None,
-        size: float = DEFAULT_SIZE,
+        size: float | np.ndarray = DEFAULT_SIZE,
         capacity: int = 8,
         layout_std: tuple[float, float] = (0.0, 0.0),
     ) -> "MarkerEkf":
@@ -122,7 +122,7 @@ class MarkerEkf(Block):
             cameras: Of the vehicle, in the order of the sightings' camera numbers.
             tuning: Default: as `SlamTuning.of`, the position unknown at the start if there is a layout.
             layout: Markers of known place; others may be seen too.
-            size: Side of the markers that are not in the layout [m].
+            size: Side of the markers that are not in the layout [m], one for all or by id as from `sizes_of`.
             capacity: Largest number of markers in the map; at least that of the layout.
             layout_std: How well a known marker's place [m] and attitude [rad] are known.
         """

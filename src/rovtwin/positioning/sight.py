@@ -107,9 +107,9 @@ def see(eye: Eyes, p_nb: Array, R_nb: Array, p_nm: Array, R_nm: Array, size: Arr
     )
 
 
-def sizes_of(table: dict[int, float], count: int = 1000, default: float = DEFAULT_SIZE) -> Array:
-    """Side of each marker by its id [m], shape (count,)."""
-    sizes = np.full(count, default)
+def sizes_of(table: dict[int, float], count: int = 1000, default: float | np.ndarray = DEFAULT_SIZE) -> Array:
+    """Side of each marker by its id [m], shape (count,); default: of those not in the table, one or by id."""
+    sizes = np.array(np.broadcast_to(default, count), dtype=float)
     for number, size in table.items():
         sizes[number] = size
     return as_array(sizes)

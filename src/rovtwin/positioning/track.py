@@ -78,7 +78,7 @@ def track(
     method: Method = "ekf",
     layout: Layout | None = None,
     tuning: SlamTuning | None = None,
-    size: float = 0.15,
+    size: float | np.ndarray = 0.15,
     start: Sequence[float] = (0.0, 0.0, 0.0),
     gains: Gains | None = None,
 ) -> Track:
@@ -90,7 +90,7 @@ def track(
         method: One of METHODS.
         layout: Markers of known place; None: the start fixes the frame.
         tuning: Of filter and smoother.
-        size: Side of markers that are not in the layout [m].
+        size: Side of markers that are not in the layout [m], one for all or by id as from `sizes_of`.
         start: Where the vehicle is at the first frame, n [m]; with a layout, nearly.
         gains: Of the Luenberger observer; None: the thesis's.
 
@@ -187,8 +187,12 @@ def _counts(recording: Recording, out: Outputs) -> np.ndarray:
 def _notes(recording: Recording, out: Outputs) -> tuple[str, ...]:
     """What a user would want to know of the run."""
     t, notes = recording.frames.t, list(recording.notes)
+    moved: dict[int, list[float]] = {}
     for k, place in zip(*np.nonzero(out.moved), strict=True):
-        notes.append(f"marker {int(out.ids[k - 1, place])} contradicts the others from {t[k]:g} s: taken for moved")
+        moved.setdefault(int(out.ids[k - 1, place]), []).append(t[k])
+    for number, times in moved.items():
+        more = f", {len(times)} times in all" if len(times) > 1 else ""
+        notes.append(f"marker {number} contradicts the others from {times[0]:g} s: taken for moved{more}")
     double = np.asarray(recording.frames.sightings.valid) & ~np.asarray(recording.frames.sightings.single)
     if double.any():
         k, slot = np.argwhere(double)[0]

@@ -95,7 +95,7 @@ def track_run(
         start_position=SOMEWHERE if known else 0.0,
         offset=[0.0, 0.0, wanted.heading_offset],
     )
-    found = track(seen, cameras, method, layout if known else None, tuning, wanted.size, wanted.start)
+    found = track(seen, cameras, method, layout if known else None, tuning, sizes, wanted.start)
     return found, track_log(found, source, {"cameras": [camera.name for camera in cameras]})
 
 
