@@ -96,7 +96,7 @@ def turbidity_figure(keep: Path | None):
         axis.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("found [%]")
     panels[1].plot([], [], "--", color="0.5", lw=0.9, label="lower limits of contrast")
-    panels[1].legend(frameon=False, fontsize=8, title="beam attenuation", title_fontsize=8)
+    panels[1].legend(frameon=False, fontsize=8, title="beam attenuation", title_fontsize=8, bbox_to_anchor=(1, 1))
     return figure
 
 

@@ -206,8 +206,12 @@ def _counts(recording: Recording, out: Outputs) -> np.ndarray:
 def _notes(recording: Recording, out: Outputs) -> tuple[str, ...]:
     """What a user would want to know of the run."""
     t, notes = recording.frames.t, list(recording.notes)
+    moved: dict[int, list[float]] = {}
     for k, place in zip(*np.nonzero(out.moved), strict=True):
-        notes.append(f"marker {int(out.ids[k - 1, place])} contradicts the others from {t[k]:g} s: taken for moved")
+        moved.setdefault(int(out.ids[k - 1, place]), []).append(float(t[k]))
+    for number, times in moved.items():
+        more = f", {len(times)} times in all" if len(times) > 1 else ""
+        notes.append(f"marker {number} contradicts the others from {times[0]:g} s: taken for moved{more}")
     double = np.asarray(recording.frames.sightings.valid) & ~np.asarray(recording.frames.sightings.single)
     if double.any():
         k, slot = np.argwhere(double)[0]
