@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from xml.etree import ElementTree
@@ -433,6 +434,23 @@ def test_ctrl_c_leaves_a_whole_log(tmp_path: Path, wait: float) -> None:
             process.kill()
     series = Log.read(path)["clock"]
     assert len(series) >= 11_000 and (series["k"] == np.arange(len(series))).all()
+
+
+def test_a_lock_that_ctrl_c_left_taken_does_not_hold_up_the_end(tmp_path: Path) -> None:
+    """As when the interrupt strikes between taking the lock and entering the block that frees it."""
+    path = tmp_path / "run.mcap"
+
+    def interrupted() -> None:
+        writer = LogWriter(path, [Channel("clock", ("k",), "1", "")])
+        writer.write("clock", 0.0, [1.0])
+        writer._lock.acquire()
+        writer.close()
+
+    thread = threading.Thread(target=interrupted, daemon=True)
+    thread.start()
+    thread.join(timeout=30)
+    assert not thread.is_alive()
+    assert len(Log.read(path)["clock"]) == 1
 
 
 def is_prefix(part: Log, whole: Log) -> bool:

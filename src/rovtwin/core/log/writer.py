@@ -59,7 +59,8 @@ class LogWriter:
         provenance = text_metadata(metadata or {})
         self._failure: LogError | None = None
         self._annotations: dict[str, str] = {}
-        self._condition = threading.Condition()
+        self._lock = threading.RLock()
+        self._condition = threading.Condition(self._lock)
         self._pending: list[bytes] = []
         self._pending_size = self._added = self._written = 0
         self._hurry = self._closed = False
@@ -169,10 +170,19 @@ class LogWriter:
                 return
             self._closed = self._hurry = True
             self._condition.notify_all()
+        self._let_go()
         self._thread.join()
         self._close_stream()
         if self._failure:
             raise self._failure
+
+    def _let_go(self) -> None:
+        """Release what Ctrl-C left locked: it may strike between taking a lock and the `with` that frees it."""
+        while True:
+            try:
+                self._lock.release()
+            except RuntimeError:  # not ours, or free
+                return
 
     def __enter__(self) -> "LogWriter":
         return self
