@@ -189,7 +189,7 @@ def _notes(recording: Recording, out: Outputs) -> tuple[str, ...]:
     t, notes = recording.frames.t, list(recording.notes)
     moved: dict[int, list[float]] = {}
     for k, place in zip(*np.nonzero(out.moved), strict=True):
-        moved.setdefault(int(out.ids[k - 1, place]), []).append(t[k])
+        moved.setdefault(int(out.ids[k - 1, place]), []).append(float(t[k]))
     for number, times in moved.items():
         more = f", {len(times)} times in all" if len(times) > 1 else ""
         notes.append(f"marker {number} contradicts the others from {times[0]:g} s: taken for moved{more}")
