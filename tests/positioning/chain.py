@@ -71,7 +71,7 @@ def thesis_way(axis: str, log: Path) -> Result:
     found, _ = _track(axis, log, "luenberger", known=False)
     force, speed = steady_speeds(axis, found.t, found.position, Log.read(log))
     coefficients, _ = nnls(np.stack([speed, speed**2], axis=1), force)
-    values = dict(zip(FAMILIES[1:], coefficients.tolist(), strict=True))
+    values: dict[str, float] = dict(zip(FAMILIES[1:], coefficients.tolist(), strict=True))
     return Result(force, speed, rms(found, log), values, None)
 
 

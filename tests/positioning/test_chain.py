@@ -16,8 +16,11 @@ from tests.positioning.chain import (
     terminal,
     true_values,
 )
+from tests.positioning.tracks import camera
 
 from rovtwin.core.log import Log
+from rovtwin.positioning.ekf import MarkerEkf
+from rovtwin.positioning.sight import sizes_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
 from rovtwin.simulation.scene import load_scene
@@ -44,7 +47,14 @@ def test_the_guess_is_wrong_along_one_axis_only(axis):
         np.testing.assert_array_equal(np.delete(after, at), np.delete(before, at))
 
 
-@pytest.mark.parametrize("axis", ["surge", pytest.param("sway", marks=pytest.mark.slow)])
+def test_sizes_hold_where_places_are_unknown():
+    sizes = np.asarray(sizes_of({3: 0.3}, default=0.15))
+    filter = MarkerEkf.of([camera()], size=sizes)
+    np.testing.assert_array_equal(np.asarray(filter.sizes)[[2, 3, 4]], [0.15, 0.3, 0.15])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", ["surge", "sway"])
 def test_the_run_stays_in_the_pool_and_comes_home(axis, tmp_path):
     scenario = load_scenario(f"free_running_{axis}")
     log = fly(scenario, tmp_path / "run").log
@@ -65,7 +75,8 @@ def test_the_run_stays_in_the_pool_and_comes_home(axis, tmp_path):
 
 @pytest.mark.slow
 def test_parameters_come_out_of_the_pictures(tmp_path):
-    pytest.importorskip("cv2"), pytest.importorskip("gtsam")
+    pytest.importorskip("cv2")
+    pytest.importorskip("gtsam")
     manoeuvre = "{manoeuvre: steps, axis: surge, levels: [0.4, 1.0], duration: 7, alternate: true, hold: [heading]}"
     log = run("surge", tmp_path / "run", ("duration=32", f"test.manoeuvres=[{manoeuvre}]"))
     found, truth = chain("surge", log).parameters, true_values("surge")

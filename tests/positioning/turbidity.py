@@ -7,6 +7,7 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +28,7 @@ FACE = 5.99  # just before the marked side of the box in `mclab`, north [m]
 PLACES = {0.3: [(-0.45, 0.5), (0.0, 0.5), (0.45, 0.5)], 0.15: [(-0.3, 0.95), (0.0, 0.95), (0.3, 0.95)]}
 FIRST = {0.3: 0, 0.15: 3}  # ids
 # `Detector` as it is, with OpenCV's limits of contrast, and with lower ones [grey levels].
-SETTINGS: dict[str, dict[str, float]] = {
+SETTINGS: dict[str, dict[str, Any]] = {
     "as it is": {},
     "lower limits": {"adaptiveThreshConstant": 4.0, "minOtsuStdDev": 3.0},
 }
