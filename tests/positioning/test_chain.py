@@ -49,7 +49,7 @@ def test_the_guess_is_wrong_along_one_axis_only(axis):
 
 def test_sizes_hold_where_places_are_unknown():
     sizes = np.asarray(sizes_of({3: 0.3}, default=0.15))
-    filter = MarkerEkf.of([camera()], size=sizes)
+    filter = MarkerEkf.of([camera()], sizes=sizes)
     np.testing.assert_array_equal(np.asarray(filter.sizes)[[2, 3, 4]], [0.15, 0.3, 0.15])
 
 
