@@ -27,6 +27,7 @@ from rovtwin.positioning.ekf_steps import (
 )
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.run import run_observer, step
+from rovtwin.positioning.sight import sizes_of
 from rovtwin.positioning.sightings import Frames, sightings
 from rovtwin.vehicle.camera import Port, lens_from
 
@@ -290,6 +291,6 @@ def test_more_markers_than_the_map_holds_are_left_out():
     found = [[corners_seen(many, EYE, d.position[k], d.R_nb[k], rng)] for k in range(30)]
     rows = [sightings(one, [EYE], SIZES * 0 + 0.1, 16) for one in found]
     frames = Frames.of(d.t[:30], np.asarray(_quaternions(jnp.asarray(d.R_meas[:30]))), rows)
-    out = run_observer(MarkerEkf.of([EYE], size=0.1), frames, Start.at(d.position[0]))
+    out = run_observer(MarkerEkf.of([EYE], sizes=sizes_of({}, default=0.1)), frames, Start.at(d.position[0]))
     assert (out.ids[-1] >= 0).all() and (out.status == FULL).any()
     assert errors(out, cut(d, 30)).max() < 0.02

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jnp
-from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.camera import Port, cameras_of, lens_from, project, ray
 
 # Thesis table 5.8, left camera, and a lens with everything in it.
@@ -79,3 +80,24 @@ def test_cameras_of_a_pair_look_ahead_from_where_table_5_9_has_them():
     assert np.allclose(left.R_bc @ [0, 0, 1], [1, 0, 0])  # along x
     assert np.allclose(left.R_bc @ [0, 1, 0], [0, 0, 1])  # image down is body down
     assert left.lens.size == (1920, 1080)
+
+
+def test_a_port_in_the_vehicle_file_is_looked_through():
+    data = load_vehicle("double_blueye").to_dict()
+    dry = cameras_of(vehicle_from_dict(data, "dry"))[0].lens
+    first = next(part for part in data["parts"] if part.get("cameras"))
+    first["cameras"][0]["port"] = {"distance": 0.03, "thickness": 0.005}
+    wet = cameras_of(vehicle_from_dict(data, "wet"))[0].lens
+    corner = jnp.array([[0.5, 0.2, 1.0]])
+    expected = project(lens_from(dry.focal, dry.principal, dry.size, dry.distortion, Port.of(0.03, 0.005)), corner)
+    np.testing.assert_allclose(project(wet, corner), expected)
+    assert np.linalg.norm(project(wet, corner) - project(dry, corner)) > 100.0
+
+
+def test_a_port_that_cannot_be_is_refused():
+    data = load_vehicle("double_blueye").to_dict()
+    first = next(part for part in data["parts"] if part.get("cameras"))
+    first["cameras"][0]["port"] = {"distance": -0.03, "water": 0.9}
+    with pytest.raises(ConfigError) as told:
+        vehicle_from_dict(data, "wrong")
+    assert "port.distance" in str(told.value) and "port.water" in str(told.value)

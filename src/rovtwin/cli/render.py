@@ -57,13 +57,13 @@ def render(
     console(False).print(f"wrote {out}: {size}, {how}", markup=False, soft_wrap=True)
 
 
-def _through_camera(scene: Any, vehicle: Any, name: str | None, scale: float, kind: str, *rest: Any) -> Any:
+def _through_camera(scene: Any, vehicle: Any, name: str | None, scale: float, kind: Any, *rest: Any) -> Any:
     from rovtwin.simulation.camera import renderer
     from rovtwin.simulation.camera.sensor import camera_named
 
     position, R_nb, seed = rest
     chosen = camera_named(vehicle, name, scale)
-    drawn = renderer(scene, chosen, kind)  # type: ignore[arg-type]  # checked there
+    drawn = renderer(scene, chosen, kind)
     return drawn.image(position, R_nb, seed=seed), {"camera": chosen.name, "renderer": drawn.kind}
 
 

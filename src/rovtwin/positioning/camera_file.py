@@ -4,30 +4,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from rovtwin.core.config import Positive as PositiveNumber
 from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
-from rovtwin.vehicle.camera import Camera, Lens, Port, cameras_of, lens_from, lens_of
+from rovtwin.vehicle.camera import Camera, Lens, cameras_of, lens_of
 from rovtwin.vehicle.schema import Camera as CameraSchema
-from rovtwin.vehicle.schema import Strict
 from rovtwin.vehicle.vehicle import Vehicle
-
-
-class PortFile(Strict):
-    """A flat port before a lens that was calibrated in air."""
-
-    distance: PositiveNumber = Field(description="from the centre of projection to its inner face [m]")
-    thickness: float = Field(0.0, ge=0, description="of the window [m]")
-    glass: PositiveNumber = Field(1.49, description="refractive index of the window")
-    water: PositiveNumber = Field(1.333, description="refractive index of the water")
 
 
 class CameraFile(CameraSchema):
     """A camera by itself."""
-
-    port: PortFile | None = Field(None, description="flat port; leave it out where the calibration was made in water")
 
     @model_validator(mode="after")
     def _of_some_size(self) -> "CameraFile":
@@ -42,12 +29,7 @@ def read_lens(path: str | Path) -> Lens:
     Raises:
         ConfigError: It cannot be read, or says something that cannot be.
     """
-    file = parse(CameraFile, read_yaml(Path(path)), str(path))
-    lens = lens_of(file)
-    if file.port is None:
-        return lens
-    port = Port.of(file.port.distance, file.port.thickness, file.port.glass, file.port.water)
-    return lens_from(lens.focal, lens.principal, lens.size, lens.distortion, port)
+    return lens_of(parse(CameraFile, read_yaml(Path(path)), str(path)))
 
 
 def choose(vehicle: Vehicle, names: list[str], lenses: list[Path]) -> list[Camera]:

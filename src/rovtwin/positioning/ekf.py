@@ -45,7 +45,7 @@ from rovtwin.positioning.ekf_steps import (
     vote,
 )
 from rovtwin.positioning.ekf_tuning import SlamTuning
-from rovtwin.positioning.sight import DEFAULT_SIZE, Eyes, sizes_of
+from rovtwin.positioning.sight import Eyes, sizes_of
 from rovtwin.positioning.sightings import SightInput
 from rovtwin.vehicle.camera import Camera
 
@@ -116,7 +116,6 @@ class MarkerEkf(Block):
         cameras: Sequence[Camera],
         tuning: SlamTuning | None = None,
         layout: Layout | None = None,
-        size: float = DEFAULT_SIZE,
         capacity: int = 8,
         layout_std: tuple[float, float] = (0.0, 0.0),
         sizes: Array | None = None,
@@ -127,11 +126,10 @@ class MarkerEkf(Block):
             cameras: Of the vehicle, in the order of the sightings' camera numbers.
             tuning: Default: as `SlamTuning.of`, the position unknown at the start if there is a layout.
             layout: Markers of known place; others may be seen too.
-            size: Side of the markers that are not in the layout [m].
             capacity: Largest number of markers in the map; at least that of the layout.
             layout_std: How well a known marker's place [m] and attitude [rad] are known.
-            sizes: Side of each marker by its id [m], as the poses of the sightings were made with; None: of the layout,
-                else `size`.
+            sizes: Side of each marker by its id [m], as the poses of the sightings were made with; None: the layout's,
+                else that of the thesis.
         """
         markers = layout.markers if layout else []
         capacity = max(capacity, len(markers))
@@ -142,7 +140,7 @@ class MarkerEkf(Block):
             as_array(ids, dtype=int), as_array(position), as_array(R), as_array(np.zeros(capacity), dtype=int)
         )
         if sizes is None:
-            sizes = sizes_of({marker.id: marker.size for marker in markers}, default=size)
+            sizes = sizes_of({marker.id: marker.size for marker in markers})
         variance = as_array(np.repeat(np.square(layout_std), 3))
         chosen = tuning or SlamTuning.of(start_position=10.0 if markers else 0.0)
         return cls(Eyes.of(cameras), chosen, sizes, known, variance)

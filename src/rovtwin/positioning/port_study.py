@@ -69,7 +69,7 @@ def calibrated_in_water(lens: Lens, port: Port, distance: float = CALIBRATED_AT)
         inside = ((pixels > 0) & (pixels < np.array(lens.size) - 1)).all(axis=1)
         boards.append(flat[inside].astype(np.float32))
         pictures.append(pixels[inside].astype(np.float32)[:, None])
-    rms, K, d, *_ = cv2.calibrateCamera(boards, pictures, lens.size, None, None)  # type: ignore[call-overload]
+    rms, K, d, *_ = cv2.calibrateCamera(boards, pictures, lens.size, None, None)  # type: ignore[call-overload]  (None: not in its stubs)
     return lens_from([K[0, 0], K[1, 1]], [K[0, 2], K[1, 2]], lens.size, d), float(rms)
 
 

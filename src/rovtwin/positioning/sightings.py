@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, jax
+from rovtwin.core.numerics import Array, as_array, jax
 from rovtwin.positioning.detection import Detections, poses
 from rovtwin.vehicle.camera import Camera
 
@@ -101,7 +101,7 @@ class Frames:
 
     def at(self, k: int) -> SightInput:
         """The input of one step."""
-        return SightInput(jax.tree.map(lambda leaf: leaf[k], self.sightings), self.attitude[k])  # type: ignore[arg-type]
+        return SightInput(jax.tree.map(lambda leaf: leaf[k], self.sightings), as_array(self.attitude[k]))
 
     @property
     def dt(self) -> np.ndarray:

@@ -14,7 +14,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.vehicle.schema import Camera as CameraFile
+from rovtwin.vehicle import schema
 from rovtwin.vehicle.vehicle import Vehicle
 
 WATER, GLASS = 1.333, 1.49  # refractive indices: fresh water at 20 deg C, acrylic
@@ -202,12 +202,13 @@ def cameras_of(vehicle: Vehicle) -> list[Camera]:
     return [
         Camera(m.name, lens_of(m.item), m.position, m.rotation @ R_DEVICE_C)
         for m in vehicle.cameras
-        if isinstance(m.item, CameraFile)
+        if isinstance(m.item, schema.Camera)
     ]
 
 
-def lens_of(camera: CameraFile) -> Lens:
+def lens_of(camera: schema.Camera) -> Lens:
     """Of a description; without a resolution, 1920 x 1080, without a principal point, the middle of the image."""
     width, height = camera.resolution or (1920, 1080)
     principal = camera.principal_point or [0.5 * (width - 1), 0.5 * (height - 1)]
-    return lens_from(camera.focal_length, principal, (width, height), camera.distortion)
+    port = camera.port and Port.of(camera.port.distance, camera.port.thickness, camera.port.glass, camera.port.water)
+    return lens_from(camera.focal_length, principal, (width, height), camera.distortion, port)

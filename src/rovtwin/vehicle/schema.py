@@ -128,6 +128,15 @@ class Thruster(Strict):
         return self
 
 
+class Port(Strict):
+    """A flat window before a lens that was calibrated in air."""
+
+    distance: Positive = Field(description="from the centre of projection to its inner face [m]")
+    thickness: NonNegative = Field(0.0, description="of the window [m]")
+    glass: Annotated[Number, Field(ge=1)] = Field(1.49, description="refractive index of the window")
+    water: Annotated[Number, Field(ge=1)] = Field(1.333, description="refractive index of the water")
+
+
 class Camera(Strict):
     """A camera; attitude 0 looks along x with the image upright."""
 
@@ -139,6 +148,7 @@ class Camera(Strict):
     distortion: list[Number] = Field(
         [0.0] * 5, min_length=4, max_length=8, description="k_1, k_2, p_1, p_2, k_3 as in OpenCV"
     )
+    port: Port | None = Field(None, description="flat port; leave it out where the calibration was made in water")
     source: Source = None
 
 

@@ -22,14 +22,13 @@ def spread(prior: Gaussian, told: Information, times: np.ndarray) -> float:
     return float(np.mean(np.log(np.diag(told.covariance(prior, times)) / np.diag(prior.covariance))))
 
 
-def choose_tests(prior: Gaussian, told: Information, seconds: float, fixed: Sequence[int] = ()) -> list[int]:
+def choose_tests(prior: Gaussian, told: Information, seconds: float) -> list[int]:
     """Tests to fly within a time, in the order in which they tell most; one may be flown several times.
 
     Args:
         prior: Of theta.
         told: By the candidates.
         seconds: There are.
-        fixed: Candidates that are flown in any case, such as a decay test.
 
     Raises:
         IdentificationError: Not even the shortest candidate fits.
@@ -38,7 +37,7 @@ def choose_tests(prior: Gaussian, told: Information, seconds: float, fixed: Sequ
         raise IdentificationError(
             f"found {seconds / 60:.3g} minutes, expected at least {told.seconds.min() / 60:.1f}: the shortest manoeuvre"
         )
-    order: list[int] = list(fixed)
+    order: list[int] = []
     while True:
         left = seconds - told.seconds[order].sum() if order else seconds
         best = _best(prior, told, order, left)

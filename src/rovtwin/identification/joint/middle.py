@@ -46,16 +46,18 @@ def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) 
     # Where not all that should scale is free, the readings tell the scale.
     told = max(float(tangent @ readings @ tangent), 0.0)
     s = np.linspace(-_REACH, _REACH, _STEPS) / np.sqrt(known + told)
-    log_p = np.array([_log_density(problem, theta, readings, x) for x in s]) - 0.5 * told * s**2
+    cost = np.array([problem.static_cost(np.asarray(problem.shooting.scaled(theta, x))) for x in s])
+    # At the maximum the slope of prior and static evidence is cancelled by that of the readings.
+    cost -= np.gradient(cost, s)[_STEPS // 2] * s
+    log_p = -0.5 * (cost + told * s**2 + [_log_det(problem, theta, readings, x) for x in s])
     p = np.exp(log_p - log_p.max())
     mean = float(p @ s / p.sum())
     return np.asarray(problem.shooting.scaled(theta, mean)), _carried(problem, theta, readings, mean)
 
 
-def _log_density(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> float:
+def _log_det(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> float:
     there = np.asarray(problem.shooting.scaled(theta, s))
-    H = _carried(problem, theta, readings, s) + problem.static_information(there)
-    return -0.5 * (problem.static_cost(there) + float(np.linalg.slogdet(H)[1]))
+    return float(np.linalg.slogdet(_carried(problem, theta, readings, s) + problem.static_information(there))[1])
 
 
 def _carried(problem: Problem, theta: np.ndarray, readings: np.ndarray, s: float) -> np.ndarray:

@@ -156,28 +156,22 @@ def _tank(tank: schema.Tank) -> list[Rectangle]:
     found = []
     for name in ("north", "south", "east", "west", "bottom"):
         material = Material.of(tank.floor if name == "bottom" else tank.walls)
-        found.append(_rectangle(side(size, name, inside=True), place, material, indoor=7 if name == "bottom" else 3))
+        found.append(rectangle(*side(size, name, inside=True), place, material, indoor=7 if name == "bottom" else 3))
     return found
 
 
 def _flat_bottom(bottom: schema.Bottom) -> Rectangle:
     middle, right, up = np.array([0.0, 0.0, bottom.depth]), np.array([0.0, 400.0, 0.0]), np.array([400.0, 0.0, 0.0])
-    return rectangle(middle, right, up, (np.zeros(3), np.eye(3)), Material.of(bottom.surface))
+    return rectangle(middle, right, up, Placement.of(np.zeros(3)), Material.of(bottom.surface))
 
 
 def _flat(item: schema.Object) -> list[Rectangle]:
     place, material = Placement.of(item.pose.position, item.pose.attitude_deg), Material.of(item.surface)
     if item.box is not None:
-        return [_rectangle(side(np.array(item.box), name), place, material) for name in SIDES]
+        return [rectangle(*side(np.array(item.box), name), place, material) for name in SIDES]
     if item.plane is not None:
-        return [_rectangle(side(np.array([*item.plane, 0.0]), "top"), place, material, both=True)]
+        return [rectangle(*side(np.array([*item.plane, 0.0]), "top"), place, material, both=True)]
     return []
-
-
-def _rectangle(
-    given: tuple[np.ndarray, np.ndarray, np.ndarray], place: Placement, material: Material, **more: object
-) -> Rectangle:
-    return rectangle(*given, (place.position, place.rotation), material, **more)
 
 
 def list_scenes() -> list[str]:

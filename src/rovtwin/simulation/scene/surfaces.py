@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.simulation.scene.schema import Surface
+from rovtwin.vehicle.rigid_body import Placement
 
 QUIET = 1  # cells of white around a marker's black border, so that it is found on any ground
 
@@ -143,12 +144,13 @@ def rectangle(
     middle: np.ndarray,
     right: np.ndarray,
     up: np.ndarray,
-    place: tuple[np.ndarray, np.ndarray],
+    place: Placement,
     material: Material,
-    **more: object,
+    both: bool = False,
+    indoor: int = 0,
 ) -> Rectangle:
-    """A rectangle given in a frame that sits at `place` (position, rotation to n); its texture lies in that frame."""
-    position, R = place
+    """A rectangle given in a frame that sits at `place` in n; its texture lies in that frame."""
+    R = place.rotation
     corner = middle - 0.5 * (right + up)
     origin = (float(corner @ right / np.linalg.norm(right)), float(corner @ up / np.linalg.norm(up)))
-    return Rectangle(position + R @ corner, R @ right, R @ up, material, origin, **more)  # type: ignore[arg-type]
+    return Rectangle(place.position + R @ corner, R @ right, R @ up, material, origin, both, indoor=indoor)
