@@ -213,10 +213,7 @@ def _predicted(
 
 
 def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]:
-    """All parameters but those that nothing asks for: tether drag without a tether, damping astern like ahead.
-
-    Linear damping astern acts where that ahead does: shares of next to nothing (0.07 N s/m in surge) are no Gaussian.
-    """
+    """All parameters but those that nothing asks for: tether drag without a tether, damping astern like ahead."""
     model = parameters.model
     tether = any(r.tether_length for r in records)
     out = []
@@ -230,7 +227,7 @@ def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]
             )
             at = place_of(p.name)
             motion = at[0] if at else DIRECTIONS.index(where)
-            if np.isclose(ahead[motion], astern[motion]) or (at and family.startswith("linear")):
+            if np.isclose(ahead[motion], astern[motion]):
                 continue
         out.append(p.name)
     return out
