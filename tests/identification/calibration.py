@@ -104,7 +104,8 @@ def run(count, jobs=2):
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
             parts = list(pool.map(campaigns, seeds, [errors] * jobs))
-    return coverage(np.concatenate([z for z, _ in parts]), parts[0][1])
+    z = np.concatenate([z for z, _ in parts])
+    return coverage(z, parts[0][1]) | {"z": z.round(4).tolist()}
 
 
 def main():
@@ -115,10 +116,10 @@ def main():
     args = parser.parse_args()
     begin = time.perf_counter()
     found = run(args.campaigns, args.jobs) | {"minutes": (time.perf_counter() - begin) / 60}
-    print(json.dumps(found, indent=1))
+    print(json.dumps({name: what for name, what in found.items() if name != "z"}, indent=1))
     if args.out:
         with open(args.out, "w", encoding="utf-8") as file:
-            json.dump(found, file, indent=1)
+            json.dump(found, file)
 
 
 if __name__ == "__main__":

@@ -128,3 +128,20 @@ def test_two_dampings_of_one_direction_come_nearer_to_their_means():
     assert x[i] > mean + 0.25 * std
     assert mean < np.mean(found[1:]) < x[i] - 0.05 * std
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)[1:]), std, rtol=0.25)
+
+
+@pytest.mark.parametrize(("unsure", "told"), [(1.0, 40.0), (0.6, 40.0), (1.0, 0.05)])
+def test_a_coupling_is_as_unsure_as_the_damping_that_it_is_a_share_of(unsure, told):
+    """The readings tell D_ji = share sqrt(D_ii), with D_ii unsure: against draws; what they do not tell stays."""
+
+    def scaled(theta, s):
+        return theta + jnp.array([s, 0.0])
+
+    names = ["linear_damping_astern.surge", "linear_damping_astern.surge_pitch"]
+    problem = problem_of(names, np.zeros(2), np.diag([unsure**-2.0, 1.0]), scaled, 0.0)
+    _, covariance = moved_to_the_middle(problem, np.zeros(2), np.diag([0.0, told]))
+    rng = np.random.default_rng(0)
+    x = unsure * rng.standard_normal(400_000)
+    share = np.exp(-0.5 * x) * rng.standard_normal(len(x)) / np.sqrt(1.0 + told)
+    assert covariance[1, 1] == pytest.approx(min(np.var(share), 1.0), rel=0.02)
+    assert covariance[0, 0] == pytest.approx(unsure**2)

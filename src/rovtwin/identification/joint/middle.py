@@ -11,6 +11,7 @@ Reference: Tierney and Kadane (1986), JASA 81, 82 (Laplace's method for posterio
 
 import numpy as np
 
+from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.parameters import DIRECTIONS
 from rovtwin.identification.joint.problem import Problem
 
@@ -33,7 +34,8 @@ def moved_to_the_middle(problem: Problem, theta: np.ndarray, readings: np.ndarra
     except np.linalg.LinAlgError:
         pass  # an added mass at the end of what it can be does not scale
     covariance = np.linalg.inv(readings + problem.static_information(theta))
-    return _without_skewness(problem, theta, 0.5 * (covariance + covariance.T))
+    theta, covariance = _without_skewness(problem, theta, 0.5 * (covariance + covariance.T))
+    return theta, _with_unsure_units(problem, covariance)
 
 
 def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -89,6 +91,28 @@ def _without_skewness(problem: Problem, theta: np.ndarray, covariance: np.ndarra
         theta = theta + along * (top[i] + mean - theta[i])
         covariance = covariance + np.outer(along, along) * (variance - covariance[i, i])
     return theta, covariance
+
+
+def _with_unsure_units(problem: Problem, covariance: np.ndarray) -> np.ndarray:
+    """Couplings of linear damping of which the damping itself is weakly known: shares of an unsure unit.
+
+    The readings tell D_ji = share sqrt(D_ii D_jj), so the share by D_ji e^(-x/2), x = log D_ii being normal of variance
+    v: its variance is that at the maximum times E e^-x = e^(v/2), up to what was known of it before.
+    """
+    names = [p.name for p in problem.shooting.parameters.free]
+    before = np.linalg.inv(problem.information).diagonal()
+    grown = np.ones(len(names))
+    for i, name in enumerate(names):
+        family, _, _ = name.partition(".")
+        at = place_of(name)
+        if at is None or not family.startswith("linear_damping"):
+            continue
+        own = f"{family}.{DIRECTIONS[at[0]]}"
+        variance = covariance[names.index(own), names.index(own)] if own in names else 0.0
+        if variance > _WEAK**2:
+            most = np.sqrt(max(before[i] / covariance[i, i], 1.0))
+            grown[i] = min(np.exp(0.25 * variance), most)
+    return grown[:, None] * covariance * grown
 
 
 def _moments(std: float, before: float, slope: float) -> tuple[float, float]:
