@@ -145,7 +145,7 @@ class _Cuts:
         self.bounds = np.array([*self.segments.first, self.segments.count])
         self.owner = np.repeat(np.arange(len(tests)), [len(test) for test in tests])
         starts, spans = self.segments.starts(), zip(self.owner, pairwise(self.bounds), strict=True)
-        states = [paths[test].at(starts[a:b]) for test, (a, b) in spans]
+        states = [paths[int(test)].at(starts[a:b]) for test, (a, b) in spans]
         self.nodes = Nodes(*(np.concatenate(parts) for parts in zip(*states, strict=True)))  # type: ignore[arg-type]  (NumPy)
         self.batches, self.size = _batches(np.diff(self.bounds))
 
