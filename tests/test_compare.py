@@ -130,6 +130,24 @@ def test_the_command_prints_tables_and_writes_the_report(tmp_path, monkeypatch, 
     assert {p.stem for p in (tmp_path / "page" / "figures").glob("*.png")} == {"damping", "thrust", "added_mass"}
 
 
+@pytest.mark.parametrize(
+    ("columns", "head"),
+    [
+        (160, "double_blueye  double_blueye_thesis  bluerov2"),
+        (120, "double_blueye  double_blueye_thesis  Difference"),
+        (80, "first  other  Difference"),
+    ],
+)
+def test_names_and_numbers_stay_whole_however_narrow_the_screen(monkeypatch, capsys, columns, head):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    _, out = run(monkeypatch, capsys, "double_blueye", "double_blueye_thesis", "bluerov2")
+    lines = out.out.splitlines()
+    assert max(map(len, lines)) <= columns
+    words = [" ".join(line.split()) for line in lines]
+    assert any(" ".join(head.split()) in line for line in words)
+    assert any(line.startswith("quadratic_damping.heave N s²/m² 156.5 1198") for line in words)
+
+
 def test_for_a_machine(monkeypatch, capsys):
     code, out = run(monkeypatch, capsys, "double_blueye", "bluerov2_heavy", "--json")
     data = json.loads(out.out)

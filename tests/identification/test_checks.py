@@ -134,6 +134,26 @@ def test_every_mistake_is_named(name, mistake):
     assert {f.what for f in found if f.severity == "error"} <= {what}
 
 
+@pytest.mark.parametrize(
+    ("name", "pair", "where"),
+    [
+        ("bluerov2", (4, 5), "thrusters 5, 6"),
+        ("double_blueye", (0, 3), "yaw"),
+        ("double_blueye", (2, 5), "roll"),
+        ("double_blueye", (1, 4), None),
+    ],
+)
+def test_equal_thrusters_that_are_swapped_turn_the_vehicle_the_other_way(name, pair, where):
+    """Named where they turn it: on one line, as the two in sway, they do the same and nothing is wrong."""
+    i, k = pair
+    order = np.arange(6)
+    order[[i, k]] = k, i
+    record = commanded(fly(name, "multisine", 3), lambda u: u[:, order])
+    found = [f for f in check_record(record, model_of(name)) if f.severity == "error"]
+    assert [f.where for f in found] == ([where] if where else [])
+    assert all(f"thrusters {i + 1} and {k + 1} are swapped" in f.message for f in found)
+
+
 def test_thrust_that_is_clipped_on_the_way_is_named():
     record = fly("bluerov2", "multisine", 3, plant=lambda u: np.clip(u, -0.4, 0.4))
     found = check_record(record, model_of("bluerov2"))

@@ -1,6 +1,7 @@
 """Expected information against finite differences of the plant, and the choice of tests against all choices."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -11,7 +12,7 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.experiment.choice import choose_tests, expected, spread, variance_ratio
-from rovtwin.identification.experiment.information import Information, Path, sensitivities, with_anchors
+from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.prior import default_prior
@@ -72,13 +73,13 @@ def sensed(parameters):
         signals = {name: Signal(t, np.asarray(v), np.full(v.shape[1], SIGMA[name])) for name, v in seen.items()}
         tests.append([Record("test", t[:-1], command, signals, end=float(t[-1]))])
         paths.append(Path(t, *(np.asarray(x) for x in (states.position, states.attitude, states.nu))))
-    return sensitivities(parameters, tests, paths, [3.0, 6.0, 3.0], GRID)
+    return partial(information, parameters, tests, paths, [3.0, 6.0, 3.0], grid=GRID)
 
 
 @pytest.mark.slow
 def test_information_is_that_of_finite_differences_of_the_plant(parameters, sensed):
     n, command = len(parameters), jnp.asarray(surge(parameters.model, STEPS))
-    found = sensed.information(misfit={}).matrices[0][:n, :n]
+    found = sensed(misfit={}).matrices[0][:n, :n]
 
     @jax.jit
     def readings(x):
@@ -94,7 +95,7 @@ def test_information_is_that_of_finite_differences_of_the_plant(parameters, sens
 
 def test_what_is_not_excited_stays_as_unknown_as_before(vehicle, parameters, sensed):
     prior = default_prior(parameters, vehicle)
-    told = sensed.information()
+    told = sensed()
     after = np.sqrt(np.diag(told.covariance(prior, np.array([100.0, 0, 0]))) / np.diag(prior.covariance))
     by_name = dict(zip(parameters.names, after, strict=True))
     assert by_name["added_mass.surge"] < 0.5
@@ -105,13 +106,13 @@ def test_what_is_not_excited_stays_as_unknown_as_before(vehicle, parameters, sen
 
 
 def test_a_disturbance_between_segments_costs_information(sensed):
-    quiet, windy = (sensed.information(defect=np.array([1e-4] * 6 + [d] * 6)).matrices[1][:4, :4] for d in (1e-5, 1.0))
+    quiet, windy = (sensed(defect=np.array([1e-4] * 6 + [d] * 6)).matrices[1][:4, :4] for d in (1e-5, 1.0))
     assert np.linalg.eigvalsh(quiet - windy).min() > -1e-6 * np.trace(quiet)
     assert np.trace(quiet) > 1.2 * np.trace(windy)
 
 
 def test_what_a_model_misses_costs_information(sensed):
-    exact, honest = (sensed.information(misfit=m).matrices[0][:4, :4] for m in ({}, {"horizontal": 0.1}))
+    exact, honest = (sensed(misfit=m).matrices[0][:4, :4] for m in ({}, {"horizontal": 0.1}))
     assert np.trace(honest) < 0.5 * np.trace(exact)
 
 
@@ -166,7 +167,7 @@ def test_mistakes_are_said(sensed):
     prior, told = drawn()
     with pytest.raises(IdentificationError, match=r"found 0.167 minutes, expected at least 0.3"):
         choose_tests(prior, told, 10.0)
-    unknown = {name: np.full_like(sigma, np.nan) for name, sigma in sensed.segments.sigma.items()}
-    silent = replace(sensed, segments=replace(sensed.segments, sigma=unknown))
+    parameters, tests, paths, seconds = sensed.args
+    silent = {name: replace(signal, sigma=None) for name, signal in tests[0][0].signals.items()}
     with pytest.raises(IdentificationError, match="noise of every sensor"):
-        silent.information()
+        information(parameters, [[replace(tests[0][0], signals=silent)]], paths[:1], seconds[:1])

@@ -19,7 +19,7 @@ from rovtwin.identification.judgement.verdict import Blind, verdicts
 from rovtwin.identification.judgement.whiteness import Residuals, autocorrelation
 from rovtwin.report.curves import Subject, curves, speed_grid
 from rovtwin.report.identification import curves_of, write_identification_report
-from rovtwin.report.identification_tables import between, correlated_table, parameter_table, percent
+from rovtwin.report.identification_tables import between, correlated_table, estimated, parameter_table, percent
 from rovtwin.report.identification_words import assumptions, excitation, is_coupling, verdict
 from rovtwin.vehicle import load_vehicle
 
@@ -232,10 +232,20 @@ def test_speeds_hold_zero_and_both_ends(ranges):
 @pytest.mark.parametrize(
     ("ends", "shown"),
     [((28.93, 33.8), "28.9 to 33.8"), ((1.36, 31.2), "1.4 to 31"), ((1.32971, 1.33046), "1.32971 to 1.33046"),
-     ((-8.4e-7, 3.3e-7), "-8.4e-07 to 3.3e-07"), ((np.nan, 1.0), "-")],
+     ((-8.4e-7, 3.3e-7), "-8.4e-07 to 3.3e-07"), ((4.9567e-4, 4.9569e-4), "0.00049567 to 0.00049569"),
+     ((np.nan, 1.0), "-")],
 )  # fmt: skip
 def test_intervals_have_as_many_digits_as_they_need(ends, shown):
     assert between(*ends) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "ends", "shown"),
+    [(31.2074, (28.93, 33.8), "31.21"), (1.330084, (1.32971, 1.33046), "1.33008"), (0.5, (0.5, 0.5), "0.5"),
+     (4.9568e-4, (4.9567e-4, 4.9569e-4), "0.00049568")],
+)  # fmt: skip
+def test_an_estimate_differs_from_the_ends_of_its_interval(value, ends, shown):
+    assert estimated(value, *ends) == shown
 
 
 def test_large_shares_are_no_powers_of_ten():

@@ -8,7 +8,8 @@ import pytest
 from rovtwin.identification.experiment.choice import variance_ratio
 from rovtwin.identification.identify import identify
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.plan_tests import SIGNALS, Tank, plan_tests
+from rovtwin.scenario.plan_tank import Tank
+from rovtwin.scenario.plan_tests import SIGNALS, plan_tests
 from rovtwin.scenario.records import trial_records
 from rovtwin.vehicle import load_vehicle
 

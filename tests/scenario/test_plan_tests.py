@@ -12,7 +12,8 @@ from rovtwin.report.identification_words import is_coupling
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
-from rovtwin.scenario.plan_tests import Tank, what_is_known
+from rovtwin.scenario.plan_tank import Tank
+from rovtwin.scenario.plan_tests import what_is_known
 from rovtwin.vehicle import load_vehicle
 
 

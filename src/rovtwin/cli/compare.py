@@ -1,5 +1,6 @@
 """rovtwin compare: parameters and force curves of vehicle files, side by side."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -58,21 +59,48 @@ def _print(comparison: Any, page: Path | None) -> None:
     from rovtwin.report.vehicle_comparison import agreement, force_table, parameter_table
 
     screen = console(False)
-    for title, made in (
-        ("parameters", parameter_table(comparison, True)),
-        ("damping forces", force_table(comparison, True)),
-    ):
-        rows = table(title, *made.head)
-        for column in rows.columns:
-            column.overflow = "fold"
-        for row in made.rows:
-            rows.add_row(*row)
-        screen.print(rows)
-        screen.print(made.note + "\n", style="dim", markup=False)
+    _print_table(screen, "parameters", parameter_table, comparison)
+    _print_table(screen, "damping forces", force_table, comparison)
     for line in agreement(comparison):
         screen.print(line, markup=False)
     if page:
         screen.print(f"report: {page}", markup=False)
+
+
+def _print_table(screen: Any, title: str, made: Callable[[Any, bool], Any], comparison: Any) -> None:
+    """All files beside each other; where the screen is too narrow for that, one after the other beside the first."""
+    whole = made(comparison, True)
+    tables = [_rows(title, whole.head, whole.rows)]
+    if _width(screen, tables[0]) > screen.width:
+        tables = [_pair(screen, title, made(pair, True), *(f.label for f in pair.files)) for pair in comparison.pairs()]
+    for one in tables:
+        screen.print(one, "")
+    screen.print(f"{whole.note}\n", style="dim", markup=False)
+
+
+def _pair(screen: Any, title: str, said: Any, first: str, other: str) -> Any:
+    rows = _rows(f"{title}: {other} beside {first}", said.head, said.rows)
+    if _width(screen, rows) <= screen.width:
+        return rows
+    # Narrower still: no names in the head, and lines that break before a bracket or an interval only.
+    close = [[cell.replace(" %", "%").replace(" sd)", "sd)") for cell in row] for row in said.rows]
+    return _rows(
+        f"{title}: {first} (first), {other} (other)", [*said.head[:-3], "first", "other", said.head[-1]], close
+    )
+
+
+def _rows(title: str, head: list[str], cells: list[list[str]]) -> Any:
+    rows = table(title, *head)
+    for row in cells:
+        rows.add_row(*row)
+    for column in rows.columns[1 : 3 if head[1] == "Speed" else 2]:
+        column.no_wrap = True
+    return rows
+
+
+def _width(screen: Any, rows: Any) -> int:
+    """That a table would like to have."""
+    return screen.measure(rows, options=screen.options.update(width=10_000)).maximum
 
 
 def _as_data(comparison: Any, page: Path | None) -> dict[str, Any]:

@@ -286,6 +286,7 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 
 def _print(screen: Console, result: "Identification") -> None:
+    from rovtwin.report.identification_tables import between, estimated
     from rovtwin.report.identification_words import doubts_about, in_families, is_coupling
 
     rows = table(
@@ -301,8 +302,8 @@ def _print(screen: Console, result: "Identification") -> None:
         rows.add_row(
             p.name,
             figure(p.base),
-            figure(result.values[p.name]),
-            f"{figure(low)} to {figure(high)}",
+            estimated(result.values[p.name], low, high),
+            between(low, high),
             p.unit,
             f"[{styles[verdict]}]{verdict}[/]",
         )

@@ -1,5 +1,6 @@
 """rovtwin plan-tests: which test tells most about a vehicle in the time and the tank that there are."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +35,11 @@ def plan_tests(
 
     Then [bold]rovtwin fly planned_test.yaml[/bold] rehearses it on the twin.
     """
-    from rovtwin.scenario.plan_tests import Tank, plan_tests, write_plan
+    # Matrices of a hundred rows: threads of OpenBLAS cost more than they bring, by far where others compute, too. It
+    # reads this when NumPy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from rovtwin.scenario.plan_tank import Tank
+    from rovtwin.scenario.plan_tests import plan_tests, write_plan
     from rovtwin.vehicle import load_vehicle
 
     size = Tank.parse(tank)

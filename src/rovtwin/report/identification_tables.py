@@ -32,19 +32,32 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value + 0.0:.{digits}g}"
 
 
+def estimated(value: float, low: float, high: float) -> str:
+    """An estimate with four digits, or as many more as it takes to tell it from the ends of its interval."""
+    return number(value, max(4, _digits(value, low, high)))
+
+
 def between(low: float, high: float) -> str:
     """Ends of an interval with as many digits as its width needs, two at least."""
-    width = abs(high - low)
-    if not np.isfinite(width):
+    if not np.isfinite(high - low):
         return "-"
     if max(abs(low), abs(high)) < 1e-3:
-        return f"{low + 0.0:.2g} to {high + 0.0:.2g}"
-    return " to ".join(f"{x + 0.0:.{max(_places(x), _places(width))}f}" for x in (float(low), float(high)))
+        return " to ".join(f"{x + 0.0:.{_digits(x, low, high)}g}" for x in (low, high))
+    places = _places((high - low) / 2)
+    return " to ".join(f"{x + 0.0:.{max(_places(x), places)}f}" for x in (float(low), float(high)))
+
+
+def _digits(x: float, low: float, high: float) -> int:
+    """Significant digits of x that show two of half an interval's width, two at least."""
+    half = abs(high - low) / 2
+    if not (x and 0 < half < np.inf):
+        return 2
+    return max(2, 2 + int(np.floor(np.log10(abs(x))) - np.floor(np.log10(half))))
 
 
 def _places(x: float) -> int:
     """Decimals that show two significant digits."""
-    return int(np.clip(1 - np.floor(np.log10(max(abs(x), 1e-6))), 0, 7)) if x else 0
+    return int(np.clip(1 - np.floor(np.log10(max(abs(x), 1e-12))), 0, 12)) if x else 0
 
 
 def percent(share: float) -> str:
@@ -63,8 +76,9 @@ def parameter_table(result: Any, couplings: bool) -> Table:
             continue
         mean = result.prior.mean[i]
         prior = (p.value(mean - _Z * before[i]), p.value(mean + _Z * before[i]))
+        ends = result.interval(p.name)
         rows.append([
-            p.name, number(p.value(result.theta[i])), between(*result.interval(p.name)), number(p.value(mean)),
+            p.name, estimated(p.value(result.theta[i]), *ends), between(*ends), number(p.value(mean)),
             between(*prior), pretty(p.unit), f"{std[i] / before[i]:.2g}", said, moved,
         ])  # fmt: skip
     head = ["Parameter", "Value", "95 %", "Prior", "95 % of it", "Unit", "Width left", "Verdict", "Excitation"]
@@ -92,7 +106,7 @@ def force_table(result: Any, now: Curves, before: Curves) -> Table:
                 continue
             rows.append([
                 name, f"{curve.x[k]:+.3g} {SPEED_UNITS[i]}",
-                f"{number(curve.y[k])} {FORCE_UNITS[i]}", _band(curve, k),
+                f"{estimated(curve.y[k], curve.low[k], curve.high[k])} {FORCE_UNITS[i]}", _band(curve, k),
                 percent(curve.half_width[k]), percent(old.half_width[k]),
             ])  # fmt: skip
     tested = bool(result.tested)

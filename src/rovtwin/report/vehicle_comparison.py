@@ -15,7 +15,7 @@ from rovtwin.report import vehicle_comparison_figures as figures
 from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curves, Subject, curves, speed_grid
 from rovtwin.report.html import save, write_page
 from rovtwin.report.identification import Section
-from rovtwin.report.identification_tables import between, number, percent, pretty
+from rovtwin.report.identification_tables import between, estimated, number, percent, pretty
 from rovtwin.report.identification_words import is_coupling
 from rovtwin.report.tables import Table
 from rovtwin.report.verdict import Verdict
@@ -54,6 +54,18 @@ class Comparison:
     differences: Sequence[Mapping[str, Any]]
     wholes: Sequence[Any]
     curves: Sequence[Curves]
+
+    def pairs(self) -> "list[Comparison]":
+        """Each other file beside the first."""
+        others = zip(self.files[1:], self.differences, self.wholes, self.curves[1:], strict=True)
+        return [
+            Comparison(
+                [self.files[0], one],
+                [name for name in self.rows if name in self.files[0].values or name in one.values],
+                [differences], [whole], [self.curves[0], curves],
+            )
+            for one, differences, whole, curves in others
+        ]  # fmt: skip
 
     def forces(self) -> list[Force]:
         """At the ends of the speeds and half-way."""
@@ -170,7 +182,7 @@ def said_value(value: Any, short: bool = False) -> str:
     if short:
         half = (high - low) / 2
         return f"{shown} ±{percent(half / value.value) if value.positive else f'{half:.2g}'}"
-    return f"{shown} ({between(low, high)})"
+    return f"{estimated(value.value, low, high)} ({between(low, high)})"
 
 
 def said_difference(difference: Any) -> str:
@@ -204,10 +216,7 @@ def force_table(comparison: Comparison, short: bool = False) -> Table:
     rows = []
     for f in comparison.forces():
         i = DIRECTIONS.index(f.direction)
-        cells = [
-            number(y) + (_interval(y, b, short) if np.all(np.isfinite(b)) else "")
-            for y, b in zip(f.force, f.band, strict=True)
-        ]
+        cells = [_with_band(y, sorted(b), short) for y, b in zip(f.force, f.band, strict=True)]
         gaps = [
             (said_relative(y / f.force[0] - 1) if f.force[0] else "-")
             + (f" ({said_deviations(d)})" if np.isfinite(d) else "")
@@ -222,8 +231,12 @@ def force_table(comparison: Comparison, short: bool = False) -> Table:
     return Table("", head, rows, note)
 
 
-def _interval(force: float, band: tuple[float, float], short: bool) -> str:
-    return f" ±{percent((band[1] - band[0]) / 2 / abs(force))}" if short else f" ({between(*sorted(band))})"
+def _with_band(force: float, band: Sequence[float], short: bool) -> str:
+    if not np.all(np.isfinite(band)):
+        return number(force)
+    if short:
+        return f"{number(force)} ±{percent((band[1] - band[0]) / 2 / abs(force))}"
+    return f"{estimated(force, *band)} ({between(*band)})"
 
 
 def agreement(comparison: Comparison) -> list[str]:

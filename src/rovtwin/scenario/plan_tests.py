@@ -17,11 +17,9 @@ from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.frames import rotation_from_quaternion
-from rovtwin.core.numerics import jax
 from rovtwin.gnc.trial import mixing
 from rovtwin.identification.experiment.choice import Expected, choose_tests, expected, identified, variance_ratio
-from rovtwin.identification.experiment.information import Information, Path, sensitivities, with_anchors
+from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
@@ -32,6 +30,7 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.report.plan import PlannedTest, draw_test_plan
 from rovtwin.scenario.compose_trial import pieces_of, spans_of
 from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
+from rovtwin.scenario.plan_tank import Tank
 from rovtwin.scenario.rehearsal import Rehearsed, rehearse
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.trial import AXES
@@ -41,44 +40,8 @@ from rovtwin.vehicle.reach import wrench_limits
 MARGIN = 0.15  # between hull and wall on the predicted path [m]
 BOLLARD = 0.02  # full thrust is known to, before the test
 TOUCHING, ROUNDS = 0.03, 8  # room that is left in the whole plan [m]; how often one is looked for
-HULL_EVERY = 5  # ticks between looks at the hull
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Tank:
-    """Length (along the start's heading, north), width and depth of the water [m]."""
-
-    length: float
-    width: float
-    depth: float
-
-    @classmethod
-    def parse(cls, text: str) -> "Tank":
-        """Of `6x3x1.5`.
-
-        Raises:
-            ConfigError: Something else.
-        """
-        try:
-            sizes = [float(piece) for piece in text.lower().replace("m", "").split("x")]
-        except ValueError:
-            sizes = []
-        if len(sizes) != 3 or min(sizes) <= 0 or max(sizes) > 1000:
-            raise ConfigError(f"--tank: found {text!r}, expected length x width x depth in metres, such as 6x3x1.5")
-        return cls(*sizes)
-
-    @property
-    def middle(self) -> list[float]:
-        """Where tests start [m]."""
-        return [0.0, 0.0, 0.5 * self.depth]
-
-    def nearest(self, corners: np.ndarray) -> tuple[float, int]:
-        """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""
-        half = 0.5 * np.array([self.length, self.width, self.depth])
-        room = (half - np.abs(corners - np.array(self.middle))).min(axis=(1, 2))
-        return float(room.min()), int(room.argmin())
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,46 +143,36 @@ def plan_tests(
         ConfigError: The vehicle does not fit the tank, or no candidate does.
         IdentificationError: Too little time for a single manoeuvre.
     """
-    wanted = candidates(np.asarray(vehicle.model().thrusters.configuration), seed)
-    pulls = thesis_pulls()
+    wanted, pulls = candidates(np.asarray(vehicle.model().thrusters.configuration), seed), thesis_pulls()
     progress("flying the candidates", 0.0)
-    open_water = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
-    flown = rehearse(open_water)
-    rooms = [-np.inf if one.aborted else tank.nearest(hull_on(vehicle, one))[0] for one in flown[: len(wanted)]]
+    quick = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
+    flown = rehearse(quick)
+    rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
     usable = [i for i, room in enumerate(rooms) if room > MARGIN]
     if not usable:
         raise ConfigError(
             f"--tank: every manoeuvre of {vehicle.name} comes nearer than {MARGIN:g} m to a wall, the surface or the "
             f"floor (at best {max(rooms):.2f} m): it needs a larger tank"
         )
-    progress("what each of them tells", 0.2)
+    progress("what each of them tells", 0.1)
     parameters, prior = what_is_known(vehicle, bollard)
     # A strong vehicle tips over in some of the thesis's pulls.
     steady_pulls = [one for one in flown[len(wanted) :] if not one.aborted]
-    told = told_by(parameters, [*(flown[i] for i in usable), *steady_pulls])
-    progress("choosing", 0.8)
+    judged = [*(flown[i] for i in usable), *steady_pulls]
+    told = told_by(parameters, judged, lambda share: progress("what each of them tells", 0.2 + 0.6 * share))
     ours, theirs = _split(told, len(usable))
+
+    def fly(order: list[int]) -> tuple[Scenario, Rehearsed]:
+        scenario = _scenario(reference, tank, [wanted[usable[i]] for i in order])
+        return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
+
+    order, scenario, whole, room = _laid_out(
+        fly, lambda one: tank.room(vehicle, one), prior, ours, 60.0 * minutes, progress
+    )
+    hopes = expected(parameters, prior, ours, order)
     # The steady steps, as often as they fit into the same time.
     often = 60.0 * minutes / max(theirs.seconds.sum(), 1.0)
     steady = np.sqrt(np.diag(theirs.covariance(prior, np.full(len(steady_pulls), often))))
-    for left in range(ROUNDS, 0, -1):
-        order = choose_tests(prior, ours, 60.0 * minutes)
-        chosen = [wanted[usable[i]] for i in order]
-        progress("flying the plan", 1.0 - 0.15 * left / ROUNDS)
-        scenario = _scenario(reference, tank, chosen)
-        (whole,) = rehearse([scenario.model_copy(update={"rates": open_water[0].rates})])
-        room, at = tank.nearest(hull_on(vehicle, whole))
-        if room > TOUCHING and not whole.aborted:
-            break
-        # One that begins where the last one ended may come nearer to a wall than alone: it is left out.
-        number = _manoeuvre_at(scenario, whole.t[::HULL_EVERY][at])
-        ours.seconds[order[number]] = np.inf
-    else:
-        raise ConfigError(
-            f"--tank: no plan for {vehicle.name} kept clear of the walls in {ROUNDS} attempts (the last came within "
-            f"{room:.2f} m); it needs a larger tank, or another --seed"
-        )
-    hopes = expected(parameters, prior, ours, order)
     return Plan(
         scenario=scenario,
         expected=hopes,
@@ -228,13 +181,37 @@ def plan_tests(
         flown=whole,
         room=room,
         candidates=(len(wanted), len(usable)),
-        manoeuvres=[in_words(one) for one in chosen],
+        manoeuvres=[in_words(wanted[usable[i]]) for i in order],
         model=vehicle.model(),
     )
 
 
-def _manoeuvre_at(scenario: Scenario, t: float) -> int:
-    return next(span["manoeuvre"] for span in spans_of(scenario) if span["start"] - 1e-9 <= t < span["end"])
+def _laid_out(
+    fly: Callable[[list[int]], tuple[Scenario, Rehearsed]],
+    room_on: Callable[[Rehearsed], tuple[float, float]],
+    prior: Gaussian,
+    told: Information,
+    seconds: float,
+    progress: Progress,
+) -> tuple[list[int], Scenario, Rehearsed, float]:
+    """The best order of candidates that keeps clear of the walls when it is flown as a whole: scenario, path, room."""
+    order, room = [], 0.0
+    for turn in range(ROUNDS):
+        progress("choosing", 0.8 + 0.2 * turn / ROUNDS)
+        order = choose_tests(prior, told, seconds, order)
+        progress("flying the plan", 0.8 + 0.2 * (turn + 0.5) / ROUNDS)
+        scenario, flown = fly(order)
+        room, when = room_on(flown)
+        if room > TOUCHING and not flown.aborted:
+            return order, scenario, flown, room
+        # One that begins where the last one ended may come nearer to a wall than alone: others take its place.
+        near = order[next(s["manoeuvre"] for s in spans_of(scenario) if s["start"] - 1e-9 <= when < s["end"])]
+        told.seconds[near] = np.inf
+        order = [i for i in order if i != near]
+    raise ConfigError(
+        f"--tank: no plan kept clear of the walls in {ROUNDS} attempts (the last came within {room:.2f} m); "
+        "it needs a larger tank, or another --seed"
+    )
 
 
 def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Parameters, Gaussian]:
@@ -261,12 +238,12 @@ def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Pa
     return parameters, with_anchors(parameters, prior, pulls)
 
 
-def told_by(parameters: Parameters, flown: Sequence[Rehearsed]) -> Information:
-    """What tests tell, by the sensors that identification counts on."""
+def told_by(parameters: Parameters, flown: Sequence[Rehearsed], progress: Callable[[float], None]) -> Information:
+    """What tests tell, by the sensors that identification counts on; `progress` is told which share is done."""
     tests = [[_with_signals(record) for record in one.records] for one in flown]
     paths = [Path(one.t, one.position, one.attitude, one.nu) for one in flown]
     seconds = [len(one.t) * one.scenario.control_dt for one in flown]
-    return sensitivities(parameters, tests, paths, seconds).information()
+    return information(parameters, tests, paths, seconds, progress=progress)
 
 
 def _with_signals(record: Record) -> Record:
@@ -276,16 +253,6 @@ def _with_signals(record: Record) -> Record:
 def _split(told: Information, at: int) -> tuple[Information, Information]:
     first = Information(told.matrices[:at], told.offsets, told.seconds[:at])
     return first, Information(told.matrices[at:], told.offsets, told.seconds[at:])
-
-
-def hull_on(vehicle: Vehicle, flown: Rehearsed) -> np.ndarray:
-    """Corners of the hull along a path, n [m], shape (n, m, 3)."""
-    corners = np.asarray(vehicle.model().hull.corners)
-    R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
-    return flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
-
-
-_rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
 
 def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quick: bool = False) -> Scenario:

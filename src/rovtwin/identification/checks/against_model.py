@@ -16,6 +16,7 @@ BLIND_LATE = 0.7  # [s], where the attitude is not known
 JUDGED = 0.2  # share of an axis' acceleration that thrusters must explain before it is judged
 BETTER = 0.15  # how much more of it a mistake must explain than none
 CONVINCING = 0.7  # share that a mistake must explain at all
+ALIKE = 0.02  # shares that differ by less say the same
 NAMES = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
 
 
@@ -95,13 +96,16 @@ def _mistaken(answer: Response, judged: np.ndarray, thrusters: int) -> list[Find
     if now > 1.0 - BETTER:
         return []
     best, most = None, max(now + BETTER, CONVINCING)
-    for suspect in _suspects(answer, judged, thrusters):
-        share = _total(answer, suspect.rows, judged)
-        if share > most + (0.02 if best is not None else 0.0):
+    tried = [(s, _total(answer, s.rows, judged)) for s in _suspects(answer, judged, thrusters)]
+    for suspect, share in tried:
+        if share > most + (ALIKE if best is not None else 0.0):
             best, most = suspect, share
     if best is None:
         return []
-    said = f"{best.said} (that explains {most:.0%} of what thrusters do to the motion, as written {max(now, 0):.0%})."
+    # Two equal thrusters, one on either side: motion shows only that the vehicle turns the other way.
+    alike = [s.said for s, share in tried if s is not best and s.where.startswith("thrusters") and share > most - ALIKE]
+    said = ", or ".join([best.said, *alike])
+    said += f" (that explains {most:.0%} of what thrusters do to the motion, as written {max(now, 0):.0%})."
     return [Finding("error", best.what, best.where, said, best.fix)]
 
 

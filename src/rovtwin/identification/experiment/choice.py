@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.experiment.information import Information
+from rovtwin.identification.experiment.information import Information, inverse
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 
@@ -19,16 +19,22 @@ LEARNT = 0.5  # a parameter counts as identifiable where a test brings its stand
 
 def spread(prior: Gaussian, told: Information, times: np.ndarray) -> float:
     """What a plan makes small: mean logarithm of the variances of theta over those of the prior."""
-    return float(np.mean(np.log(np.diag(told.covariance(prior, times)) / np.diag(prior.covariance))))
+    return _spread(prior, inverse(told.after(prior, times)))
 
 
-def choose_tests(prior: Gaussian, told: Information, seconds: float) -> list[int]:
+def _spread(prior: Gaussian, covariance: np.ndarray) -> float:
+    n = len(prior.mean)
+    return float(np.mean(np.log(np.diag(covariance)[:n] / np.diag(prior.covariance))))
+
+
+def choose_tests(prior: Gaussian, told: Information, seconds: float, start: Sequence[int] = ()) -> list[int]:
     """Tests to fly within a time, in the order in which they tell most; one may be flown several times.
 
     Args:
         prior: Of theta.
         told: By the candidates.
         seconds: There are.
+        start: Tests that are in the plan before others are added; they may be exchanged, too.
 
     Raises:
         IdentificationError: Not even the shortest candidate fits.
@@ -37,12 +43,8 @@ def choose_tests(prior: Gaussian, told: Information, seconds: float) -> list[int
         raise IdentificationError(
             f"found {seconds / 60:.3g} minutes, expected at least {told.seconds.min() / 60:.1f}: the shortest manoeuvre"
         )
-    order: list[int] = []
-    while True:
-        left = seconds - told.seconds[order].sum() if order else seconds
-        best = _best(prior, told, order, left)
-        if best is None:
-            break
+    order = list(start)
+    while (best := _best(prior, told, order, seconds)) is not None:
         order.append(best)
     return _exchanged(prior, told, order, seconds)
 
@@ -51,16 +53,34 @@ def _times(told: Information, order: Sequence[int]) -> np.ndarray:
     return np.bincount(np.asarray(order, dtype=int), minlength=len(told.seconds)).astype(float)
 
 
-def _best(prior: Gaussian, told: Information, order: Sequence[int], left: float) -> int | None:
-    """The candidate that fits and gains most per second."""
-    now, times = spread(prior, told, _times(told, order)), _times(told, order)
-    gain = np.full(len(told.seconds), -np.inf)
-    for i in np.flatnonzero(told.seconds <= left + 1e-9):
-        times[i] += 1
-        gain[i] = (now - spread(prior, told, times)) / told.seconds[i]
-        times[i] -= 1
-    best = int(np.argmax(gain))
-    return best if gain[best] > 0 else None
+def _best(prior: Gaussian, told: Information, order: Sequence[int], seconds: float) -> int | None:
+    """The candidate that fits beside others and gains most per second."""
+    left = seconds - sum(told.seconds[i] for i in order)
+    total = told.after(prior, _times(told, order))
+    covariance = inverse(total)
+    now, most = _spread(prior, covariance), _most(prior, told, covariance)
+    best, gain = None, 0.0
+    for i in np.argsort(-most):
+        if most[i] <= gain:
+            break
+        if told.seconds[i] > left + 1e-9:
+            continue
+        gained = (now - _spread(prior, inverse(total + told.matrices[i]))) / told.seconds[i]
+        if gained > gain:
+            best, gain = int(i), gained
+    return best
+
+
+def _most(prior: Gaussian, told: Information, covariance: np.ndarray) -> np.ndarray:
+    """What each candidate gains at most per second, shape (tests,).
+
+    A variance is the inverse of a Schur complement, which is concave in the information, so that its logarithm is
+    convex: no candidate gains more than the slope says. Few have to be looked at more closely.
+    """
+    n = len(prior.mean)
+    columns = covariance[:, :n]
+    slope = (columns / np.diag(covariance)[:n]) @ columns.T / n
+    return np.tensordot(told.matrices, slope, 2) / told.seconds
 
 
 def _exchanged(prior: Gaussian, told: Information, order: list[int], seconds: float, rounds: int = 3) -> list[int]:
@@ -68,8 +88,7 @@ def _exchanged(prior: Gaussian, told: Information, order: list[int], seconds: fl
     for _ in range(rounds):
         changed = False
         for place in range(len(order)):
-            others = order[:place] + order[place + 1 :]
-            best = _best(prior, told, others, seconds - told.seconds[others].sum())
+            best = _best(prior, told, order[:place] + order[place + 1 :], seconds)
             if best is not None and best != order[place]:
                 new = [*order[:place], best, *order[place + 1 :]]
                 if spread(prior, told, _times(told, new)) < spread(prior, told, _times(told, order)) - 1e-9:

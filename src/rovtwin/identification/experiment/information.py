@@ -4,7 +4,9 @@ The expected covariance of a test is what the joint estimate would report of it,
 segment and the offsets of the sensors unknown too, and a disturbance between segments. Information adds up over tests.
 """
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,6 +25,7 @@ from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.logs.record import Record
 
 GRID = Grid(step=0.05, steps=100, rate=20.0)
+BATCH = 64  # segments that are simulated in one go
 # What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models.
 DEFECT = np.array([1e-4] * 6 + [5e-3] * 6)
 # What readings of a real vehicle miss any model by, whatever the data sheet says: a gyro of 0.03 mrad/s would otherwise
@@ -45,9 +48,17 @@ class Information:
     offsets: np.ndarray
     seconds: np.ndarray
 
+    def after(self, prior: Gaussian, times: np.ndarray) -> np.ndarray:
+        """Of theta and offsets once each test was flown so many times, shapes (tests,) -> (n + G, n + G)."""
+        n = len(prior.mean)
+        total = np.tensordot(times, self.matrices, 1) + np.diag(np.concatenate([np.zeros(n), self.offsets]))
+        total[:n, :n] += prior.information
+        return total
+
     def covariance(self, prior: Gaussian, times: np.ndarray) -> np.ndarray:
         """Expected covariance of theta after each test was flown so many times, shapes (tests,) -> (n, n)."""
-        return _covariance(prior, np.tensordot(times, self.matrices, 1), self.offsets)
+        n = len(prior.mean)
+        return inverse(self.after(prior, times))[:n, :n]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,81 +76,102 @@ class Path:
         return Nodes(*(np.asarray(x)[rows] for x in (self.position, self.attitude, self.nu)))  # type: ignore[arg-type]  (NumPy)
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivities:
-    """Derivatives of everything that tests measure, squared by signal component; what noise there is, is said later.
-
-    Attributes:
-        readings: J'J per segment and component, shape (S, G, 12 + n + G, ...).
-        defects: Jacobian of the defects, shape (S, 12, 12 + n + 12).
-        segments: How the Records were cut.
-        counts: Records of each test.
-        seconds: How long each test takes.
-    """
-
-    readings: np.ndarray
-    defects: np.ndarray
-    segments: Segments
-    counts: tuple[int, ...]
-    seconds: np.ndarray
-
-    def information(self, defect: np.ndarray = DEFECT, misfit: Mapping[str, float] = MISFIT) -> Information:
-        """What the tests tell.
-
-        Args:
-            defect: By how much a segment misses the next state, standard deviations, shape (12,).
-            misfit: What a model misses each signal by, besides the declared noise; {}: nothing.
-
-        Raises:
-            IdentificationError: A sensor's noise is not declared.
-        """
-        groups = self.segments.groups
-        sigma = np.array([self.segments.sigma[name][i] for name, i in groups])
-        if not np.all(np.isfinite(sigma) & (sigma > 0)):
-            raise IdentificationError("the noise of every sensor must be declared: without it no test can be judged")
-        sigma = np.hypot(sigma, [misfit.get(name, 0.0) for name, _ in groups])
-        readings = np.einsum("g,sgab->sab", sigma**-2.0, self.readings)
-        defects = self.defects / defect[:, None]
-        bounds = [*self.segments.first, self.segments.count]
-        of_record = [_reduced(readings[a:b], defects[a:b]) for a, b in pairwise(bounds)]
-        matrices = [np.sum(of_record[a:b], axis=0) for a, b in pairwise(np.cumsum([0, *self.counts]))]
-        widths = offset_widths(groups)
-        return Information(np.stack(matrices), widths**-2.0, self.seconds)
-
-
-def sensitivities(
+def information(
     parameters: Parameters,
     tests: Sequence[Sequence[Record]],
     paths: Sequence[Path],
     seconds: Sequence[float],
+    defect: np.ndarray = DEFECT,
+    misfit: Mapping[str, float] = MISFIT,
     grid: Grid = GRID,
-) -> Sensitivities:
-    """Of tests that were simulated, at the starting values of the parameters.
+    progress: Callable[[float], None] = lambda share: None,
+) -> Information:
+    """What tests tell that were simulated at the starting values of the parameters.
 
     Args:
         parameters: Free ones.
         tests: The Records of each, all with the same signals; only commands and times of readings count.
         paths: Where the vehicle is in each test.
         seconds: How long each takes, with what leaves no Record.
+        defect: By how much a segment misses the next state, standard deviations, shape (12,).
+        misfit: What a model misses each signal by, besides the declared noise; {}: nothing.
         grid: How Records are cut; a state is free at the start of each segment.
+        progress: Told which share is done.
+
+    Raises:
+        IdentificationError: A sensor's noise is not declared.
     """
-    segments = cut([record for test in tests for record in test], grid)
-    starts = segments.starts()
-    owner = np.repeat(np.arange(len(tests)), [len(test) for test in tests])
-    states = [paths[owner[r]].at(starts[a:b]) for r, (a, b) in enumerate(pairwise([*segments.first, segments.count]))]
-    nodes = Nodes(*(np.concatenate(parts) for parts in zip(*states, strict=True)))  # type: ignore[arg-type]  (NumPy)
-    components = len(segments.groups)
+    cuts = _Cuts(tests, paths, grid)
+    groups = cuts.segments.groups
+    sigma = _noise(cuts.segments, misfit)
+    zero = jnp.zeros(len(parameters)), jnp.zeros(len(groups))
     # Sigma decides only how far out a reading is an outlier: here none is.
-    found = Shooting(parameters, segments).blocks(
-        np.zeros(len(parameters)), np.zeros(components), nodes, np.full(components, 1e6), segments.arrays
-    )
-    return Sensitivities(
-        np.asarray(found.readings),
-        np.asarray(found.defect_jacobian),
-        segments,
-        tuple(len(test) for test in tests),
-        np.asarray(seconds, dtype=float),
-    )
+    nothing_is_far = jnp.full(len(groups), 1e6)
+
+    def given(batch: range) -> tuple[Any, ...]:
+        nodes, arrays = cuts.of(batch)
+        return *zero, nodes, nothing_is_far, arrays
+
+    blocks = Shooting(parameters, cuts.segments).blocks.lower(*given(cuts.batches[0])).compile()
+
+    def told(batch: range) -> list[np.ndarray]:
+        found = blocks(*given(batch))
+        readings = np.einsum("g,sgab->sab", sigma**-2.0, np.asarray(found.readings))
+        defects = np.asarray(found.defect_jacobian) / defect[:, None]
+        ends = cuts.bounds[batch.start : batch.stop + 1] - cuts.bounds[batch.start]
+        return [_reduced(readings[a:b], defects[a:b]) for a, b in pairwise(ends)]
+
+    matrices = np.zeros((len(tests), *[len(parameters) + len(groups)] * 2))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for batch, of_records in zip(cuts.batches, pool.map(told, cuts.batches), strict=True):
+            np.add.at(matrices, cuts.owner[batch], of_records)
+            progress(batch.stop / len(cuts.owner))
+    return Information(matrices, offset_widths(groups) ** -2.0, np.asarray(seconds, dtype=float))
+
+
+class _Cuts:
+    """Records of tests cut into segments, and the batches in which they are simulated.
+
+    Attributes:
+        segments: Of all records.
+        bounds: First segment of each record, and the end of the last.
+        owner: Test of each record.
+        nodes: States at the start of segments.
+        batches: Of records; every one is filled up to `size` segments, so that one program serves all.
+    """
+
+    def __init__(self, tests: Sequence[Sequence[Record]], paths: Sequence[Path], grid: Grid):
+        self.segments = cut([record for test in tests for record in test], grid)
+        self.bounds = np.array([*self.segments.first, self.segments.count])
+        self.owner = np.repeat(np.arange(len(tests)), [len(test) for test in tests])
+        starts, spans = self.segments.starts(), zip(self.owner, pairwise(self.bounds), strict=True)
+        states = [paths[int(test)].at(starts[a:b]) for test, (a, b) in spans]
+        self.nodes = Nodes(*(np.concatenate(parts) for parts in zip(*states, strict=True)))  # type: ignore[arg-type]  (NumPy)
+        self.batches, self.size = _batches(np.diff(self.bounds))
+
+    def of(self, batch: range) -> tuple[Nodes, dict[str, Any]]:
+        """States and arrays of some records; the last segment again and again where they are fewer than `size`."""
+        rows = np.minimum(self.bounds[batch.start] + np.arange(self.size), self.bounds[batch.stop] - 1)
+        return jax.tree.map(lambda x: jnp.asarray(x[rows]), (self.nodes, self.segments.arrays))
+
+
+def _noise(segments: Segments, misfit: Mapping[str, float]) -> np.ndarray:
+    """Standard deviation of every signal component, with what a model misses it by, shape (G,)."""
+    sigma = np.array([segments.sigma[name][i] for name, i in segments.groups])
+    if not np.all(np.isfinite(sigma) & (sigma > 0)):
+        raise IdentificationError("the noise of every sensor must be declared: without it no test can be judged")
+    return np.hypot(sigma, [misfit.get(name, 0.0) for name, _ in segments.groups])
+
+
+def _batches(sizes: np.ndarray) -> tuple[list[range], int]:
+    """Records that are simulated in one go, and how many segments that are: one program, whatever there is to judge."""
+    most = max(min(BATCH, int(sizes.sum())), int(sizes.max()))
+    batches, first = [], 0
+    for r in range(1, len(sizes) + 1):
+        if r == len(sizes) or sizes[first : r + 1].sum() > most:
+            batches.append(range(first, r))
+            first = r
+    return batches, most
 
 
 def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
@@ -167,13 +199,12 @@ def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
     return whole[S * NODE :, S * NODE :] - border.T @ np.linalg.solve(states, border)
 
 
-def _covariance(prior: Gaussian, told: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    n = len(prior.mean)
-    total = told + np.diag(np.concatenate([np.zeros(n), offsets]))
-    total[:n, :n] += prior.information
+def inverse(information: np.ndarray) -> np.ndarray:
+    """Covariance of theta and offsets, shape (m, m)."""
     # Scaled first: information of a gyro's zero and of a thruster's curve are fifteen orders apart.
-    scale = 1.0 / np.sqrt(np.diag(total))
-    return (np.linalg.inv(total * np.outer(scale, scale)) * np.outer(scale, scale))[:n, :n]
+    scale = 1.0 / np.sqrt(np.diag(information))
+    both = np.outer(scale, scale)
+    return np.linalg.inv(information * both) * both
 
 
 def with_anchors(parameters: Parameters, prior: Gaussian, anchors: Sequence[Mapping[str, Any]]) -> Gaussian:

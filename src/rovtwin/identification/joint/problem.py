@@ -14,8 +14,9 @@ from rovtwin.identification.joint.arrow import Arrow
 from rovtwin.identification.joint.balance import balanced
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.nodes import NODE, Nodes, difference
+from rovtwin.identification.joint.readings import HUBER
 from rovtwin.identification.joint.segments import nodes_from_data
-from rovtwin.identification.joint.shooting import HUBER, Blocks, Shooting
+from rovtwin.identification.joint.shooting import Blocks, Shooting
 
 # Where nobody declared it: noise of a reading to start from, and how far a sensor may be off throughout.
 _SIGMA = {"position": 0.03, "horizontal": 0.03, "depth": 0.01, "attitude": 0.005, "gyro": 0.005, "velocity": 0.02}

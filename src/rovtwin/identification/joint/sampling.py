@@ -18,7 +18,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved
 from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.shooting import HUBER
+from rovtwin.identification.joint.readings import HUBER
 
 _DEPTH = 6  # of the trees: at most 63 steps a draw
 _LARGEST = 1500  # unknowns; beyond, a dense factor and the sampler take too long

@@ -1,0 +1,59 @@
+"""The tank that a planned test has to fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import jax
+from rovtwin.scenario.rehearsal import Rehearsed
+from rovtwin.vehicle import Vehicle
+
+HULL_EVERY = 5  # ticks between looks at the hull
+
+
+@dataclass(frozen=True)
+class Tank:
+    """Length (along the start's heading, north), width and depth of the water [m]."""
+
+    length: float
+    width: float
+    depth: float
+
+    @classmethod
+    def parse(cls, text: str) -> "Tank":
+        """Of `6x3x1.5`.
+
+        Raises:
+            ConfigError: Something else.
+        """
+        try:
+            sizes = [float(piece) for piece in text.lower().replace("m", "").split("x")]
+        except ValueError:
+            sizes = []
+        if len(sizes) != 3 or min(sizes) <= 0 or max(sizes) > 1000:
+            raise ConfigError(f"--tank: found {text!r}, expected length x width x depth in metres, such as 6x3x1.5")
+        return cls(*sizes)
+
+    @property
+    def middle(self) -> list[float]:
+        """Where tests start [m]."""
+        return [0.0, 0.0, 0.5 * self.depth]
+
+    def room(self, vehicle: Vehicle, flown: Rehearsed) -> tuple[float, float]:
+        """Least distance of the hull from walls, floor and surface on a path [m], and when [s]."""
+        corners = np.asarray(vehicle.model().hull.corners)
+        R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
+        hull = flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
+        room, at = self.nearest(hull)
+        return room, float(flown.t[::HULL_EVERY][at])
+
+    def nearest(self, corners: np.ndarray) -> tuple[float, int]:
+        """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""
+        half = 0.5 * np.array([self.length, self.width, self.depth])
+        room = (half - np.abs(corners - np.array(self.middle))).min(axis=(1, 2))
+        return float(room.min()), int(room.argmin())
+
+
+_rotations = jax.jit(jax.vmap(rotation_from_quaternion))
