@@ -16,7 +16,15 @@ ROOT = Path(__file__).parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))  # `benchmarks` and `tests.oracle` are not part of the installed package
 
-from benchmarks import closed_loop, compile, dynamics, gpu, latency, rendering  # noqa: E402  (the path above comes first)
+from benchmarks import (  # noqa: E402  (the path above comes first)
+    allocation,
+    closed_loop,
+    compile,
+    dynamics,
+    gpu,
+    latency,
+    rendering,
+)
 from benchmarks.timing import machine  # noqa: E402
 
 PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
@@ -27,6 +35,7 @@ PARTS: dict[str, Callable[[bool], dict[str, Any]]] = {
     "batch_closed_loop": closed_loop.batch,
     "gradient": dynamics.gradient,
     "latency": latency.tick,
+    "allocation": allocation.priorities,
     "compile": compile.cold_and_cached,
     "gpu": gpu.batch,
     "rendering": rendering.rendering,
@@ -113,6 +122,15 @@ def _latency(tick: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
+def _allocation(found: dict[str, Any]) -> list[tuple[str, str]]:
+    steps = found["steps"]
+    table = [
+        (f"allocation with priorities, {name} of full", f"{us:.1f} us") for name, us in found["us_per_tick"].items()
+    ]
+    what = f"Newton steps of {steps['of']:,} random allocations, 12 thrusters"
+    return [*table, (what, f"median {steps['median']}, most {steps['most']} (bound {steps['bound']})")]
+
+
 def _compile(found: dict[str, Any]) -> list[tuple[str, str]]:
     table = []
     for kind, what in (("cold", "nothing compiled yet"), ("cached", "the same in the next process")):
@@ -153,6 +171,7 @@ ROWS: dict[str, Callable[[dict[str, Any]], list[tuple[str, str]]]] = {
     "batch_closed_loop": _crowd("closed loop, control ticks/s"),
     "gradient": _gradient,
     "latency": _latency,
+    "allocation": _allocation,
     "compile": _compile,
     "gpu": _gpu,
     "rendering": _rendering,

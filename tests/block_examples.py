@@ -37,6 +37,7 @@ from rovtwin.gnc.ekf_tuning import EkfTuning
 from rovtwin.gnc.guidance import Guidance, GuidanceInput
 from rovtwin.gnc.mission import mission
 from rovtwin.gnc.observer import Ekf, ObserverInput
+from rovtwin.gnc.priority_allocation import AllocationInput, PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
 from rovtwin.gnc.trial import Timeline, Trial
@@ -277,6 +278,14 @@ def pid() -> Example:
     return Example(Pid.pole_placement(model()), inputs)
 
 
+def priority_allocation() -> Example:
+    """Wanted wrenches within and beyond the limits; a thruster weakens and another dies on the way."""
+    left = jnp.linspace(1.0, 0.4, TICKS)
+    health = jnp.ones((TICKS, THRUSTERS)).at[:, 0].set(left).at[TICKS // 2 :, 1].set(0.0)
+    block = PriorityAllocation.of(model(), slew=200.0)
+    return Example(block, AllocationInput(over_time(6, seed=60, size=8.0), health))
+
+
 EYE = Camera("camera", lens_from([1000, 1000], [639.5, 359.5], (1280, 720)), np.array([0.2, 0.0, 0.0]), R_DEVICE_C)
 
 
@@ -321,6 +330,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.guidance.Guidance": guidance,
     "gnc.observer.Ekf: consistent": lambda: ekf(EkfTuning.consistent()),
     "gnc.observer.Ekf: as printed": lambda: ekf(EkfTuning.as_printed(CONTROL)),
+    "gnc.priority_allocation.PriorityAllocation": priority_allocation,
     "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
     # Modes are integers: there is nothing to differentiate.
     "gnc.supervisor.Supervisor": lambda: Example(
