@@ -44,30 +44,24 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
     places: list[tuple[Any, str]] = [(data, "")]
     *ahead, last = steps_of(path, where)
     for step in ahead:
-        places = [inner for here, said in places for inner in _inside(here, step, said, where)]
+        places = [(here[k], _said(said, k)) for here, said in places for k in _keys(here, step, said, where)]
     for here, said in places:
-        for key in _keys(here, last, said, where):
-            if isinstance(here[key] if isinstance(here, list) else here.get(key), dict | list) and not isinstance(
-                value, str | bool | dict | list
-            ):
-                found = here[key]
-                within = (
-                    f"one of {', '.join(map(str, found))} in it"
-                    if isinstance(found, dict)
-                    else f"{_said(said, key)}[0]"
-                )
+        for key in _keys(here, last, said, where, new=said.startswith("vehicle")):
+            found = here.get(key) if isinstance(here, dict) else here[key]
+            if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
+                within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
                 raise ConfigError(
-                    f"{where}: {_said(said, key)} is {said_kind(found)}, expected a number's path; name {within}"
+                    f"{where}: {_said(said, key)} is {said_kind(found)}, expected a number's path; name one of {within} "
+                    "in it"
                 )
             here[key] = value
 
 
-def _inside(here: Any, step: str | int, said: str, where: str) -> list[tuple[Any, str]]:
-    return [(here[key], _said(said, key)) for key in _keys(here, step, said, where)]
+def _keys(here: Any, step: str | int, said: str, where: str, new: bool = False) -> list[Any]:
+    """Keys that a step means: one, or all numbers of a list for "*".
 
-
-def _keys(here: Any, step: str | int, said: str, where: str) -> list[Any]:
-    """Keys that a step means: one, or all numbers of a list for "*"."""
+    A `new` key need not be there yet: a vehicle's data holds no defaults, and its own schema says what it knows.
+    """
     if here is None:
         hint = f"; switch it on: set: {{{said}: {SWITCHES[said]}}}" if said in SWITCHES else ""
         raise ConfigError(f"{where}: the scenario has no {said}{hint}")
@@ -78,8 +72,7 @@ def _keys(here: Any, step: str | int, said: str, where: str) -> list[Any]:
             raise ConfigError(f"{where}: {said} has {len(here)} elements, counted from 0; there is no {said}[{step}]")
         return [step]
     if isinstance(here, dict) and isinstance(step, str) and step != "*":
-        # A vehicle's data holds no defaults: what it lacks there may still be a key, as its own schema will say.
-        if step not in here and not said.startswith("vehicle"):
+        if step not in here and not new:
             raise ConfigError(f"{where}: {_said(said, step)}: no such key.{near(step, here)}")
         return [step]
     wanted = "a list" if not isinstance(step, str) or step == "*" else "a mapping"

@@ -6,8 +6,8 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv
 
 from rovtwin.campaign.rows import SCORES
@@ -133,7 +133,7 @@ def run_campaign(
                 progress(replace(now, done=now.done + flown, flown=flown, seconds=seconds, cores=crew.cores))
         table = store.gather()
     # An earlier session may have flown more samples than this one asks for.
-    table = table.filter(pc.less(table["index"], campaign.samples))
+    table = table.slice(0, int(np.searchsorted(table["index"].to_numpy(), campaign.samples)))
     return Session(folder, campaign, table, flown, time.monotonic() - began, "" if crew is None else crew.said)
 
 

@@ -3,9 +3,12 @@
 Each gives the rows of portions of samples as they come, until told to stop.
 """
 
+import asyncio
+import logging
 import os
 import signal
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from typing import Any, Protocol
@@ -95,10 +98,10 @@ class Dask:
                 if not flying:
                     return
                 try:
-                    done = wait(list(flying), timeout=PATIENCE, return_when="FIRST_COMPLETED").done
+                    waited: Any = wait(list(flying), timeout=PATIENCE, return_when="FIRST_COMPLETED")
                 except TimeoutError:
                     continue
-                for future in done:
+                for future in waited.done:
                     flying.discard(future)
                     yield _result(future, self.said)
         finally:
@@ -107,7 +110,7 @@ class Dask:
 
 def _result(future: Any, said: str) -> list[Row]:
     from distributed import KilledWorker
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     try:
         return future.result()
@@ -116,7 +119,7 @@ def _result(future: Any, said: str) -> list[Row]:
             f"{said}: workers died again and again over the same samples, perhaps for want of memory. What is flown is "
             "kept; run the same command again, with smaller --lanes or fewer workers on a machine"
         ) from None
-    except (CommClosedError, OSError) as error:
+    except (CommClosedError, OSError, CancelledError, asyncio.CancelledError) as error:
         raise RovtwinError(f"{said}: lost ({error}). What is flown is kept; run the same command again") from None
 
 
@@ -129,12 +132,9 @@ def on_this_machine(count: int) -> Iterator[Workers]:
     require("distributed")
     from distributed import Client, LocalCluster
 
+    options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.ERROR}
     with ExitStack() as stack:
-        cluster = stack.enter_context(
-            LocalCluster(  # type: ignore[no-untyped-call]
-                n_workers=count, threads_per_worker=1, memory_limit=0, dashboard_address=None, silence_logs="ERROR"
-            )
-        )
+        cluster = stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1, **options))
         client = stack.enter_context(Client(cluster))
         client.run(_leave_ctrl_c)
         yield Dask(client, f"{count} processes on this machine")

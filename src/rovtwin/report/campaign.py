@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from rovtwin.report.html import save, write_page
 from rovtwin.report.style import (
@@ -16,6 +18,7 @@ from rovtwin.report.style import (
     SMALL,
     TINY,
     dress,
+    legend_above,
     new_figure,
     note,
 )
@@ -37,7 +40,8 @@ NAMES: dict[str, tuple[str, str, float]] = {
     "saturated_share": ("Time saturated", "%", 100),
     "thruster_activity_n_per_s": ("Thruster activity", "N/s", 1),
 }
-SHOWN_FAILURES, SHOWN_VARIED, SHOWN_NAME = 200, 8, 34
+SHOWN_FAILURES, SHOWN_VARIED, SHOWN_NAME = 200, 12, 30
+ACROSS = 4  # panels beside each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +168,7 @@ def draw_scores(result: CampaignResult) -> Figure:
         _distribution(axes, result, name)
     for axes in grid[len(result.shown) :]:
         axes.set_axis_off()
+    legend_above(figure, _outcomes())
     return figure
 
 
@@ -177,7 +182,8 @@ def _distribution(axes: Axes, result: CampaignResult, name: str) -> None:
     dress(axes, "", f"{label} [{unit}]" if unit else label, ticks=4)
     axes.xaxis.label.set_fontsize(SMALL)
     groups = [np.clip(values[usable & (result.completed == done)], low, high) for done in (True, False)]
-    axes.hist(groups, bins=list(edges), stacked=True, color=[BLUE, ORANGE], alpha=0.75, label=["completed", "not"])
+    axes.hist(groups, bins=list(edges), stacked=True, color=[BLUE, ORANGE], alpha=0.75)
+    axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
     order = np.sort(values[usable])
     share = axes.twinx()
     share.plot(
@@ -209,28 +215,49 @@ def _range(values: np.ndarray) -> tuple[float, float]:
 
 
 def draw_scatter(result: CampaignResult) -> Figure:
-    """Each chosen score, a row, against each number that varies, a column."""
+    """Each chosen score, a row, against each number that varies, a column; what has no room goes below."""
     scores = [name for name in result.scatter if name in result.shown]
     paths = list(result.varied)[:SHOWN_VARIED]
-    figure = new_figure(0.5 + 1.6 * len(scores))
-    grid = figure.subplots(len(scores), len(paths), squeeze=False, sharex="col", sharey="row")
-    for row, name in zip(grid, scores, strict=True):
-        label, unit, factor = NAMES[name]
-        for axes, path in zip(row, paths, strict=True):
-            dress(axes, ticks=4)
-            for done, colour in ((True, BLUE), (False, ORANGE)):
-                here = result.completed == done
-                axes.plot(
-                    result.varied[path][here], factor * result.scores[name][here], ".", color=colour, ms=3.5, mew=0
-                )
-            rho = result.rank(path, name)
-            note(axes, "" if rho is None else f"rank correlation {rho:+.2f}")
-            axes.set_ylim(_range(factor * _finite(result.scores[name])))
-            axes.margins(x=0.05)
-        row[0].set_ylabel(f"{label}\n[{unit}]" if unit else label, fontsize=SMALL)
-    for axes, path in zip(grid[-1], paths, strict=True):
-        axes.set_xlabel(_short(path), fontsize=SMALL if len(paths) < 4 else TINY)
+    blocks = [paths[i : i + ACROSS] for i in range(0, len(paths), ACROSS)]
+    figure = new_figure(0.4 + (0.35 + 1.45 * len(scores)) * len(blocks))
+    grid = figure.subplots(len(scores) * len(blocks), len(blocks[0]), squeeze=False)
+    for axes in grid.ravel():
+        axes.set_axis_off()
+    for i, block in enumerate(blocks):
+        for row, name in zip(grid[i * len(scores) :], scores, strict=False):
+            for axes, path in zip(row, block, strict=False):
+                axes.set_axis_on()
+                _dots(axes, result, path, name, first=path == block[0], last=name == scores[-1])
+    legend_above(figure, _outcomes())
     return figure
+
+
+def _dots(axes: Axes, result: CampaignResult, path: str, name: str, first: bool, last: bool) -> None:
+    """One panel; the first of a row names the score, the last of a column the path."""
+    label, unit, factor = NAMES[name]
+    dress(axes, _in_lines(label, unit), _short(path), ticks=3)
+    axes.yaxis.label.set(fontsize=TINY, visible=first)
+    axes.xaxis.label.set(fontsize=TINY, visible=last)
+    axes.tick_params(labelsize=TINY, labelleft=first, labelbottom=last)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    for done, colour in ((True, BLUE), (False, ORANGE)):
+        here = result.completed == done
+        axes.plot(result.varied[path][here], factor * result.scores[name][here], ".", color=colour, ms=3.5, mew=0)
+    rho = result.rank(path, name)
+    note(axes, "" if rho is None else f"rank correlation {rho:+.2f}")
+    low, high = _range(factor * _finite(result.scores[name]))
+    axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+    axes.margins(x=0.05)
+
+
+def _outcomes() -> list[Patch]:
+    """What the colours mean."""
+    return [Patch(color=BLUE, alpha=0.75, label="Completed"), Patch(color=ORANGE, alpha=0.75, label="Not completed")]
+
+
+def _in_lines(label: str, unit: str) -> str:
+    text = f"{label} [{unit}]" if unit else label
+    return text.replace(", ", ",\n").replace(" per axis", "\nper axis")
 
 
 def _short(path: str) -> str:
