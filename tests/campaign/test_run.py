@@ -159,7 +159,7 @@ def _command(file, folder, workers) -> list[str]:
 
 
 def _until_some_are_kept(folder, process, count=2):
-    deadline = time.monotonic() + 300
+    deadline = time.monotonic() + 900  # a busy machine compiles for minutes
     while len(list((folder / "parts").glob("*.parquet"))) < count:
         assert process.poll() is None and time.monotonic() < deadline
         time.sleep(0.02)
@@ -176,7 +176,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(file, campaign, tmp_path, 
     )  # fmt: skip
     _until_some_are_kept(folder, process)
     os.killpg(process.pid, how)
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=600)
     assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 1), err
     kept = read_table(folder, table_schema(campaign))
     assert 2 <= kept.num_rows < 12

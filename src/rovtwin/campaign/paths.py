@@ -51,8 +51,8 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
             if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
                 within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
                 raise ConfigError(
-                    f"{where}: {_said(said, key)} is {said_kind(found)}, expected a number's path; name one of {within} "
-                    "in it"
+                    f"{where}: {_said(said, key)} is {said_kind(found)}, expected a number's path; name one of {within}"
+                    " in it"
                 )
             here[key] = value
 

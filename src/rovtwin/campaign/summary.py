@@ -85,7 +85,8 @@ def rank_correlation(table: pa.Table, path: str, score: str) -> float | None:
     both = np.isfinite(x) & np.isfinite(y)
     if both.sum() < FEW or np.ptp(x[both]) == 0 or np.ptp(y[both]) == 0:
         return None
-    return float(spearmanr(x[both], y[both])[0])
+    found: Any = spearmanr(x[both], y[both])
+    return float(found.statistic)
 
 
 def wall_time(table: pa.Table) -> float:

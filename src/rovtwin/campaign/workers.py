@@ -9,7 +9,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from typing import Any, Protocol
 
@@ -105,7 +105,8 @@ class Dask:
                     flying.discard(future)
                     yield _result(future, self.said)
         finally:
-            self._client.cancel(list(flying), force=True)
+            with suppress(OSError):  # a scheduler that is gone flies nothing any more
+                self._client.cancel(list(flying), force=True)
 
 
 def _result(future: Any, said: str) -> list[Row]:
@@ -124,6 +125,20 @@ def _result(future: Any, said: str) -> list[Row]:
 
 
 @contextmanager
+def _closing(one: Any) -> Iterator[Any]:
+    """A client or cluster, closed at the end.
+
+    Workers that do not end in time (a mission is not left half-way) must not spoil what was flown; those of this
+    machine die with this process.
+    """
+    try:
+        yield one
+    finally:
+        with suppress(OSError):  # TimeoutError and broken connections are such
+            one.close()
+
+
+@contextmanager
 def on_this_machine(count: int) -> Iterator[Workers]:
     """`count` worker processes, one core each; 1: this process does it."""
     if count == 1:
@@ -134,8 +149,8 @@ def on_this_machine(count: int) -> Iterator[Workers]:
 
     options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.ERROR}
     with ExitStack() as stack:
-        cluster = stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1, **options))
-        client = stack.enter_context(Client(cluster))
+        cluster = stack.enter_context(_closing(LocalCluster(n_workers=count, threads_per_worker=1, **options)))
+        client = stack.enter_context(_closing(Client(cluster)))
         client.run(_leave_ctrl_c)
         yield Dask(client, f"{count} processes on this machine")
 
@@ -162,7 +177,7 @@ def at_scheduler(address: str) -> Iterator[Workers]:
             f"--scheduler {address}: nobody answers there ({str(error).splitlines()[0] or type(error).__name__}); "
             "expected the address that `dask scheduler` prints, such as tcp://10.0.0.5:8786"
         ) from None
-    with client:
+    with _closing(client):
         yield Dask(client, f"dask workers at {address}")
 
 
@@ -184,14 +199,14 @@ def on_slurm(jobs: int) -> Iterator[Workers]:
 
     with ExitStack() as stack:
         try:
-            cluster = stack.enter_context(SLURMCluster())
+            cluster = stack.enter_context(_closing(SLURMCluster()))
             cluster.scale(jobs=jobs)
         except (ValueError, OSError, RuntimeError) as error:
             raise ConfigError(
                 f"--slurm: {error}. Say cores, memory, queue and walltime under jobqueue: slurm: in "
                 "~/.config/dask/jobqueue.yaml"
             ) from None
-        yield Dask(stack.enter_context(Client(cluster)), f"{jobs} SLURM jobs")
+        yield Dask(stack.enter_context(_closing(Client(cluster))), f"{jobs} SLURM jobs")
 
 
 def cores_here() -> int:
