@@ -147,7 +147,7 @@ def on_this_machine(count: int) -> Iterator[Workers]:
     require("distributed")
     from distributed import Client, LocalCluster
 
-    options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": None, "silence_logs": logging.ERROR}
+    options: dict[str, Any] = {"memory_limit": 0, "dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}
     with ExitStack() as stack:
         cluster = stack.enter_context(_closing(LocalCluster(n_workers=count, threads_per_worker=1, **options)))
         client = stack.enter_context(_closing(Client(cluster)))

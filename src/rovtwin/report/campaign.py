@@ -178,7 +178,7 @@ def _distribution(axes: Axes, result: CampaignResult, name: str) -> None:
     usable = np.isfinite(values)
     # A mission that got lost must not squeeze all others into one bar: what lies far out counts in the last bar.
     low, high = _range(values[usable])
-    edges = np.linspace(low, high, 21)
+    edges = np.linspace(low, high, 1 + int(np.clip(2 * np.sqrt(usable.sum()), 6, 30)))
     dress(axes, "", f"{label} [{unit}]" if unit else label, ticks=4)
     axes.xaxis.label.set_fontsize(SMALL)
     groups = [np.clip(values[usable & (result.completed == done)], low, high) for done in (True, False)]
