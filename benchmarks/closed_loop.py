@@ -55,7 +55,7 @@ def batch(quick: bool) -> dict[str, Any]:
         dt = runs[0].scenario.control_dt
         ticks = round(1.0 / dt)
         loops = stack([run.loop for run in runs])
-        begin = start_batch(loops, stack([run.key for run in runs]), runs[0].start, dt)
+        begin = start_batch(loops, stack([run.key for run in runs]), stack([run.start for run in runs]), dt)
 
         def action(loops=loops, begin=begin, dt=dt, ticks=ticks):
             memory = jax.tree.map(jnp.copy, begin)

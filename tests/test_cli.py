@@ -107,7 +107,7 @@ def test_report_of_a_log(short_run, tmp_path, capsys):
     [("scenario", "list"), ("scenario", "show", "square"), ("scenario", "check", "square_dvl"), ("scenario", "schema"),
      ("vehicle", "list"), ("vehicle", "show", "double_blueye"), ("vehicle", "check", "bluerov2"), ("vehicle", "schema"),
      ("vehicle", "ballast", "double_blueye", "--buoyancy", "200g", "--at", "-0.1,0,50mm"),
-     ("--version",), ("--help",), ("fly", "--help"), ("log", "--help")],
+     ("campaign", "--schema"), ("--version",), ("--help",), ("fly", "--help"), ("log", "--help")],
 )  # fmt: skip
 def test_looking_is_done(words, capsys):
     code, out, _ = run(capsys, *words)
@@ -135,6 +135,11 @@ parts:
 """
 
 SCENARIO = "vehicle: {vehicle}\nmission: square\n{extra}"
+CAMPAIGN = """
+scenario: square
+vary: {{"{path}": {{distribution: uniform, low: -0.2, high: -0.1}}}}
+{extra}
+"""
 
 
 def files(folder: Path) -> dict[str, Path]:
@@ -155,6 +160,10 @@ def files(folder: Path) -> dict[str, Path]:
         "scenario_degrees.yaml": SCENARIO.format(vehicle="double_blueye", extra="start: {heading_deg: 1000}"),
         "mission_far.yaml": "waypoints: [{position: [0, 0]}]",
         "mission_text.yaml": "waypoints: [{position: [a, b, c]}]",
+        "campaign.yaml": CAMPAIGN.format(extra="samples: 2", path="world.current.velocity[1]"),
+        "campaign_path.yaml": CAMPAIGN.format(extra="samples: 2", path="world.curent.velocity[1]"),
+        "campaign_scatter.yaml": CAMPAIGN.format(extra="scatter: [depth_rms]", path="world.current.velocity[1]"),
+        "campaign_noise.yaml": CAMPAIGN.format(extra="samples: 2", path="sensors.position.noise"),
         "empty.mcap": "",
         "not.mcap": "PK\x03\x04 something else altogether, long enough to have had an index",
     }
@@ -215,6 +224,17 @@ BAD = [
     (("fly",), "SCENARIO"),
     (("fly", "square", "--seed", "minus"), "seed"),
     (("score", "square", "--seeds", "x"), "seeds"),
+    (("fly", "square", "--replay", "x/3"), "leave out SCENARIO"),
+    (("fly", "--replay", "3"), "expected the campaign's folder and the sample's number: DIR/INDEX"),
+    (("campaign",), "found no file"),
+    (("campaign", "nowhere.yaml"), "no such file"),
+    (("campaign", "empty.yaml"), "empty"),
+    (("campaign", "campaign_path.yaml"), "world.curent: no such key. Did you mean 'current'"),
+    (("campaign", "campaign_path.yaml", "--samples", "0"), "samples"),
+    (("campaign", "campaign.yaml", "--workers", "2", "--scheduler", "tcp://x:1"), "expected one of them"),
+    (("campaign", "campaign.yaml", "--scheduler", "tcp://127.0.0.1:9"), "nobody answers there"),
+    (("campaign", "campaign_scatter.yaml", "--dry-run"), "Did you mean 'depth_rms_m'"),
+    (("campaign", "campaign_noise.yaml", "--dry-run"), "sample 0 drew seed"),
     (("log", "info", "nowhere.mcap"), "nowhere.mcap"),
     (("log", "info", "empty.mcap"), "empty"),
     (("log", "info", "not.mcap"), "not an MCAP"),

@@ -94,7 +94,7 @@ def test_a_batch_agrees_with_single_runs_to_1e9_over_a_minute_of_calm_water():
     dt, ticks, n = scenario.control_dt, 50, 60
     runs = [compose(scenario.model_copy(update={"seed": seed})) for seed in (1, 2)]
     loops = stack([run.loop for run in runs])
-    batch = start_batch(loops, stack([run.key for run in runs]), runs[0].start, control_dt=dt)
+    batch = start_batch(loops, stack([run.key for run in runs]), stack([run.start for run in runs]), control_dt=dt)
     singles = [start_loop(run.loop, run.key, run.start, control_dt=dt) for run in runs]
     for i in range(n):
         batch, records = advance_batch(loops, batch, jnp.asarray(i * ticks), ticks=ticks, control_dt=dt)

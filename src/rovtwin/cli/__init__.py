@@ -5,6 +5,7 @@ import sys
 import typer
 
 from rovtwin.cli.calibrate import calibrate
+from rovtwin.cli.campaign import campaign
 from rovtwin.cli.compare import compare
 from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
@@ -36,6 +37,7 @@ app = typer.Typer(
 app.command()(fly)
 app.command()(demo)
 app.command()(score)
+app.command()(campaign)
 app.command()(sea)
 app.command()(identify)
 app.command()(report)

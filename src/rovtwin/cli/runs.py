@@ -41,7 +41,10 @@ FIGURES = (
 
 
 def fly(
-    scenario: ScenarioName,
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENARIO", help="A shipped name (see `rovtwin scenario list`) or a YAML file."),
+    ] = None,
     realtime: Annotated[bool, typer.Option("--realtime", help="Tick by tick by the wall clock.")] = False,
     seed: Seed = None,
     overrides: Overrides = None,
@@ -51,17 +54,35 @@ def fly(
         bool, typer.Option("--camera", help="Record the scenario's cameras: rendered pictures, <camera>.mcap.")
     ] = False,
     film: Annotated[bool, typer.Option("--film", help="Record them as MP4 too.")] = False,
+    replay: Annotated[
+        str | None, typer.Option(metavar="FOLDER/NUMBER", help="A mission of a campaign again, to the last bit.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/."""
-    from rovtwin.scenario.files import load_scenario
-
-    wanted = load_scenario(scenario, overrides or (), seed)
+    wanted = _wanted(scenario, replay, overrides or (), seed)
     _say_beforehand(wanted, console(as_json))
     flight = _fly(wanted, out, realtime, report, console(as_json), camera=camera, film=film)
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)
+
+
+def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tuple[()], seed: int | None) -> "Scenario":
+    """The scenario to fly, by its name or as a sample of a campaign."""
+    if replay is None:
+        from rovtwin.scenario.files import load_scenario
+
+        if scenario is None:
+            raise ConfigError("fly: found no SCENARIO, expected a name of `rovtwin scenario list`, a file, or --replay")
+        return load_scenario(scenario, overrides, seed)
+    if scenario or overrides or seed is not None:
+        raise ConfigError("--replay flies a sample as it was: leave out SCENARIO, --set and --seed")
+    from rovtwin.campaign.replay import sample_of
+    from rovtwin.campaign.samples import scenario_at
+
+    campaign, index = sample_of(replay)
+    return scenario_at(campaign, index).model_copy(update={"name": f"{campaign.name}-{index}"})
 
 
 def _say_beforehand(scenario: "Scenario", screen: Console) -> None:

@@ -36,15 +36,15 @@ class Layout(Generic[Tree]):
                 raise TypeError(f"found a leaf of type {dtype.name}, expected one of {', '.join(EXACT)}")
             begin, self.size = self.size, self.size + math.prod(shape)
             self._leaves.append((slice(begin, self.size), shape, dtype))
+        # As a static argument it is compared and hashed with every call: once is enough.
+        self._identity = (self._structure, tuple((shape, dtype) for _, shape, dtype in self._leaves))
+        self._hash = hash(self._identity)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Layout) and self._identity() == other._identity()
+        return self is other or (isinstance(other, Layout) and self._identity == other._identity)
 
     def __hash__(self) -> int:
-        return hash(self._identity())
-
-    def _identity(self) -> Any:
-        return self._structure, tuple((shape, dtype) for _, shape, dtype in self._leaves)
+        return self._hash
 
     def places(self) -> Any:
         """The slice of the vector that each leaf fills, as a tree like the one laid out."""

@@ -1,12 +1,13 @@
-"""Many seeds of one scenario, scored, nothing written: one after the other, or side by side under vmap."""
+"""Many runs, scored, nothing written: one after the other, or side by side under vmap."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from rovtwin.core.flat import Layout
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.scenario.composition import compose
+from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.flight import Recorder, summarise
 from rovtwin.scenario.loop import advance_batch, stack, start_batch
 from rovtwin.scenario.run import CHUNK, chunks, ticks_in, until_the_end
@@ -17,7 +18,7 @@ Progress = Callable[[float, str], None]  # share of the work done, 0 to 1, and w
 
 
 def _nothing(*_: Any) -> None:
-    """Where samples go that nobody logs."""
+    """For those who need not know how far it is."""
 
 
 def score_seeds(scenario: Scenario, seeds: Sequence[int], progress: Progress = _nothing) -> list[dict[str, Any]]:
@@ -34,13 +35,27 @@ def score_seeds(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
     results = []
     for i, seed in enumerate(seeds):
         run = compose(scenario.model_copy(update={"seed": seed}))
-        recorder = Recorder(scenario, _nothing)
-        for record in chunks(run.loop, run.key, run.start, scenario.control_dt, scenario.duration):
-            recorder.take(record)
-            progress((i + recorder.seconds / scenario.duration) / len(seeds), f"seed {seed}")
-        results.append({"seed": seed} | summarise(recorder.flown(), run, interrupted=False))
-        progress((i + 1) / len(seeds), f"seed {seed}")
+        results.append(
+            {"seed": seed}
+            | score_run(run, lambda share, i=i, seed=seed: progress((i + share) / len(seeds), f"seed {seed}"))
+        )
     return results
+
+
+def score_run(run: Composed, progress: Callable[[float], None] = _nothing) -> dict[str, Any]:
+    """Fly one run; its summary, which is that of `fly` to the last bit.
+
+    Args:
+        run: Composed scenario.
+        progress: Called about once a simulated second with the share of the work done, 0 to 1.
+    """
+    scenario = run.scenario
+    recorder = Recorder(scenario)
+    for record in chunks(run.loop, run.key, run.start, scenario.control_dt, scenario.duration):
+        recorder.take(record)
+        progress(recorder.seconds / scenario.duration)
+    progress(1.0)
+    return summarise(recorder.flown(), run, interrupted=False)
 
 
 def score_batch(scenario: Scenario, seeds: Sequence[int], progress: Progress = _nothing) -> list[dict[str, Any]]:
@@ -49,27 +64,50 @@ def score_batch(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
     Arguments and result are those of `score_seeds`.
     """
     runs = [compose(scenario.model_copy(update={"seed": seed})) for seed in seeds]
-    recorders = [Recorder(scenario, _nothing) for _ in seeds]
-    loops = stack([run.loop for run in runs])
-    dt = scenario.control_dt
-    memories = start_batch(loops, stack([run.key for run in runs]), runs[0].start, control_dt=dt)
-    ticks, total = ticks_in(CHUNK, dt), ticks_in(scenario.duration, dt) + 1
-    flying = set(range(len(seeds)))
+
+    def said(share: float, flying: int) -> None:
+        progress(share, f"{flying} of {len(seeds)} still flying")
+
+    return [{"seed": seed} | one for seed, one in zip(seeds, score_together(runs, said), strict=True)]
+
+
+def same_program(runs: Sequence[Composed]) -> Iterator[list[int]]:
+    """Numbers of the runs that one compiled program flies: those that differ in nothing but numbers."""
+    groups: dict[Any, list[int]] = {}
+    for i, run in enumerate(runs):
+        groups.setdefault((Layout(run.loop), run.scenario.control_dt), []).append(i)
+    yield from groups.values()
+
+
+def score_together(runs: Sequence[Composed], progress: Callable[[float, int], None] = _nothing) -> list[dict[str, Any]]:
+    """Fly runs of one program side by side under vmap; scores agree with `score_run` to rounding.
+
+    Args:
+        runs: Of one group of `same_program`; each is as long as its own scenario says.
+        progress: Called once a simulated second with the share of the work done, 0 to 1, and how many still fly.
+
+    Returns:
+        The summary of each.
+    """
+    dt = runs[0].scenario.control_dt
+    recorders = [Recorder(run.scenario) for run in runs]
+    totals = [ticks_in(run.scenario.duration, dt) + 1 for run in runs]
+    loops, keys, starts = stack([(run.loop, run.key, run.start) for run in runs])
+    memories = start_batch(loops, keys, starts, control_dt=dt)
+    ticks, total = ticks_in(CHUNK, dt), max(totals)
+    flying = set(range(len(runs)))
     for k in range(0, total, ticks):
         memories, records = advance_batch(loops, memories, jnp.asarray(k), ticks=ticks, control_dt=dt)
         records = jax.device_get(records)
         for i in sorted(flying):
-            kept, over = until_the_end(jax.tree.map(lambda leaf, i=i: leaf[i], records), total - k)
+            kept, over = until_the_end(jax.tree.map(lambda leaf, i=i: leaf[i], records), totals[i] - k)
             recorders[i].take(kept)
             if over:
                 flying.discard(i)
-        progress((k + ticks) / total if flying else 1.0, f"{len(flying)} of {len(seeds)} still flying")
+        progress((k + ticks) / total if flying else 1.0, len(flying))
         if not flying:
             break
-    return [
-        {"seed": seed} | summarise(recorder.flown(), run, interrupted=False)
-        for seed, run, recorder in zip(seeds, runs, recorders, strict=True)
-    ]
+    return [summarise(recorder.flown(), run, interrupted=False) for run, recorder in zip(runs, recorders, strict=True)]
 
 
 COLUMNS = (

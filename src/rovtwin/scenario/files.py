@@ -42,17 +42,31 @@ def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | N
     Raises:
         ConfigError: The file is missing or cannot be used; the message says where and why.
     """
-    data, where = _find(str(name))
+    data, where, base = find_scenario(str(name))
     for text in overrides:
         _apply(data, text)
     if seed is not None:
         data["seed"] = seed
-    base = where.parent if where.parent != _ROOT / "library" else None
+    return scenario_of(data, where, base)
+
+
+def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> Scenario:
+    """A scenario from what stands in a file.
+
+    Args:
+        data: As `read_yaml` returned it.
+        where: Name of the file, for messages.
+        base: Folder in which mission and vehicle are looked for first.
+
+    Raises:
+        ConfigError: It cannot be used; the message says where and why.
+    """
+    data = dict(data)
     if isinstance(data.get("mission"), str):
         data["mission"] = load_mission(data["mission"], base).model_dump()
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
-    return parse(Scenario, data, where.name)
+    return parse(Scenario, data, where)
 
 
 def load_mission(name: str, base: Path | None = None) -> MissionSection:
@@ -69,7 +83,12 @@ def load_mission(name: str, base: Path | None = None) -> MissionSection:
     raise ConfigError(_no_such("mission", name, list_missions()))
 
 
-def _find(name: str) -> tuple[dict[str, Any], Path]:
+def find_scenario(name: str) -> tuple[dict[str, Any], str, Path | None]:
+    """What stands in the file of a scenario, the file's name, and the folder that its own files lie in.
+
+    Args:
+        name: As in `load_scenario`; a shipped one has no such folder.
+    """
     known = list_scenarios()
     stem, added = _without_variants(name, known)
     path = _ROOT / "library" / f"{stem}.yaml" if stem in known else Path(name)
@@ -84,7 +103,7 @@ def _find(name: str) -> tuple[dict[str, Any], Path]:
     for variant in added:
         section, more = VARIANTS[variant]
         data[section] = (data.get(section) or {}) | more
-    return data, path
+    return data, path.name, None if stem in known else path.parent
 
 
 def _name_from(path: Path) -> str:
@@ -112,15 +131,24 @@ def _apply(data: dict[str, Any], text: str) -> None:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise ConfigError(f"--set {text}: expected key=value, such as world.current=[0.1,0,0]")
-    *path, last = key.strip().split(".")
-    _check_path([*path, last], text)
+    put(data, key.strip(), parse_yaml(f"value: {value}", f"--set {text}")["value"], f"--set {text}")
+
+
+def put(data: dict[str, Any], key: str, value: Any, where: str) -> None:
+    """Set what stands at `a.b.c` in a scenario's nested dictionaries.
+
+    Raises:
+        ConfigError: There is no such key; the message begins with `where`.
+    """
+    *path, last = key.split(".")
+    _check_path([*path, last], where)
     at = data
     for step in path:
         if not isinstance(at.get(step), dict):
             # A section given by its short form (a name, a list, nothing) is opened before a key is set in it.
             at[step] = _opened(step, at.get(step))
         at = at[step]
-    at[last] = parse_yaml(f"value: {value}", f"--set {text}")["value"]
+    at[last] = value
 
 
 def _opened(step: str, value: Any) -> dict[str, Any]:
@@ -135,7 +163,7 @@ def _opened(step: str, value: Any) -> dict[str, Any]:
     return {}
 
 
-def _check_path(path: list[str], text: str) -> None:
+def _check_path(path: list[str], where: str) -> None:
     """Raise with a near name where the first steps of an override are not in the schema."""
     section: type[Strict] | None = Scenario
     for depth, step in enumerate(path):
@@ -143,7 +171,7 @@ def _check_path(path: list[str], text: str) -> None:
             return
         names = list(section.model_fields)
         if step not in names:
-            raise ConfigError(f"--set {text}: {'.'.join(path[: depth + 1])}: no such key.{near(step, names)}")
+            raise ConfigError(f"{where}: {'.'.join(path[: depth + 1])}: no such key.{near(step, names)}")
         annotation = section.model_fields[step].annotation
         section = annotation if isinstance(annotation, type) and issubclass(annotation, Strict) else None
 

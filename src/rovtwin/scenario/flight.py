@@ -37,6 +37,7 @@ from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, 
 from rovtwin.simulation.sensors import Sensor
 
 Progress = Callable[[float, str], None]  # simulated time [s], phase
+Write = Callable[[str, np.ndarray, np.ndarray], None]  # channel, times, samples
 NOT_IN_TESTS = (  # there is no filter, no path and no wanted force
     *("autopilot/bias", "autopilot/std", "autopilot/nis", "autopilot/nis_dof"),
     *("autopilot/reference", "autopilot/leg", "autopilot/tau", "autopilot/saturated"),
@@ -66,9 +67,9 @@ class Flight:
 
 
 class Recorder:
-    """Takes the chunks of a run: writes them to the log as they come and keeps what the scores need."""
+    """Takes the chunks of a run: writes them to the log as they come, if there is one, and keeps what scores need."""
 
-    def __init__(self, scenario: Scenario, write: Callable[[str, np.ndarray, np.ndarray], None]):
+    def __init__(self, scenario: Scenario, write: Write | None = None):
         self._dt = scenario.control_dt
         self._log_every = scenario.rates.control // scenario.log.rate
         self._score_every = max(1, scenario.rates.control // SCORE_RATE)
@@ -91,16 +92,8 @@ class Recorder:
         samples = truth_samples(record, self._moving_surface) | autopilot_samples(record)
         # The last tick of a run is kept whatever its number: it holds the verdict.
         last = (k == k[-1]) & _ends(record)
-        logged = (k % self._log_every == 0) | last
-        for name, values in samples.items():
-            if name not in self._left_out:
-                self._write(name, t[logged], values[logged])
-        for name, values in nis_samples(record).items():
-            if name not in self._left_out:
-                self._write(name, t, values)
-        if self._sensors:
-            for name, (times, values) in sensor_samples(record, t).items():
-                self._write(name, times, values)
+        if self._write is not None:
+            self._log(self._write, record, samples, t, (k % self._log_every == 0) | last)
         scored = (k % self._score_every == 0) | last
         samples |= {"t": t, "covariance": np.asarray(record.autopilot.estimate.covariance)}
         self._kept.append({name: values[scored] for name, values in samples.items()})
@@ -109,6 +102,16 @@ class Recorder:
             used = np.asarray(record.battery.used).sum(axis=1)
             self._energy += [float(used[0]), float(used[-1])]
         self._saturated.append(np.any(np.abs(record.autopilot.command.u) >= 1.0 - 1e-9, axis=1))
+
+    def _log(self, write: Write, record: Record, samples: dict[str, np.ndarray], t: np.ndarray, logged: Any) -> None:
+        """Write a chunk: samples of the ticks in `logged`, shape (ticks,), bool; NIS and readings as they came."""
+        every = {name: (t[logged], values[logged]) for name, values in samples.items()}
+        every |= {name: (t, values) for name, values in nis_samples(record).items()}
+        if self._sensors:
+            every |= sensor_samples(record, t)
+        for name, (times, values) in every.items():
+            if name not in self._left_out:
+                write(name, times, values)
 
     @property
     def seconds(self) -> float:

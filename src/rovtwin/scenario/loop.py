@@ -120,10 +120,12 @@ start_loop = jax.jit(Loop.init, static_argnames="control_dt")
 """Compiled `Loop.init`: `start_loop(loop, key, start, control_dt=...)`."""
 
 start_batch = jax.jit(
-    lambda loops, keys, start, control_dt: jax.vmap(lambda loop, key: loop.init(key, start, control_dt))(loops, keys),
+    lambda loops, keys, starts, control_dt: jax.vmap(lambda *one: one[0].init(*one[1:], control_dt))(
+        loops, keys, starts
+    ),
     static_argnames="control_dt",
 )
-"""The same for loops and keys with a leading axis."""
+"""The same for loops, keys and starts with a leading axis."""
 
 advance = jax.jit(_chunk, static_argnames=("ticks", "control_dt"), donate_argnames=("memory",))
 """`advance(loop, memory, k, ticks=, control_dt=)`: `ticks` control ticks from tick k on; memory after them and their

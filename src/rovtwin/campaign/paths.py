@@ -1,0 +1,87 @@
+"""Dotted paths into a scenario's nested data: `world.current.velocity[1]`, `mission.waypoints[*].speed`."""
+
+import re
+from typing import Any
+
+from rovtwin.core.config import near, said_kind
+from rovtwin.core.errors import ConfigError
+
+_STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+|\*)\]")
+SWITCHES = {"world.mismatch": "true", "world.tethers": "true", "battery": "true", "world.waves": "{drift: 0.03}"}
+
+
+def steps_of(path: str, where: str) -> list[str | int]:
+    """Keys and numbers of a path; "*" is all elements of a list.
+
+    Raises:
+        ConfigError: It is no path.
+    """
+    steps: list[str | int] = []
+    at = 0
+    while match := _STEP.match(path, at):
+        key, number = match.groups()
+        steps.append(key or (number if number == "*" else int(number)))
+        at = match.end()
+        if path[at : at + 1] == "." and re.match(r"[A-Za-z_]", path[at + 1 :]):
+            at += 1
+    if at != len(path) or not steps or not isinstance(steps[0], str) or steps[0] == "*":
+        raise ConfigError(f"{where}: {path!r} is no path, expected one such as world.current.velocity[1]")
+    return steps
+
+
+def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
+    """Set the scalar at a path in place.
+
+    Args:
+        data: A complete scenario, nested dictionaries and lists.
+        path: What to set.
+        value: A scalar, or the name that stands for a section (`autopilot`, `mission`).
+        where: Begins the messages.
+
+    Raises:
+        ConfigError: There is nothing at the path, or a number would take the place of a section.
+    """
+    places: list[tuple[Any, str]] = [(data, "")]
+    *ahead, last = steps_of(path, where)
+    for step in ahead:
+        places = [(here[k], _said(said, k)) for here, said in places for k in _keys(here, step, said, where)]
+    for here, said in places:
+        for key in _keys(here, last, said, where, new=said.startswith("vehicle")):
+            found = here.get(key) if isinstance(here, dict) else here[key]
+            if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
+                within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
+                raise ConfigError(
+                    f"{where}: {_said(said, key)} is {said_kind(found)}, expected a number's path; name one of {within}"
+                    " in it"
+                )
+            here[key] = value
+
+
+def _keys(here: Any, step: str | int, said: str, where: str, new: bool = False) -> list[Any]:
+    """Keys that a step means: one, or all numbers of a list for "*".
+
+    A `new` key need not be there yet: a vehicle's data holds no defaults, and its own schema says what it knows.
+    """
+    if here is None:
+        hint = f"; switch it on: set: {{{said}: {SWITCHES[said]}}}" if said in SWITCHES else ""
+        raise ConfigError(f"{where}: the scenario has no {said}{hint}")
+    if isinstance(here, list) and step == "*":
+        return list(range(len(here)))
+    if isinstance(here, list) and isinstance(step, int):
+        if step >= len(here):
+            raise ConfigError(f"{where}: {said} has {len(here)} elements, counted from 0; there is no {said}[{step}]")
+        return [step]
+    if isinstance(here, dict) and isinstance(step, str) and step != "*":
+        if step not in here and not new:
+            raise ConfigError(f"{where}: {_said(said, step)}: no such key.{near(step, here)}")
+        return [step]
+    wanted = "a list" if not isinstance(step, str) or step == "*" else "a mapping"
+    raise ConfigError(
+        f"{where}: {said or 'the scenario'} is {said_kind(here)}, expected {wanted} for the path to go on"
+    )
+
+
+def _said(before: str, step: str | int) -> str:
+    if isinstance(step, int):
+        return f"{before}[{step}]"
+    return f"{before}.{step}" if before else step
