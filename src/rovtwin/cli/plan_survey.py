@@ -18,9 +18,7 @@ def plan_survey(
     swath: Annotated[float, typer.Option(help="Width that is seen at once [m].")],
     overlap: Annotated[float, typer.Option(help="Share of the swath that neighbouring lines both see.")] = 0.2,
     heading: Annotated[str, typer.Option(help="Of the lines [deg], or auto: what takes least time.")] = "auto",
-    vehicle: Annotated[
-        str | None, typer.Option(help="A library name or a file; default the scenario's.")
-    ] = None,
+    vehicle: Annotated[str | None, typer.Option(help="A library name or a file; default the scenario's.")] = None,
     depth: Annotated[float | None, typer.Option(help="Of the lines [m]; default 3.")] = None,
     altitude: Annotated[float | None, typer.Option(help="In place of a depth: over the floor [m].")] = None,
     floor: Annotated[float | None, typer.Option(help="Depth of the sea floor [m]; default the scenario's.")] = None,
@@ -93,8 +91,13 @@ def _print(survey: "Survey", screen: Any) -> None:
     rows.add_row("area", f"{figure(said['area_m2'])} m2")
     rows.add_row("seen", f"{said['coverage']:.2%} ({said['coverage_of_reachable']:.2%} of what can be reached)")
     spacing = "" if said["lines"] < 2 else f", {figure(said['line_spacing_m'])} m apart"
-    rows.add_row("lines", f"{said['lines']} at {said['heading_deg']:.0f} deg{spacing}, {said['cells']} cells, {said['laps']} laps")
-    rows.add_row("way", f"{said['length_m']:.0f} m, {said['seeing_m']:.0f} m of it lines and laps, {said['turns']} turns")
+    rows.add_row(
+        "lines",
+        f"{said['lines']} at {said['heading_deg']:.0f} deg{spacing}, {said['cells']} cells, {said['laps']} laps",
+    )
+    rows.add_row(
+        "way", f"{said['length_m']:.0f} m, {said['seeing_m']:.0f} m of it lines and laps, {said['turns']} turns"
+    )
     rows.add_row("time", f"{said['duration_s'] / 60:.0f} min at {said['speed_m_s']:g} m/s, {said['depth_m']:g} m deep")
     rows.add_row("battery", _battery(survey))
     screen.print(rows)

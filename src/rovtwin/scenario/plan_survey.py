@@ -136,7 +136,7 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     heading = None if request.heading_deg is None else math.radians(request.heading_deg)
     plan = plan_survey(area.shape, request.swath, pace, clearance, heading, request.inside, _ACCEPTANCE, progress)
     legs, turns = pace.times(plan.path.corners)
-    # Some 3 m down and back from the surface, at the lines' speed.
+    # Down from the surface at the lines' speed.
     down = depth / pace.speed
     cost = budget(vehicle, model, request.speed, float(legs.sum()), float(turns.sum()) + down)
     scenario = _scenario(request, base, name, plan, area.datum, depth, bool(cost.names))
@@ -174,10 +174,14 @@ def _depth(request: SurveyRequest, base: Scenario, model: Model) -> float:
         depth = 3.0 if request.depth is None else request.depth
     limit = base.autopilot.supervisor.depth_limit
     if not 0 <= depth < limit:
-        raise ConfigError(f"--depth: found {depth:g} m, expected from 0 to less than {limit:g} m, the supervisor's limit")
+        raise ConfigError(
+            f"--depth: found {depth:g} m, expected from 0 to less than {limit:g} m, the supervisor's limit"
+        )
     lowest = depth + float(np.asarray(model.hull.corners)[:, 2].max())
     if floor is not None and lowest >= floor:
-        raise ConfigError(f"--depth: at {depth:g} m the hull reaches down to {lowest:.2f} m, into the floor at {floor:g} m")
+        raise ConfigError(
+            f"--depth: at {depth:g} m the hull reaches down to {lowest:.2f} m, into the floor at {floor:g} m"
+        )
     return depth
 
 
@@ -226,16 +230,18 @@ def _remarks(plan: SurveyPlan, cost: Budget, clearance: float) -> list[str]:
     out, half, area = [], 0.5 * plan.room.swath.width, plan.room.area.area
     blocked = area - plan.room.reachable.area
     if blocked > 1e-3 * area:
-        why = f"half the swath is {half:.2g} m, --clearance {clearance:.2g} m" if clearance > half else (
-            "obstacles leave no room there"
+        out.append(
+            f"{blocked:.3g} m2 ({blocked / area:.1%}) cannot be seen from where the vehicle may be: half the swath is "
+            f"{half:.2g} m, the --clearance {clearance:.2g} m"
         )
-        out.append(f"{blocked:.3g} m2 ({blocked / area:.1%}) cannot be seen: {why}")
     if plan.outside > 0.01:
         out.append(f"leads and turns reach {plan.outside:.2g} m out of the area; --inside keeps the vehicle in it")
     if plan.detours > 0.1:
         out.append(f"{plan.detours:.3g} m of ways lead far outside, between parts of the area")
     if plan.short_leads:
-        out.append(f"{plan.short_leads} ends of lines have no room for a whole lead: the vehicle is not yet steady there")
+        out.append(
+            f"{plan.short_leads} ends of lines have no room for a whole lead: the vehicle is not yet steady there"
+        )
     if cost.share is not None and cost.share > 0.8:
         verdict = "does not last" if cost.share > 1 else "is nearly emptied"
         out.append(f"the battery {verdict}: {cost.share:.0%} of it before current, waves and tether")
@@ -269,8 +275,8 @@ def survey_picture(survey: Survey) -> Figure:
     plan, said = survey.plan, survey.figures()
     return draw_survey(
         SurveyPicture(
-            title=f"{pathlib.Path(survey.request.area).name}: {said['length_m']:.0f} m in {said['duration_s'] / 60:.0f} min, "
-            f"{said['lines']} lines at {said['heading_deg']:.0f}°, {said['coverage']:.1%} seen",
+            title=f"{pathlib.Path(survey.request.area).name}: {said['length_m']:.0f} m in "
+            f"{said['duration_s'] / 60:.0f} min, {said['lines']} lines at {said['heading_deg']:.0f}°, {said['coverage']:.1%} seen",
             area=plan.room.area,
             seen=plan.seen,
             gaps=plan.gaps,

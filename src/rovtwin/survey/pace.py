@@ -108,5 +108,7 @@ def _peak(length: np.ndarray, ramps: float, speed: float) -> np.ndarray:
 
 def drag_ahead(model: Model, speed: float) -> float:
     """Drag in surge at a speed ahead through the water [N]."""
-    linear, quadratic = (float(np.asarray(d)[0, 0]) for d in (model.linear_damping_ahead, model.quadratic_damping_ahead))
+    linear, quadratic = (
+        float(np.asarray(d)[0, 0]) for d in (model.linear_damping_ahead, model.quadratic_damping_ahead)
+    )
     return (linear + quadratic * speed) * speed

@@ -77,7 +77,10 @@ class SurveyPlan:
         """Farthest that the way leads out of the area, obstacles not counted [m]."""
         shapely = shapely_library()
         filled = shapely.union_all([shapely.Polygon(part.exterior) for part in self.room.area.geoms])
-        return float(np.max(shapely.distance(filled, self._beyond(filled))))
+        beyond = shapely.LineString(self.path.points).difference(filled)
+        beyond = shapely.segmentize(beyond, 0.25 * self.room.swath.width)
+        places = shapely.points(shapely.get_coordinates(beyond))
+        return float(shapely.distance(filled, places).max(initial=0.0))
 
     @property
     def detours(self) -> float:
@@ -93,13 +96,6 @@ class SurveyPlan:
     @property
     def _legs(self) -> np.ndarray:
         return np.linalg.norm(np.diff(self.path.points, axis=0), axis=1)
-
-    def _beyond(self, filled: Any) -> np.ndarray:
-        shapely = shapely_library()
-        way = shapely.segmentize(shapely.LineString(self.path.points), 0.25 * self.room.swath.width)
-        return shapely.points(shapely.get_coordinates(way.difference(filled))) if not filled.covers(way) else np.array(
-            [shapely.Point(self.path.points[0])]
-        )
 
 
 def plan_survey(

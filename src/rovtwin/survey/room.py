@@ -78,7 +78,9 @@ def room_of(area: Any, swath: Swath, clearance: float, lead: float, inside: bool
     """
     shapely = shapely_library()
     _require_larger(area, swath)
-    tolerance = swath.width * max(0.25 * swath.overlap, FINEST)
+    # Smoothed laps keep the clearance, and still see the edge where that is possible.
+    spare = 0.5 * (0.5 * swath.width - clearance)
+    tolerance = max(min(0.25 * swath.overlap * swath.width, spare), FINEST * swath.width)
     off = max(clearance + tolerance, 0.5 * swath.spacing)
     if inside:
         free = _largest(area.buffer(-off, **MITRE).simplify(tolerance))

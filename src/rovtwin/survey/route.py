@@ -126,9 +126,7 @@ def route(tasks: Sequence[Sequence[Path]], pace: Pace, ways: Network, limit: flo
     return Path.joined([tasks[task][form] for task, form in zip(order, chosen, strict=True)], ways)
 
 
-def _best_forms(
-    order: Sequence[int], cost: list[np.ndarray], links: list[list[np.ndarray]]
-) -> tuple[float, list[int]]:
+def _best_forms(order: Sequence[int], cost: list[np.ndarray], links: list[list[np.ndarray]]) -> tuple[float, list[int]]:
     """Shortest time over the forms of tasks in an order [s], and the form of each."""
     totals = [cost[order[0]]]
     for before, after in zip(order[:-1], order[1:], strict=True):
