@@ -101,7 +101,8 @@ def test_spacing_holds(low, size, width, overlap):
 
 
 def test_a_bay_and_a_hole_make_cells():
-    assert len(plan_survey(U, SWATH, PACE, CLEARANCE, 0.0).lines.cells) == 3
+    assert len(plan_survey(U, SWATH, PACE, CLEARANCE, 0.0).lines.cells) == 1  # along the bay: one line after the other
+    assert len(plan_survey(U, SWATH, PACE, CLEARANCE, np.pi / 2).lines.cells) == 3
     ring = plan_survey(RING, SWATH, PACE, CLEARANCE, 0.0)
     assert len(ring.lines.cells) >= 4 and len(ring.room.laps) == 1
     assert ring.path.sees[1:-1].sum() > 0

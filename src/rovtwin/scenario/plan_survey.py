@@ -276,7 +276,8 @@ def survey_picture(survey: Survey) -> Figure:
     return draw_survey(
         SurveyPicture(
             title=f"{pathlib.Path(survey.request.area).name}: {said['length_m']:.0f} m in "
-            f"{said['duration_s'] / 60:.0f} min, {said['lines']} lines at {said['heading_deg']:.0f}°, {said['coverage']:.1%} seen",
+            f"{said['duration_s'] / 60:.0f} min, {said['lines']} lines at {said['heading_deg']:.0f}°, "
+            f"{said['coverage']:.1%} seen",
             area=plan.room.area,
             seen=plan.seen,
             gaps=plan.gaps,
