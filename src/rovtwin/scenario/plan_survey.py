@@ -25,7 +25,7 @@ from rovtwin.survey.room import Swath
 from rovtwin.vehicle import Model, load_vehicle
 
 MARGIN = 0.3  # between hull and obstacle [m]: twice the cross-track rms of docs/scenarios.md
-SETTLING = 3.0  # of the autopilot at each way-point, measured on the twin (docs/survey.md) [s]
+SETTLING = 4.0  # at speed before a line: two time constants 1/w of gains placed for w = 0.5 rad/s [s]
 PATIENCE = 1.5  # share of the planned time after which a flight is given up
 _ACCEPTANCE, _SPEED = (Waypoint.model_fields[key].default for key in ("acceptance", "speed"))
 

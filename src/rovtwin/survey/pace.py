@@ -2,7 +2,7 @@
 
 That is what the autopilots here do. A leg begins and ends at rest, with constant acceleration between rest and the
 survey's speed; a turn begins and ends at rest likewise, up to a largest rate. Half of the thrust speeds up and turns,
-the other half is kept for course and depth. At each corner the autopilot takes its own time to settle.
+the other half is kept for course and depth.
 
 Reference: Fossen (2021), ch. 6.5 (decoupled equations of motion).
 """
@@ -28,7 +28,7 @@ class Pace:
         slowing: To rest, positive [m/s^2].
         turning_rate: Largest [rad/s].
         turning: Angular acceleration [rad/s^2].
-        settling: Time lost at each corner, beyond these [s].
+        settling: Time at speed before a line in which the autopilot settles on its course [s].
     """
 
     speed: float
@@ -69,7 +69,7 @@ class Pace:
 
     @property
     def lead_in(self) -> float:
-        """Way from rest until the speed is steady [m]."""
+        """Way from rest until speed and course are steady [m]."""
         return self.speed**2 / (2.0 * self.speeding) + self.speed * self.settling
 
     @property
@@ -98,7 +98,7 @@ class Pace:
         legs = np.diff(points, axis=0)
         course = np.arctan2(legs[:, 1], legs[:, 0])
         angle = (np.diff(course) + np.pi) % (2.0 * np.pi) - np.pi
-        return self.leg(np.linalg.norm(legs, axis=1)), self.turn(angle) + self.settling
+        return self.leg(np.linalg.norm(legs, axis=1)), self.turn(angle)
 
 
 def _peak(length: np.ndarray, ramps: float, speed: float) -> np.ndarray:
