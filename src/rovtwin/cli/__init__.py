@@ -12,6 +12,7 @@ from rovtwin.cli.identify import identify
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.markers import markers
 from rovtwin.cli.output import report_error
+from rovtwin.cli.plan_survey import plan_survey
 from rovtwin.cli.plan_tests import plan_tests
 from rovtwin.cli.render import render
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
@@ -43,6 +44,7 @@ app.command()(identify)
 app.command()(report)
 app.command()(thesis)
 app.command("plan-tests")(plan_tests)
+app.command("plan-survey")(plan_survey)
 app.command()(compare)
 app.command()(markers)
 app.command()(render)

@@ -22,6 +22,7 @@ from rovtwin.core.errors import ConfigError
 
 SEMI_MAJOR_AXIS, INVERSE_FLATTENING = 6378137.0, 298.257223563  # WGS-84: [m], [-]
 METADATA_KEY = "datum"
+FARTHEST = 10_000.0  # a place on the map beyond it is taken for a mistake; the plane is 8 m off the sea there [m]
 
 
 @dataclass(frozen=True)

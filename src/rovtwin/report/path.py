@@ -30,6 +30,7 @@ WALL: dict[str, Any] = {"edgecolor": "#7a5c3e", "linewidth": 1.6, "zorder": 1.2}
 ANCHOR: dict[str, Any] = {
     "marker": "^", "markersize": 11, "color": YELLOW, "markeredgecolor": BLACK, "linestyle": "none", "zorder": 8
 }  # fmt: skip
+NUMBERS = 40  # of way-points at most: a survey has hundreds
 FIXES: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 2.4, "linestyle": "none", "alpha": 0.5}
 
 
@@ -106,10 +107,13 @@ def _mission(axes: Axes, flight: Flight) -> None:
     axes.plot(*points.T, color=GREEN, linewidth=0.8, alpha=0.7, zorder=1)
     for x0, y0, x1, y1 in _legs(flight):
         axes.plot([y0, y1], [x0, x1], **MISSION)
+    every = -(-len(flight.waypoints) // NUMBERS)
     for k, point in enumerate(flight.waypoints):
         x, y, radius = float(point["x"]), float(point["y"]), float(point.get("acceptance") or 0.0)
         if radius > 0:
             axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=GREEN, linewidth=0.9, zorder=2))
+        if k % every:
+            continue
         axes.annotate(
             str(k + 1), (y, x), _label_side(flight, k), textcoords="offset points", ha="center", va="center",
             fontsize=SMALL, color="#00664b", weight="bold", zorder=8,

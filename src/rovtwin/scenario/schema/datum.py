@@ -5,10 +5,8 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from rovtwin.core.config import Number, Strict
-from rovtwin.core.datum import Datum, check_coordinates, utc_text
+from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, utc_text
 from rovtwin.core.errors import ConfigError
-
-FARTHEST = 10_000.0  # a way-point on the map beyond it is taken for a mistake; the plane is 8 m off the sea there [m]
 
 _DEFAULT = Datum()
 

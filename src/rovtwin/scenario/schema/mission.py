@@ -17,6 +17,7 @@ def _under_water(place: list[float]) -> list[float]:
 
 Place = Annotated[Vector3, AfterValidator(_under_water)]
 Tilt = Annotated[Number, Field(ge=-85, le=85)]
+LONGEST = 4096  # way-points: a survey of hours; a typing mistake that asks for more is caught
 PlaceOnEarth = Annotated[Vector3, AfterValidator(on_earth)]
 
 
@@ -66,4 +67,4 @@ class MissionSection(Strict):
 
     name: str = "mission"
     description: str = ""
-    waypoints: list[Waypoint] = Field(min_length=1, max_length=64)
+    waypoints: list[Waypoint] = Field(min_length=1, max_length=LONGEST)

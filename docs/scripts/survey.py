@@ -1,0 +1,45 @@
+"""The pictures of docs/survey.md: a planned survey, and one as the twin flew it.
+
+python docs/scripts/survey.py [--out docs/figures] [--fly]
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from rovtwin.scenario.flight import fly
+from rovtwin.scenario.plan_survey import SurveyRequest, lay_out, survey_picture
+from rovtwin.survey.room import Swath
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "survey"
+
+
+def main():
+    """Draw the plan; with --fly compare a survey of the pool with its flight."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "figures")
+    parser.add_argument("--fly", action="store_true")
+    asked = parser.parse_args()
+    survey_picture(lay_out(SurveyRequest(EXAMPLES / "area.geojson", Swath(1.2)))).savefig(
+        asked.out / "survey_plan.png", dpi=100
+    )
+    if asked.fly:
+        compare(lay_out(SurveyRequest(EXAMPLES / "pool.yaml", Swath(1.6), inside=True)))
+
+
+def compare(survey):
+    """Time, energy and coverage of a plan and of its flight."""
+    flight, said = fly(survey.scenario), survey.figures()
+    track = flight.log["truth/eta"].values
+    under = np.abs(track[:, 2] - survey.depth) < 0.2
+    swept = shapely.LineString(track[under, :2]).buffer(0.5 * survey.request.swath.width)
+    area = survey.plan.room.area
+    print(f"time {said['duration_s']:.0f} s planned, {flight.summary['duration_s']:.0f} s flown")
+    print(f"energy {said['energy_wh']:.1f} Wh planned, {flight.summary['energy_wh']} Wh flown")
+    print(f"coverage {said['coverage']:.4f} planned, {swept.intersection(area).area / area.area:.4f} flown")
+
+
+if __name__ == "__main__":
+    main()
