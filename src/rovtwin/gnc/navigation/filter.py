@@ -6,6 +6,8 @@ Besides pose and velocity the estimate has the disturbance force without its wav
 itself, so that a controller can leave the waves alone.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
@@ -15,11 +17,11 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion, readings
 from rovtwin.gnc.navigation.belief import estimate_of
-from rovtwin.gnc.navigation.motion import Opinion, Turning, Waves
+from rovtwin.gnc.navigation.motion import Opinion, Turning, Waves, side_by_side
 from rovtwin.gnc.navigation.positions import Refused, Trail, positions
 from rovtwin.gnc.navigation.readings import Innovation
 from rovtwin.gnc.navigation.sea import SeaState
-from rovtwin.gnc.navigation.state import ERRORS, MOVING, NavigationState
+from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, MOVING, VELOCITY, WAVE_VELOCITY, NavigationState
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.observer import ObserverInput, squared_norm
 from rovtwin.vehicle.model import Model
@@ -50,6 +52,16 @@ class NavigationMemory(eqx.Module):
     refused: Refused
 
 
+class _Forecast(NamedTuple):
+    """Accelerations of slow motion, b, and waves, n; densities of their noise in b and 1 / of all noise, shapes (3,)."""
+
+    v_dot: Opinion
+    wave_dot: Opinion
+    slow: Array
+    quick: Array
+    total: Array
+
+
 class NavigationFilter(Block):
     """Error-state filter whose prediction is driven by the model and by the inertial sensors at once.
 
@@ -70,7 +82,7 @@ class NavigationFilter(Block):
             omega=jnp.zeros(3),
             ticks=jnp.zeros((), dtype=jnp.int32),
             trail=Trail.at(start.position),
-            sea=SeaState.calm(),
+            sea=SeaState.unknown(),
             refused=Refused.none(),
         )
 
@@ -81,10 +93,11 @@ class NavigationFilter(Block):
         turning, omega, turn_variance = self._turning(memory, slots, dt)
         heard: dict[str, tuple[Array, Array]] = {}
 
-        x, P, v_dot, white, sea, heard["accelerometer"] = self._accelerate(memory, slots, tau, turning, dt)
-        noise = self._noise(x, sea, white, turn_variance)
-        moved, P = motion.step(x, P, v_dot, turning, noise, self._waves, dt)
-        trail = memory.trail.after(moved.position - x.position, memory.ticks)
+        x, P, forecast, sea, heard["accelerometer"] = self._accelerate(memory, slots, tau, turning, dt)
+        noise = self._noise(x, forecast, turn_variance)
+        moved, P = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
+        way = moved.position + moved.wave_place - x.position - x.wave_place
+        trail = memory.trail.after(way, memory.ticks)
         x, refused = moved, memory.refused
 
         if self._listens("position", slots):
@@ -92,14 +105,10 @@ class NavigationFilter(Block):
             x, P, heard["position"] = corrected(x, P, found)
         for name in ("attitude", "pressure", "dvl"):
             if self._listens(name, slots):
-                found = self._innovation(name, x, slots[name], omega, v_dot.value, now)
+                found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, now)
                 x, P, heard[name] = corrected(x, P, gated(found, P, self.tuning.gate[name]))
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused)
         return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots))
-
-    @property
-    def _waves(self) -> Waves:
-        return Waves(self.tuning.wave_frequency, self.tuning.wave_damping)
 
     def _listens(self, name: str, slots: Measurements) -> bool:
         return name in slots and name in self.tuning.mounts
@@ -133,43 +142,61 @@ class NavigationFilter(Block):
 
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
-    ) -> tuple[NavigationState, Array, Opinion, Array, SeaState, tuple[Array, Array]]:
-        """Model and accelerometer compared and mixed; the state that their difference corrects, and what noise is left."""
+    ) -> tuple[NavigationState, Array, "_Forecast", SeaState, tuple[Array, Array]]:
+        """State after model and accelerometer were compared, the forecast of both, the sea, what was heard."""
         x, P, tuning = memory.x, memory.P, self.tuning
+        waves = self._waves(memory.sea, x)
         by_model = motion.by_model(self.model, x, tau, turning)
         doubt = (tuning.acceleration_share * by_model.value) ** 2 * tuning.acceleration_memory
-        white = tuning.acceleration_noise**2 + doubt
+        slow = tuning.acceleration_noise**2 + doubt
+        R_nb = rotation_from_quaternion(x.attitude)
+        quick = (R_nb * R_nb).T @ waves.density
         if not self._listens("accelerometer", slots):
             nothing = (jnp.zeros(()), jnp.zeros(()))
-            return x, P, by_model, white, memory.sea, nothing
+            zero = jnp.zeros(3)
+            return x, P, _Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero), memory.sea, nothing
         mount = tuning.mounts["accelerometer"]
         mean = readings.averaged(slots["accelerometer"], jnp.zeros(()), 0.0)
         heard = mean.count > 0
         variance = mount.std**2 / jnp.maximum(mean.count, 1)
         read = mount.rotation @ mean.value
-        sensed = motion.by_accelerometer(x, read, mount.lever, turning)
-        difference = readings.disagreement(by_model, sensed, white / dt + variance, heard)
 
+        def difference(x: NavigationState) -> tuple[Opinion, Opinion, Opinion]:
+            R_nb = rotation_from_quaternion(x.attitude)
+            model, wave = motion.by_model(self.model, x, tau, turning), motion.by_waves(x, waves)
+            sensed = motion.by_accelerometer(x, read, mount.lever, turning)
+            return model, wave, motion.less(sensed, motion.sum_of(model, wave, R_nb))
+
+        found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
+        unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
+        sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
+        x, P, told = corrected(x, P, gated(found, P, tuning.gate["accelerometer"]))
+        model, wave, rest = difference(x)
+        total = jnp.where(heard, 1.0 / (slow + quick + variance * dt), 0.0)
         R_nb = rotation_from_quaternion(x.attitude)
-        waves = motion.force_inverse(self.model) @ (R_nb.T @ x.wave_force)
-        sea = memory.sea.after(difference.residual + waves, difference.variance, heard, dt)
-        x, P, told = corrected(x, P, gated(difference, P, tuning.gate["accelerometer"]))
-        share = jnp.where(heard, white / (white + variance * dt), 0.0)
-        v_dot = motion.mixture(
-            motion.by_model(self.model, x, tau, turning),
-            motion.by_accelerometer(x, read, mount.lever, turning),
-            share,
-        )
-        return x, P, v_dot, (1.0 - share) * white, sea, told
+        v_dot = motion.mixed(model, rest, jnp.diag(slow * total))
+        wave_dot = motion.mixed(wave, rest, R_nb * (quick * total))
+        return x, P, _Forecast(v_dot, wave_dot, slow, quick, total), sea, told
 
-    def _noise(self, x: NavigationState, sea: SeaState, white: Array, turn_variance: Array) -> Array:
-        """Intensity of the white noise on each error, shape (31,)."""
-        tuning = self.tuning
-        force = sea.force_variance(tuning.wave_mass, rotation_from_quaternion(x.attitude))
-        wave = 4.0 * tuning.wave_damping * tuning.wave_frequency * force
-        zero = jnp.zeros(3)
-        moving = jnp.concatenate([zero, white, zero + turn_variance, zero, wave])
-        return tuning.walk**2 + jnp.concatenate([moving, jnp.zeros(ERRORS - MOVING)])
+    def _waves(self, sea: SeaState, x: NavigationState) -> Waves:
+        damping = self.tuning.wave_damping
+        return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
+
+    def _noise(self, x: NavigationState, forecast: "_Forecast", turn_variance: Array) -> Array:
+        """Intensity of the white noise on the error, shape (31, 31); what is left of it is common to v and waves."""
+        R_nb, slow, quick, total = rotation_from_quaternion(x.attitude), forecast.slow, forecast.quick, forecast.total
+        of_v = jnp.diag(slow - slow * slow * total)
+        both = -R_nb * (slow * quick * total)
+        of_waves = product(R_nb * (quick - quick * quick * total), R_nb.T)
+        rows = [
+            jnp.zeros((3, ERRORS)),
+            side_by_side(3, (VELOCITY, of_v), (WAVE_VELOCITY, both.T)),
+            side_by_side(3, (ATTITUDE, jnp.eye(3) * turn_variance)),
+            jnp.zeros((3, ERRORS)),
+            side_by_side(3, (VELOCITY, both), (WAVE_VELOCITY, of_waves)),
+            jnp.zeros((ERRORS - MOVING, ERRORS)),
+        ]
+        return jnp.concatenate(rows) + jnp.diag(self.tuning.walk**2)
 
     def _innovation(
         self, name: str, x: NavigationState, slot: Slot, omega: Array, v_dot: Array, now: Array

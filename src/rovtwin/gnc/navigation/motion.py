@@ -1,17 +1,21 @@
 """How the state moves: two independent opinions of the acceleration, and one prediction from both.
 
-The model says     v_dot = a_m(x, tau) + w_m,     w_m white, of density S_m
-and the sensor     v_dot = a_i(x, y) - n,         n white, of density S_n = sigma^2 / rate.
+The motion is that of the model, plus one of wave frequency that a second-order filter driven by white noise stands for:
 
-With K = S_m / (S_m + S_n) the mixture (1 - K) a_m + K a_i has the least noise, S_m S_n / (S_m + S_n), and this noise is
-independent of the difference a_i - a_m. The filter predicts with the mixture and then takes the difference in as a
-measurement of zero: nothing is counted twice. Without an accelerometer K is 0, without faith in the model 1.
+    v_dot = a_m(x, tau) + w_m                                   slow part, b
+    x_w_dot = v_w,  v_w_dot = -w0^2 x_w - 2 z w0 v_w + w_w      waves, n
+    a_i(y) = v_dot + R_bn v_w_dot + n                           what the accelerometer says of both
+
+with w_m, w_w and n white, of densities S_m, S_w and S_n = sigma^2 / rate. Their sum is seen as the difference between
+sensor and prediction; the best guess gives each its share S / (S_m + S_w + S_n) of it, and what is then left of w_m and
+w_w is independent of the difference. The filter predicts with these shares and takes the difference in as a measurement
+of zero: nothing is counted twice. Without an accelerometer the shares are 0.
 
 Of the model only the force balance is used, with the angular velocity and acceleration that the gyro measures: the
 moments of a real vehicle are badly known, and the filter would read the horizontal velocity off them (Munk's moment).
 
-Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6, 14.2; Bar-Shalom, Li and
-Kirubarajan (2001), sec. 8.3.1 (decorrelation of process and measurement noise).
+Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6, sec. 10.2 (wave response
+models), ch. 13 (wave filtering); Bar-Shalom, Li and Kirubarajan (2001), sec. 8.3.1 (decorrelation of noises).
 """
 
 import equinox as eqx
@@ -36,8 +40,8 @@ from rovtwin.gnc.navigation.state import (
     GYRO_BIAS,
     MOVING,
     VELOCITY,
-    WAVE_FORCE,
-    WAVE_IMPULSE,
+    WAVE_PLACE,
+    WAVE_VELOCITY,
     NavigationState,
 )
 from rovtwin.vehicle.constants import GRAVITY
@@ -52,7 +56,7 @@ class Turning(eqx.Module):
 
 
 class Opinion(eqx.Module):
-    """v_dot in b [m/s2], shape (3,), and its derivative by the error of the state, shape (3, 31)."""
+    """An acceleration [m/s2], shape (3,), and its derivative by the error of the state, shape (3, 31)."""
 
     value: Array
     slope: Array
@@ -72,11 +76,11 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     current_b = R_bn[:, 0] * x.current[0] + R_bn[:, 1] * x.current[1]
     nu_r = jnp.concatenate([x.velocity - current_b, omega])
     net = jnp.array([0.0, 0.0, 1.0]) * (model.weight - model.buoyancy)
-    steady_n = R_bn @ (x.force_n + x.wave_force + net)
+    steady = R_bn @ (x.force_n + net)
     scale = jnp.exp(x.drag)
     drag = scale * damping_force(model, nu_r)
     momentum = model.mass[:3] @ nu_r
-    force = tau[:3] + steady_n + jnp.append(x.force_b, 0.0) - drag - cross(omega, momentum)
+    force = tau[:3] + steady + jnp.append(x.force_b, 0.0) - drag - cross(omega, momentum)
     inverse = force_inverse(model)
     along = cross(omega, current_b)
     value = inverse @ (force - model.mass[:3, 3:] @ turning.omega_dot) - along
@@ -84,15 +88,13 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     S_c, S_w = skew(current_b), skew(omega)
     dforce_dv = -scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.mass[:3, :3])
     dv = product(inverse, dforce_dv)
-    dattitude = product(inverse, skew(steady_n)) - product(dv, S_c) - product(S_w, S_c)
+    dattitude = product(inverse, skew(steady)) - product(dv, S_c) - product(S_w, S_c)
     dcurrent = -product(dv + S_w, R_bn)[:, :2]
-    by_force_n = product(inverse, R_bn)
     slope = side_by_side(
         3,
         (VELOCITY, dv),
         (ATTITUDE, dattitude),
-        (WAVE_FORCE, by_force_n),
-        (FORCE_N, by_force_n),
+        (FORCE_N, product(inverse, R_bn)),
         (FORCE_B, inverse[:, :2]),
         (CURRENT, dcurrent),
         (DRAG, -inverse * drag),
@@ -101,7 +103,7 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
 
 
 def by_accelerometer(x: NavigationState, reading: Array, lever: Array, turning: Turning) -> Opinion:
-    """v_dot from the specific force read at `lever` [m], turned to b [m/s2], shape (3,)."""
+    """v_dot + R_bn v_w_dot from the specific force read at `lever` [m], turned to b [m/s2], shape (3,)."""
     omega, omega_dot = turning.omega, turning.omega_dot
     down_b = rotation_from_quaternion(x.attitude)[2]
     swing = cross(omega_dot, lever) + cross(omega, cross(omega, lever))
@@ -110,73 +112,92 @@ def by_accelerometer(x: NavigationState, reading: Array, lever: Array, turning: 
     return Opinion(value, side_by_side(3, *own))
 
 
-def mixture(model: Opinion, sensor: Opinion, share: Array) -> Opinion:
-    """(1 - K) of the model and K of the sensor, K the share in each axis, shape (3,)."""
-    value = model.value + share * (sensor.value - model.value)
-    return Opinion(value, model.slope + share[:, None] * (sensor.slope - model.slope))
-
-
 class Waves(eqx.Module):
-    """Second-order wave force in each axis of n: frequency [rad/s] and damping ratio. Fossen (2021), eq. 13.86."""
+    """Second-order motion of wave frequency [rad/s] with a damping ratio, and the density of the noise that drives it.
+
+    `density` is that of w_w along north, east and down [m2/s3], shape (3,).
+    """
 
     frequency: Array
     damping: Array
+    density: Array
+
+
+def by_waves(x: NavigationState, waves: Waves) -> Opinion:
+    """v_w_dot without its noise, n."""
+    w2, decay = waves.frequency**2, 2.0 * waves.damping * waves.frequency
+    value = -w2 * x.wave_place - decay * x.wave_velocity
+    slope = side_by_side(3, (WAVE_PLACE, -w2 * jnp.eye(3)), (WAVE_VELOCITY, -decay * jnp.eye(3)))
+    return Opinion(value, slope)
+
+
+def sum_of(model: Opinion, waves: Opinion, R_nb: Array) -> Opinion:
+    """Of slow motion in b and waves in n, in b."""
+    turned = R_nb.T @ waves.value
+    slope = product(R_nb.T, waves.slope) + side_by_side(3, (ATTITUDE, skew(turned)))
+    return Opinion(model.value + turned, model.slope + slope)
+
+
+def less(a: Opinion, b: Opinion) -> Opinion:
+    """The difference of two opinions."""
+    return Opinion(a.value - b.value, a.slope - b.slope)
+
+
+def mixed(own: Opinion, difference: Opinion, gain: Array) -> Opinion:
+    """An opinion, moved by its share of the difference; gain of shape (3, 3)."""
+    return Opinion(own.value + gain @ difference.value, own.slope + product(gain, difference.slope))
 
 
 def step(
-    x: NavigationState, P: Array, v_dot: Opinion, turning: Turning, noise: Array, waves: Waves, dt: float
+    x: NavigationState, P: Array, v_dot: Opinion, wave_dot: Opinion, turning: Turning, noise: Array, dt: float
 ) -> tuple[NavigationState, Array]:
     """State and covariance a tick later.
 
     Args:
         x: Nominal state.
         P: Covariance of its error, shape (31, 31).
-        v_dot: Acceleration over the tick.
+        v_dot: Acceleration over the tick, b.
+        wave_dot: Acceleration of the waves over the tick, n.
         turning: Angular velocity over the tick.
-        noise: Intensity of the white noise on each error [unit^2/s], shape (31,).
-        waves: Of the wave force.
+        noise: Intensity of the white noise on the error [unit^2/s], shape (31, 31).
         dt: Tick [s].
     """
     R_nb = rotation_from_quaternion(x.attitude)
-    w2, decay = waves.frequency**2, 2.0 * waves.damping * waves.frequency
-    A = _rates(R_nb, x.velocity, v_dot.slope, turning.omega, w2, decay)
     # The noise comes in the middle of the tick: what shakes the velocity has moved the position by its end.
-    B = 0.5 * dt * A
+    B = 0.5 * dt * _rates(R_nb, x.velocity, v_dot.slope, wave_dot.slope, turning.omega)
     B = B + 0.5 * product(B[:, :MOVING], B)
-    P = _through(B, P) + dt * jnp.diag(noise)
-    P = _through(B, P)
+    P = _through(B, _through(B, P) + dt * noise)
 
-    middle = x.velocity + 0.5 * dt * v_dot.value
     half = 0.5 * dt * turning.omega
-    turn = quaternion_normalise(jnp.concatenate([jnp.ones(1), half]))
-    R_middle = rotation_from_quaternion(
-        quaternion_normalise(quaternion_multiply(x.attitude, jnp.concatenate([jnp.ones(1), 0.5 * half])))
-    )
-    impulse_middle = x.wave_impulse + 0.5 * dt * x.wave_force
-    force_middle = x.wave_force - 0.5 * dt * (w2 * x.wave_impulse + decay * x.wave_force)
+    R_middle = rotation_from_quaternion(_turned(x.attitude, 0.5 * half))
     after = eqx.tree_at(
-        lambda s: (s.position, s.velocity, s.attitude, s.wave_impulse, s.wave_force),
+        lambda s: (s.position, s.velocity, s.attitude, s.wave_place, s.wave_velocity),
         x,
         (
-            x.position + dt * (R_middle @ middle),
+            x.position + dt * (R_middle @ (x.velocity + 0.5 * dt * v_dot.value)),
             x.velocity + dt * v_dot.value,
-            quaternion_normalise(quaternion_multiply(x.attitude, turn)),
-            x.wave_impulse + dt * force_middle,
-            x.wave_force - dt * (w2 * impulse_middle + decay * force_middle),
+            _turned(x.attitude, half),
+            x.wave_place + dt * (x.wave_velocity + 0.5 * dt * wave_dot.value),
+            x.wave_velocity + dt * wave_dot.value,
         ),
     )
     return after, 0.5 * (P + P.T)
 
 
-def _rates(R_nb: Array, velocity: Array, slope: Array, omega: Array, w2: Array, decay: Array) -> Array:
+def _turned(q: Array, half: Array) -> Array:
+    """q after a small rotation in b, half of it given [rad], shape (3,)."""
+    return quaternion_normalise(quaternion_multiply(q, jnp.concatenate([jnp.ones(1), half])))
+
+
+def _rates(R_nb: Array, velocity: Array, v_dot: Array, wave_dot: Array, omega: Array) -> Array:
     """Rate of the first 15 errors by all, shape (15, 31)."""
-    I = jnp.eye(3)
+    one = jnp.eye(3)
     rows = [
         side_by_side(3, (VELOCITY, R_nb), (ATTITUDE, -product(R_nb, skew(velocity)))),
-        slope,
-        side_by_side(3, (ATTITUDE, -skew(omega)), (GYRO_BIAS, -I)),
-        side_by_side(3, (WAVE_FORCE, I)),
-        side_by_side(3, (WAVE_IMPULSE, -w2 * I), (WAVE_FORCE, -decay * I)),
+        v_dot,
+        side_by_side(3, (ATTITUDE, -skew(omega)), (GYRO_BIAS, -one)),
+        side_by_side(3, (WAVE_VELOCITY, one)),
+        wave_dot,
     ]
     return jnp.concatenate(rows)
 
@@ -186,9 +207,8 @@ def _through(B: Array, P: Array) -> Array:
     moved = P[:MOVING] + product(B, P)
     corner = moved[:, :MOVING] + product(moved, B.T)
     side = moved[:, MOVING:]
-    return jnp.concatenate(
-        [jnp.concatenate([corner, side], axis=1), jnp.concatenate([side.T, P[MOVING:, MOVING:]], axis=1)]
-    )
+    rest = jnp.concatenate([side.T, P[MOVING:, MOVING:]], axis=1)
+    return jnp.concatenate([jnp.concatenate([corner, side], axis=1), rest])
 
 
 def side_by_side(rows: int, *blocks: tuple[slice, Array]) -> Array:

@@ -18,7 +18,14 @@ from rovtwin.core.frames import (
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation.motion import Opinion, side_by_side
-from rovtwin.gnc.navigation.state import ATTITUDE, POSITION, VELOCITY, NavigationState
+from rovtwin.gnc.navigation.state import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    WAVE_PLACE,
+    WAVE_VELOCITY,
+    NavigationState,
+)
 from rovtwin.gnc.navigation.tuning import Mount
 
 
@@ -72,7 +79,9 @@ def attitude(x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Ar
 
 
 def pressure(x: NavigationState, slot: Slot, mount: Mount, v_n: Array, now: Array, max_age: float) -> Innovation:
-    """Depth of the sensor."""
+    """Depth of the sensor, without the motion of the waves: particles of the water move along surfaces of one pressure,
+    and a vehicle of neutral buoyancy moves with them.
+    """
     mean = averaged(slot, now, max_age)
     R_nb = rotation_from_quaternion(x.attitude)
     ahead = x.position[2] + R_nb[2] @ mount.lever
@@ -99,8 +108,10 @@ def position(x: NavigationState, value: Array, age: Array, travelled: Array, mou
         (POSITION, jnp.eye(2, 3)),
         (VELOCITY, -age * R_nb[:2]),
         (ATTITUDE, -product(R_nb, turned)[:2]),
+        (WAVE_PLACE, jnp.eye(2, 3)),
+        (WAVE_VELOCITY, -age * jnp.eye(2, 3)),
     )
-    residual = value + travelled - x.position[:2] - R_nb[:2] @ mount.lever
+    residual = value + travelled - (x.position + x.wave_place + R_nb @ mount.lever)[:2]
     return Innovation(residual, slope, jnp.full(2, mount.std**2), jnp.full(2, True))
 
 
@@ -109,13 +120,22 @@ def dvl(
 ) -> Innovation:
     """Velocity over ground in the sensor's axes."""
     mean = averaged(slot, now, max_age)
-    there = x.velocity + cross(omega, mount.lever) - mean.age * v_dot
+    R_bn = rotation_from_quaternion(x.attitude).T
+    there = x.velocity + R_bn @ x.wave_velocity + cross(omega, mount.lever) - mean.age * v_dot
     n = jnp.maximum(mean.count, 1)
-    slope = side_by_side(3, (VELOCITY, jnp.eye(3)))
+    slope = side_by_side(3, (VELOCITY, jnp.eye(3)), (WAVE_VELOCITY, R_bn))
     residual = mount.rotation @ mean.value - there
     return Innovation(residual, slope, jnp.full(3, mount.std**2) / n, jnp.full(3, mean.count > 0))
 
 
-def disagreement(model: Opinion, sensor: Opinion, variance: Array, used: Array) -> Innovation:
-    """Of model and accelerometer: what should be zero, read with the noise of both. See `motion`."""
-    return Innovation(sensor.value - model.value, model.slope - sensor.slope, variance, jnp.full(3, used))
+def disagreement(difference: Opinion, density: Array, variance: Array, used: Array, dt: float) -> Innovation:
+    """Of accelerometer and prediction: what should be zero, read with the noise of all. See `motion`.
+
+    Args:
+        difference: Accelerometer's less predicted acceleration, b.
+        density: Of the white noise that is not in the prediction, shape (3,) [m2/s3].
+        variance: Of the reading [m2/s4].
+        used: Whether there is one, bool.
+        dt: Tick [s].
+    """
+    return Innovation(difference.value, -difference.slope, density / dt + variance, jnp.full(3, used))

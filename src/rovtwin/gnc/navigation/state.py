@@ -13,7 +13,7 @@ from rovtwin.core.frames import quaternion_multiply, quaternion_normalise
 from rovtwin.core.numerics import Array, jnp
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
-WAVE_IMPULSE, WAVE_FORCE = slice(9, 12), slice(12, 15)
+WAVE_PLACE, WAVE_VELOCITY = slice(9, 12), slice(12, 15)
 GYRO_BIAS, ACCELEROMETER_BIAS = slice(15, 18), slice(18, 21)
 FORCE_N, FORCE_B, CURRENT, DRAG = slice(21, 24), slice(24, 26), slice(26, 28), slice(28, 31)
 MOVING, ERRORS = 15, 31  # the first rows of the error change by themselves, the rest only wander
@@ -24,11 +24,11 @@ class NavigationState(eqx.Module):
     """The nominal state.
 
     Attributes:
-        position: CO in n [m], shape (3,).
-        velocity: Of CO over ground, b [m/s], shape (3,).
+        position: CO in n without the motion of the waves [m], shape (3,).
+        velocity: Of CO over ground, b, without the motion of the waves [m/s], shape (3,).
         attitude: Quaternion R_nb, shape (4,).
-        wave_impulse: Integral of the wave force, n [N s], shape (3,); without a mean.
-        wave_force: Of wave frequency, n [N], shape (3,).
+        wave_place: What waves add to the position, n [m], shape (3,).
+        wave_velocity: What waves add to the velocity, n [m/s], shape (3,).
         gyro_bias: b [rad/s], shape (3,).
         accelerometer_bias: b [m/s2], shape (3,).
         force_n: Slow disturbance that stays put as the vehicle turns (drift, tether, wrong buoyancy), n [N], shape (3,).
@@ -41,8 +41,8 @@ class NavigationState(eqx.Module):
     position: Array
     velocity: Array
     attitude: Array
-    wave_impulse: Array
-    wave_force: Array
+    wave_place: Array
+    wave_velocity: Array
     gyro_bias: Array
     accelerometer_bias: Array
     force_n: Array
@@ -64,8 +64,8 @@ class NavigationState(eqx.Module):
             self.position + error[POSITION],
             self.velocity + error[VELOCITY],
             quaternion_normalise(quaternion_multiply(self.attitude, turn)),
-            self.wave_impulse + error[WAVE_IMPULSE],
-            self.wave_force + error[WAVE_FORCE],
+            self.wave_place + error[WAVE_PLACE],
+            self.wave_velocity + error[WAVE_VELOCITY],
             self.gyro_bias + error[GYRO_BIAS],
             self.accelerometer_bias + error[ACCELEROMETER_BIAS],
             self.force_n + error[FORCE_N],

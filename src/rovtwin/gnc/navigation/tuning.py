@@ -17,8 +17,8 @@ from rovtwin.gnc.navigation.state import (
     GYRO_BIAS,
     POSITION,
     VELOCITY,
-    WAVE_FORCE,
-    WAVE_IMPULSE,
+    WAVE_PLACE,
+    WAVE_VELOCITY,
 )
 
 SENSOR_STD = {
@@ -54,9 +54,7 @@ class Tuning(eqx.Module):
         acceleration_share: Share of the model's own acceleration by which it may err (a mass that is not right).
         acceleration_memory: How long such an error lasts [s].
         turn_noise: Attitude while the gyro is silent [rad/sqrt(s)].
-        wave_frequency: Centre of the band in which forces count as waves [rad/s].
-        wave_damping: Half its relative width.
-        wave_mass: What turns accelerations into wave forces [kg], shape (3,).
+        wave_damping: Half the relative width of the band of waves.
         gate: By sensor name, squared normalised innovation beyond which a reading counts as an outlier.
         patience: So many positions beyond the gate in a row that agree with each other are believed.
         max_age: Of a reading [s]; one with a stamp further off counts as new.
@@ -69,9 +67,7 @@ class Tuning(eqx.Module):
     acceleration_share: Array = eqx.field(converter=as_array)
     acceleration_memory: Array = eqx.field(converter=as_array)
     turn_noise: Array = eqx.field(converter=as_array)
-    wave_frequency: Array = eqx.field(converter=as_array)
     wave_damping: Array = eqx.field(converter=as_array)
-    wave_mass: Array = eqx.field(converter=as_array)
     gate: dict[str, Array]
     patience: int = eqx.field(static=True)
     max_age: float = eqx.field(static=True)
@@ -79,7 +75,6 @@ class Tuning(eqx.Module):
     @classmethod
     def of(
         cls,
-        mass: Array,
         mounts: Mapping[str, Mount] | None = None,
         *,
         force_walk: float = 0.03,
@@ -90,14 +85,12 @@ class Tuning(eqx.Module):
         current_std: float = 0.1,
         acceleration_noise: float = 1e-3,
         acceleration_share: float = 0.1,
-        wave_period: float = 6.0,
-        wave_damping: float = 0.4,
+        wave_damping: float = 0.2,
         max_age: float = 2.0,
     ) -> "Tuning":
         """Beliefs in the units in which people think of them.
 
         Args:
-            mass: M of the vehicle, shape (6, 6).
             mounts: Sensors; None: those of thesis table 5.7 and a DVL, at CO.
             force_walk: Of the disturbance force, each axis of n [N/sqrt(s)].
             turning_force_walk: Of the one that turns with the vehicle [N/sqrt(s)].
@@ -107,7 +100,6 @@ class Tuning(eqx.Module):
             current_std: Water's velocity at the start, each axis [m/s].
             acceleration_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)].
             acceleration_share: Relative error of the model's acceleration.
-            wave_period: Where waves are looked for [s].
             wave_damping: Half the relative width of their band.
             max_age: How far back readings are compared with the past [s].
         """
@@ -115,8 +107,8 @@ class Tuning(eqx.Module):
             (POSITION, [0.1, 0.1, 0.02]),
             (VELOCITY, [0.05] * 3),
             (ATTITUDE, [0.01] * 3),
-            (WAVE_IMPULSE, [1e-3] * 3),
-            (WAVE_FORCE, [1e-3] * 3),
+            (WAVE_PLACE, [0.1] * 3),
+            (WAVE_VELOCITY, [0.1] * 3),
             (GYRO_BIAS, [1e-5] * 3),
             (ACCELEROMETER_BIAS, [0.03] * 3),
             (FORCE_N, [force_std, force_std, 3.0]),
@@ -140,9 +132,7 @@ class Tuning(eqx.Module):
             acceleration_share=acceleration_share,
             acceleration_memory=2.0,
             turn_noise=0.05,
-            wave_frequency=2.0 * np.pi / wave_period,
             wave_damping=wave_damping,
-            wave_mass=np.diagonal(np.asarray(mass))[:3],
             gate={name: as_array(value) for name, value in GATE.items()},
             patience=3,
             max_age=max_age,
