@@ -121,8 +121,8 @@ class Tuning(eqx.Module):
             (ACCELEROMETER_BIAS, [1e-5] * 3),
             (FORCE_N, [force_walk] * 3),
             (FORCE_B, [turning_force_walk] * 2),
-            (CURRENT, [1e-3] * 2),
-            (DRAG, [2e-3] * 3),
+            (CURRENT, [2e-4] * 2),
+            (DRAG, [1e-3] * 3),
         )
         return cls(
             mounts=dict(mounts or {name: Mount(std) for name, std in SENSOR_STD.items()}),
