@@ -12,14 +12,17 @@ Reference: Fossen (2021), sec. 12.5 (path following with a speed assignment); Sk
 import dataclasses
 
 import equinox as eqx
+import numpy as np
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import ABORTED, DIVE, FINISHED, GO, HOLD, IDLE, PAUSED, Estimate, Mission, Setpoint
+from rovtwin.core.flow import ABORTED, DIVE, FINISHED, GO, HOLD, IDLE, PAUSED, Estimate, Setpoint
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance import GuidanceInput
 from rovtwin.gnc.path import Piece, piece_of
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, Mode
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import wrench_limits
 
 
 class PathMemory(eqx.Module):
@@ -66,6 +69,14 @@ class PathGuidance(Block):
     patience: Array = eqx.field(converter=as_array, default=0.5)
     depth_tolerance: Array = eqx.field(converter=as_array, default=0.05)
     heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
+
+    @classmethod
+    def of(cls, model: Model) -> "PathGuidance":
+        """Accelerations that leave most of the thrust for drag and disturbances: a quarter of it ahead, half sideways."""
+        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        push = np.minimum(-lower, upper)[:2] / np.diagonal(np.asarray(model.mass))[:2]
+        ahead, sideways = np.clip(push * [0.25, 0.5], 0.01, 0.1)
+        return cls(acceleration=ahead, sideways=sideways)
 
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
