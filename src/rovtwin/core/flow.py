@@ -85,8 +85,8 @@ class Estimate(eqx.Module):
         nis: Normalised innovation squared summed per sensor in this tick, shape (n_sensors,), in sorted order of the
             sensors' names; 0 where none came.
         nis_dof: Number of scalar innovations in each sum, shape (n_sensors,).
-        wave: Part of the motion that is of wave frequency, n: displacement [m] and velocity [m/s], shape (6,); zero from
-            observers that do not tell it.
+        wave: Part of the motion that is of wave frequency, n: displacement [m] and velocity [m/s], shape (6,); zero
+            from observers that do not tell it.
     """
 
     eta: Array

@@ -72,7 +72,7 @@ class PathGuidance(Block):
 
     @classmethod
     def of(cls, model: Model) -> "PathGuidance":
-        """Accelerations that leave most of the thrust for drag and disturbances: a quarter of it ahead, half sideways."""
+        """Accelerations that leave thrust for drag and disturbances: a quarter of it goes ahead, half sideways."""
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         push = np.minimum(-lower, upper)[:2] / np.diagonal(np.asarray(model.mass))[:2]
         ahead, sideways = np.clip(push * [0.25, 0.5], 0.01, 0.1)

@@ -2,8 +2,8 @@
 
     tau = M nu_dot_d + C(nu_d) nu_d + D(nu_d) nu_d + g(eta) - b,     nu_dot_d = nu_ref_dot + K_d (nu_ref - nu) + K_p e
 
-with drag and Coriolis at the reference's velocity and the estimated disturbance b cancelled. Errors are those of the slow
-motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment.
+with drag and Coriolis at the reference's velocity and the estimated disturbance b cancelled. Errors are those of the
+slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment.
 
 Reference: Fossen (2021), sec. 15.2 and 16.3 (inverse dynamics with acceleration feed-forward).
 """
@@ -123,7 +123,7 @@ class Tracking(Block):
         slow = estimate.eta[:3] - estimate.wave[:3]
         nu = jnp.concatenate([estimate.nu[:3] - R_bn @ estimate.wave[3:], estimate.nu[3:]])
         away = R_bn @ (reference.eta[:3] - slow)
-        away = away * jnp.minimum(1.0, self.reach / jnp.maximum(jnp.linalg.norm(away), 1e-9))
+        away = away * jnp.minimum(1.0, self.reach / jnp.sqrt(jnp.maximum(away @ away, 1e-12)))
         turned = W @ wrap(reference.eta[3:] - euler)
         e = jnp.concatenate([away, turned])
         nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])

@@ -52,8 +52,8 @@ class NavigationMemory(eqx.Module):
     refused: Refused
 
 
-class _Forecast(NamedTuple):
-    """Accelerations of slow motion, b, and waves, n; densities of their noise in b and 1 / of all noise, shapes (3,)."""
+class Forecast(NamedTuple):
+    """Accelerations of slow motion, b, and waves, n; densities of their noise in b, 1 / that of all; shapes (3,)."""
 
     v_dot: Opinion
     wave_dot: Opinion
@@ -142,7 +142,7 @@ class NavigationFilter(Block):
 
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
-    ) -> tuple[NavigationState, Array, "_Forecast", SeaState, tuple[Array, Array]]:
+    ) -> tuple[NavigationState, Array, Forecast, SeaState, tuple[Array, Array]]:
         """State after model and accelerometer were compared, the forecast of both, the sea, what was heard."""
         x, P, tuning = memory.x, memory.P, self.tuning
         waves = self._waves(memory.sea, x)
@@ -154,7 +154,7 @@ class NavigationFilter(Block):
         if not self._listens("accelerometer", slots):
             nothing = (jnp.zeros(()), jnp.zeros(()))
             zero = jnp.zeros(3)
-            return x, P, _Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero), memory.sea, nothing
+            return x, P, Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero), memory.sea, nothing
         mount = tuning.mounts["accelerometer"]
         mean = readings.averaged(slots["accelerometer"], jnp.zeros(()), 0.0)
         heard = mean.count > 0
@@ -176,13 +176,13 @@ class NavigationFilter(Block):
         R_nb = rotation_from_quaternion(x.attitude)
         v_dot = motion.mixed(model, rest, jnp.diag(slow * total))
         wave_dot = motion.mixed(wave, rest, R_nb * (quick * total))
-        return x, P, _Forecast(v_dot, wave_dot, slow, quick, total), sea, told
+        return x, P, Forecast(v_dot, wave_dot, slow, quick, total), sea, told
 
     def _waves(self, sea: SeaState, x: NavigationState) -> Waves:
         damping = self.tuning.wave_damping
         return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
 
-    def _noise(self, x: NavigationState, forecast: "_Forecast", turn_variance: Array) -> Array:
+    def _noise(self, x: NavigationState, forecast: Forecast, turn_variance: Array) -> Array:
         """Intensity of the white noise on the error, shape (31, 31); what is left of it is common to v and waves."""
         R_nb, slow, quick, total = rotation_from_quaternion(x.attitude), forecast.slow, forecast.quick, forecast.total
         of_v = jnp.diag(slow - slow * slow * total)

@@ -212,7 +212,7 @@ def _through(B: Array, P: Array) -> Array:
 
 
 def side_by_side(rows: int, *blocks: tuple[slice, Array]) -> Array:
-    """A matrix of 31 columns from blocks in their places, in order; zero elsewhere. In a scan a join beats a scatter."""
+    """A matrix of 31 columns from blocks in their places, in order. In a scan a join is cheaper than a scatter."""
     parts, at = [], 0
     for place, block in blocks:
         parts += [jnp.zeros((rows, place.start - at)), block]

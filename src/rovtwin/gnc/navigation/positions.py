@@ -20,7 +20,7 @@ REOPENED_VELOCITY = 0.05  # standard deviation given back to the velocity [m/s]
 
 
 class Trail(eqx.Module):
-    """North and east by dead reckoning at the last ticks, a ring; corrections leave no jump in it [m], shape (128, 2)."""
+    """North and east by dead reckoning, without the jumps of corrections: a ring of ticks [m], shape (128, 2)."""
 
     ring: Array
 
@@ -84,7 +84,7 @@ def positions(
     mount, found = tuning.mounts["position"], []
     for row in range(slot.valid.shape[0]):
         age = now - slot.t_valid[row]
-        age = jnp.where((age > 0.0) & (age <= min(tuning.max_age, (TRAIL - 2) * dt)), age, 0.0)
+        age = jnp.where((age > 0.0) & (age <= jnp.minimum(tuning.max_age, (TRAIL - 2) * dt)), age, 0.0)
         one = readings.position(x, slot.value[row], age, trail.since(age, tick, dt), mount)
         S = one.slope @ P @ one.slope.T + jnp.diag(one.variance)
         there = slot.valid[row]

@@ -53,7 +53,7 @@ class Mean(eqx.Module):
     age: Array
 
 
-def averaged(slot: Slot, now: Array, max_age: float) -> Mean:
+def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
     """Of what a slot holds; zero where it holds nothing. A stamp ahead of the clock or too old counts as new."""
     count = jnp.sum(slot.valid)
     share = slot.valid / jnp.maximum(count, 1)
@@ -62,7 +62,9 @@ def averaged(slot: Slot, now: Array, max_age: float) -> Mean:
     return Mean(share @ slot.value, count, share @ age)
 
 
-def attitude(x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: float) -> Innovation:
+def attitude(
+    x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: Array | float
+) -> Innovation:
     """zyx Euler angles of the sensor's axes, as a small rotation from where the vehicle is believed to have been."""
     q_sb = quaternion_conjugate(quaternion_from_rotation(mount.rotation))
     total, count = jnp.zeros(3), jnp.sum(slot.valid)
@@ -78,7 +80,9 @@ def attitude(x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Ar
     return Innovation(total / n, slope, jnp.full(3, mount.std**2) / n, jnp.full(3, count > 0))
 
 
-def pressure(x: NavigationState, slot: Slot, mount: Mount, v_n: Array, now: Array, max_age: float) -> Innovation:
+def pressure(
+    x: NavigationState, slot: Slot, mount: Mount, v_n: Array, now: Array, max_age: Array | float
+) -> Innovation:
     """Depth of the sensor, without the motion of the waves: particles of the water move along surfaces of one pressure,
     and a vehicle of neutral buoyancy moves with them.
     """
@@ -116,7 +120,7 @@ def position(x: NavigationState, value: Array, age: Array, travelled: Array, mou
 
 
 def dvl(
-    x: NavigationState, slot: Slot, mount: Mount, omega: Array, v_dot: Array, now: Array, max_age: float
+    x: NavigationState, slot: Slot, mount: Mount, omega: Array, v_dot: Array, now: Array, max_age: Array | float
 ) -> Innovation:
     """Velocity over ground in the sensor's axes."""
     mean = averaged(slot, now, max_age)

@@ -1,8 +1,8 @@
 """How strong the waves are and how fast, from how model and accelerometer disagree.
 
-The disagreement is smoothed over a fifth of a second and freed of its slow part. Its variance over the last half minute,
-less what the noise of both leaves there, is that of the waves' acceleration; with the variance of its integral, that of
-their velocity, it gives their frequency.
+The disagreement is smoothed over a fifth of a second and freed of its slow part. Its variance over the last half
+minute, less what the noise of both leaves there, is that of the waves' acceleration; with the variance of its integral,
+that of their velocity, it gives their frequency.
 """
 
 import equinox as eqx

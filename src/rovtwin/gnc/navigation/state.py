@@ -31,7 +31,7 @@ class NavigationState(eqx.Module):
         wave_velocity: What waves add to the velocity, n [m/s], shape (3,).
         gyro_bias: b [rad/s], shape (3,).
         accelerometer_bias: b [m/s2], shape (3,).
-        force_n: Slow disturbance that stays put as the vehicle turns (drift, tether, wrong buoyancy), n [N], shape (3,).
+        force_n: Slow disturbance that stays put as the vehicle turns (drift, tether, buoyancy), n [N], shape (3,).
         force_b: Slow disturbance that turns with it (thrust that is not what it should be), surge and sway [N],
             shape (2,).
         current: Of the water, north and east [m/s], shape (2,).

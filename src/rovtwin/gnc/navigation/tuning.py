@@ -36,7 +36,7 @@ GATE = {"position": 18.4, "pressure": 15.1, "attitude": 21.1, "dvl": 21.1, "acce
 
 
 class Mount(eqx.Module):
-    """A sensor as the filter believes it: std per axis, place seen from CO, b [m], shape (3,), and R_bs, shape (3, 3)."""
+    """A sensor as the filter believes it: std per axis, place seen from CO, b [m], (3,), and R_bs, (3, 3)."""
 
     std: Array = eqx.field(converter=as_array)
     lever: Array = eqx.field(converter=as_array, default=(0.0, 0.0, 0.0))
@@ -70,7 +70,7 @@ class Tuning(eqx.Module):
     wave_damping: Array = eqx.field(converter=as_array)
     gate: dict[str, Array]
     patience: int = eqx.field(static=True)
-    max_age: float = eqx.field(static=True)
+    max_age: Array = eqx.field(converter=as_array)
 
     @classmethod
     def of(
