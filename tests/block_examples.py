@@ -36,10 +36,14 @@ from rovtwin.gnc.control import ControlInput, Pid
 from rovtwin.gnc.ekf_tuning import EkfTuning
 from rovtwin.gnc.guidance import Guidance, GuidanceInput
 from rovtwin.gnc.mission import mission
+from rovtwin.gnc.navigation.filter import NavigationFilter
+from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.observer import Ekf, ObserverInput
+from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import AllocationInput, PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
+from rovtwin.gnc.tracking import PathReference, Tracking
 from rovtwin.gnc.trial import Timeline, Trial
 from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_tuning import SlamTuning
@@ -110,7 +114,8 @@ def states() -> State:
 def estimates() -> Estimate:
     eta = jnp.concatenate([START.position + over_time(3, seed=5), over_time(3, seed=6)], axis=1)
     covariance = every_tick(0.01 * jnp.eye(12))
-    return Estimate(eta, over_time(6, seed=7), over_time(6, seed=8), covariance, over_time(5), every_tick(jnp.ones(5)))
+    nis, dof = over_time(5), every_tick(jnp.ones(5))
+    return Estimate(eta, over_time(6, seed=7), over_time(6, seed=8), covariance, nis, dof, 0.1 * over_time(6, seed=9))
 
 
 def way_points() -> Mission:
@@ -246,6 +251,19 @@ def ekf(tuning: EkfTuning) -> Example:
     return Example(Ekf(model(), tuning), ObserverInput(measurements(), commands()))
 
 
+def navigation() -> Example:
+    return Example(NavigationFilter(model(), Tuning.of()), ObserverInput(measurements(), commands()))
+
+
+def path_guidance() -> Example:
+    mode = every_tick(Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(NO_REASON)))
+    return Example(PathGuidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
+
+
+def tracking() -> Example:
+    return Example(Tracking.of(model()), ControlInput(estimates(), references(), over_time(6, seed=17)))
+
+
 def autopilot(observer: Block) -> Example:
     block = Autopilot.thesis(model(), observer, way_points(), gains="pole_placement")
     return Example(block, AutopilotInput(measurements(), requests()))
@@ -328,14 +346,18 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
     "gnc.control.Pid": pid,
     "gnc.guidance.Guidance": guidance,
+    "gnc.navigation.filter.NavigationFilter": navigation,
     "gnc.observer.Ekf: consistent": lambda: ekf(EkfTuning.consistent()),
     "gnc.observer.Ekf: as printed": lambda: ekf(EkfTuning.as_printed(CONTROL)),
     "gnc.priority_allocation.PriorityAllocation": priority_allocation,
+    "gnc.path_guidance.PathGuidance": path_guidance,
     "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
     # Modes are integers: there is nothing to differentiate.
     "gnc.supervisor.Supervisor": lambda: Example(
         Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
     ),
+    "gnc.tracking.PathReference": lambda: Example(PathReference.of(), setpoints()),
+    "gnc.tracking.Tracking": tracking,
     "gnc.trial.Trial": trial,
     "positioning.ekf.MarkerEkf": marker_filter,
     "positioning.luenberger.MarkerLuenberger": marker_observer,
@@ -358,7 +380,11 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 
 # Compiling these takes long: they run in `make test-all`.
 SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
-SLOW_BATCH = SLOW | {"positioning.ekf.MarkerEkf", "simulation.twin.Twin"}  # tests/simulation/test_twin.py has one
+SLOW_BATCH = SLOW | {
+    "gnc.navigation.filter.NavigationFilter",
+    "positioning.ekf.MarkerEkf",
+    "simulation.twin.Twin",
+}  # tests/simulation/test_twin.py has one; filters are batched in tests/scenario/test_model_based.py
 SLOW_GRADIENT = SLOW_BATCH | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether"}
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

@@ -108,7 +108,10 @@ def _path(data: Any, loc: tuple[int | str, ...], kind: str) -> str:
 def _say(item: Any, known: dict[str, Any], field: Any) -> str:
     kind, found, context = item["type"], item["input"], item.get("ctx", {})
     if kind == "extra_forbidden":
-        return "no such key." + near(item["loc"][-1], known)
+        key = item["loc"][-1]
+        if key in known:  # of another branch of the union
+            return "no such key beside this type"
+        return "no such key." + near(key, known)
     if kind == "missing":
         meaning = f" ({field.description})" if field is not None and field.description else ""
         return f"missing{meaning}"

@@ -85,6 +85,8 @@ class Estimate(eqx.Module):
         nis: Normalised innovation squared summed per sensor in this tick, shape (n_sensors,), in sorted order of the
             sensors' names; 0 where none came.
         nis_dof: Number of scalar innovations in each sum, shape (n_sensors,).
+        wave: Part of the motion that is of wave frequency, n: displacement [m] and velocity [m/s], shape (6,); zero
+            from observers that do not tell it.
     """
 
     eta: Array
@@ -93,6 +95,7 @@ class Estimate(eqx.Module):
     covariance: Array
     nis: Array
     nis_dof: Array
+    wave: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
 
 
 class Mission(eqx.Module):

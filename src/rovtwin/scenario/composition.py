@@ -1,24 +1,17 @@
 """From a scenario to blocks: the only place where vehicle, world, sensors and autopilot meet."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.bound import position_bound
-from rovtwin.gnc.ekf_tuning import SENSOR_STD
-from rovtwin.gnc.guidance import Guidance
 from rovtwin.gnc.mission import mission as mission_of
-from rovtwin.gnc.observer import Ekf, EkfTuning
-from rovtwin.gnc.reference import ReferenceModel
-from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.scenario.compose_autopilot import DESIGN_FORCE_WALK, autopilot_of
 from rovtwin.scenario.compose_battery import battery_of
 from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
 from rovtwin.scenario.compose_tethers import tethers_of
@@ -28,7 +21,6 @@ from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import (
     SENSOR_NAMES,
-    AutopilotSection,
     Scenario,
     SensorSection,
     WorldSection,
@@ -37,8 +29,6 @@ from rovtwin.simulation.sensors import EXTRA, KINDS, Sensor, table_5_7
 from rovtwin.simulation.twin import Twin
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 from rovtwin.vehicle.trim import afloat
-
-DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
 
 
 @dataclass(frozen=True)
@@ -116,7 +106,9 @@ def compose(scenario: Scenario) -> Composed:
     start = start_of(scenario, plant)
     tethers = tethers_of(scenario.world, vehicle, start)
     loop = Loop(
-        autopilot=trial_of(scenario, model, vehicle) if scenario.test else autopilot_of(scenario, model, sensors),
+        autopilot=trial_of(scenario, model, vehicle)
+        if scenario.test
+        else autopilot_of(scenario, model, sensors, way_points(scenario, model)),
         twin=Twin(
             plant,
             world_of(scenario.world),
@@ -189,38 +181,6 @@ def _changes_of(section: SensorSection) -> dict[str, Any]:
     if section.attitude_deg is not None:
         given["rotation"] = rotation_from_euler(jnp.radians(as_array(section.attitude_deg)))
     return given
-
-
-def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor]) -> Autopilot:
-    """The thesis's autopilot around a model; it knows how noisy its sensors are, not how they fail."""
-    section = scenario.autopilot
-    supervisor = section.supervisor
-    thesis = Autopilot.thesis(
-        model,
-        Ekf(model, _tuning_of(section, sensors, scenario.control_dt)),
-        way_points(scenario, model),
-        gains=section.controller.gains,
-        supervisor=Supervisor(
-            depth_limit=supervisor.depth_limit,
-            attitude_limit=math.radians(supervisor.attitude_limit_deg),
-            position_limit=supervisor.position_std_limit,
-        ),
-    )
-    damping, frequency = as_array([section.reference.damping] * 6), as_array([section.reference.frequency] * 6)
-    return replace(
-        thesis,
-        guidance=Guidance(look_ahead=section.guidance.lookahead),
-        reference=ReferenceModel(damping, frequency, as_array([jnp.inf] * 6), section.reference.obey_speed),
-    )
-
-
-def _tuning_of(section: AutopilotSection, sensors: dict[str, Sensor], control_dt: float) -> EkfTuning:
-    if section.observer.tuning == "as_printed":
-        return EkfTuning.as_printed(control_dt)
-    walk = section.observer.force_walk
-    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if name in SENSOR_STD}
-    known = {name: value for name, value in std.items() if value > 0}
-    return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
 
 
 def start_of(scenario: Scenario, plant: Model) -> Start:

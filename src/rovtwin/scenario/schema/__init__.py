@@ -3,7 +3,13 @@
 SI units; a name whose unit is not SI says so (`heading_deg`). `rovtwin scenario show NAME` prints any scenario in full.
 """
 
-from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection
+from rovtwin.scenario.schema.autopilot import (
+    PRESETS,
+    AutopilotSection,
+    ModelBasedSection,
+    SupervisorSection,
+    ThesisSection,
+)
 from rovtwin.scenario.schema.datum import DatumSection
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
@@ -31,12 +37,15 @@ __all__ = [
     "FaultSection",
     "GaussMarkovCurrentSection",
     "MissionSection",
+    "ModelBasedSection",
     "ReleaseSection",
     "Scenario",
     "SensorSection",
     "ShearedCurrentSection",
+    "SupervisorSection",
     "TetherSection",
     "TethersSection",
+    "ThesisSection",
     "ThesisWavesSection",
     "TrialSection",
     "WaterSection",

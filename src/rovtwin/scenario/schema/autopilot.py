@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from rovtwin.core.config import NonNegative, Number, Positive, Strict
 
@@ -50,7 +50,7 @@ class SupervisorSection(Strict):
     position_std_limit: Positive = Field(default=10.0, description="estimate counts as lost beyond it [m]")
 
 
-class AutopilotSection(Strict):
+class ThesisSection(Strict):
     """The thesis's guidance, navigation and control, put right (`thesis`) or as printed (`thesis_as_printed`)."""
 
     type: Literal["thesis"] = "thesis"
@@ -61,9 +61,57 @@ class AutopilotSection(Strict):
     supervisor: SupervisorSection = SupervisorSection()
 
 
+class NavigationSection(Strict):
+    """What the error-state filter believes; what is left out has the default of `gnc.navigation.tuning`."""
+
+    force_walk: Positive | None = Field(default=None, description="random walk of the disturbance force [N/sqrt(s)]")
+    force_std: Positive | None = Field(default=None, description="disturbance force at the start [N]")
+    drag_std: Positive | None = Field(default=None, description="relative error of the model's drag")
+    current_std: Positive | None = Field(default=None, description="water's velocity at the start, each axis [m/s]")
+    acceleration_share: NonNegative | None = Field(default=None, description="relative error of accelerations")
+    max_age: Annotated[Number, Field(ge=0, le=2.5)] | None = Field(
+        default=None, description="oldest reading that is compared with the past [s]"
+    )
+
+
+Six = Annotated[list[NonNegative], Field(min_length=6, max_length=6)]
+
+
+class TrackingSection(Strict):
+    """Model-based tracking of the path."""
+
+    bandwidth: Six = Field(
+        default=[0.5, 0.5, 0.8, 1.0, 1.0, 1.0], description="natural frequency of the error along each axis [rad/s]"
+    )
+    damping_ratio: Positive = 1.0
+    integral: NonNegative = Field(default=0.1, description="rate of the moments' integral, as a share of the bandwidth")
+    dive_speed: Positive = Field(default=0.2, description="largest [m/s]")
+    turn_rate_deg: Positive = Field(default=30.0, description="largest [deg/s]")
+
+
+class ModelBasedSection(Strict):
+    """Error-state filter, guidance along a smooth path, model-based tracking."""
+
+    type: Literal["model_based"]
+    navigation: NavigationSection = NavigationSection()
+    control: TrackingSection = TrackingSection()
+    supervisor: SupervisorSection = SupervisorSection()
+
+
+def _kind(section: Any) -> str:
+    given = section.get("type", "thesis") if isinstance(section, dict) else getattr(section, "type", "thesis")
+    return str(given)
+
+
+AutopilotSection = Annotated[
+    Annotated[ThesisSection, Tag("thesis")] | Annotated[ModelBasedSection, Tag("model_based")], Discriminator(_kind)
+]
+
+
 PRESETS: dict[str, dict[str, Any]] = {
     "thesis": {},
     "thesis_as_printed": {"observer": {"tuning": "as_printed"}},
     # The same blocks with gains from the vehicle's own model and a reference that it can follow.
     "thesis_placed": {"controller": {"gains": "pole_placement"}, "reference": {"obey_speed": True}},
+    "model_based": {"type": "model_based"},
 }

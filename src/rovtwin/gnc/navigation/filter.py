@@ -1,0 +1,237 @@
+"""The filter as a Block: predict with model and inertial sensors, correct with what came, say how sure it is.
+
+    step(memory, ObserverInput(measurements, command), dt) -> (memory, Estimate)
+
+Besides pose and velocity the estimate has the disturbance force without its waves, and the motion of wave frequency by
+itself, so that a controller can leave the waves alone.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Command, Estimate, Measurements, Slot
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.ekf_model import product
+from rovtwin.gnc.navigation import motion, readings
+from rovtwin.gnc.navigation.belief import estimate_of
+from rovtwin.gnc.navigation.motion import Opinion, Turning, Waves, side_by_side
+from rovtwin.gnc.navigation.positions import Refused, Trail, positions
+from rovtwin.gnc.navigation.readings import Innovation
+from rovtwin.gnc.navigation.sea import SeaState
+from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, MOVING, VELOCITY, WAVE_VELOCITY, NavigationState
+from rovtwin.gnc.navigation.tuning import Tuning
+from rovtwin.gnc.observer import ObserverInput, squared_norm
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
+
+
+class NavigationMemory(eqx.Module):
+    """Memory of the filter.
+
+    Attributes:
+        x: Nominal state.
+        P: Covariance of its error, shape (31, 31).
+        thrust: Force of each thruster as the model predicts it [N], shape (n,).
+        omega: Angular velocity at the end of the last tick, b [rad/s], shape (3,).
+        ticks: So far, int; time is `ticks * dt`.
+        trail: Where dead reckoning went.
+        sea: What is believed of the waves.
+        refused: Positions that were not believed.
+    """
+
+    x: NavigationState
+    P: Array
+    thrust: Array
+    omega: Array
+    ticks: Array
+    trail: Trail
+    sea: SeaState
+    refused: Refused
+
+
+class Forecast(NamedTuple):
+    """Accelerations of slow motion, b, and waves, n; densities of their noise in b, 1 / that of all; shapes (3,)."""
+
+    v_dot: Opinion
+    wave_dot: Opinion
+    slow: Array
+    quick: Array
+    total: Array
+
+
+class NavigationFilter(Block):
+    """Error-state filter whose prediction is driven by the model and by the inertial sensors at once.
+
+    Attributes:
+        model: What the filter believes the vehicle to be.
+        tuning: See `Tuning`.
+    """
+
+    model: Model
+    tuning: Tuning
+
+    def init(self, key: Array, start: Start) -> NavigationMemory:
+        """At the start, unaware of velocity and disturbance; `key` is not used."""
+        return NavigationMemory(
+            x=NavigationState.at(start),
+            P=jnp.diag(self.tuning.initial_std**2),
+            thrust=jnp.zeros(self.model.thrusters.count),
+            omega=jnp.zeros(3),
+            ticks=jnp.zeros((), dtype=jnp.int32),
+            trail=Trail.at(start.position),
+            sea=SeaState.unknown(),
+            refused=Refused.none(),
+        )
+
+    def step(self, memory: NavigationMemory, input: ObserverInput, dt: float) -> tuple[NavigationMemory, Estimate]:
+        """Predict over the tick, then take in what came. The first tick is at time zero, `dt` later the second."""
+        slots, now = input.measurements, memory.ticks * dt
+        tau, thrust = self._thrust(memory.thrust, input.command, dt)
+        turning, omega, turn_variance = self._turning(memory, slots, dt)
+        heard: dict[str, tuple[Array, Array]] = {}
+
+        x, P, forecast, sea, heard["accelerometer"] = self._accelerate(memory, slots, tau, turning, dt)
+        noise = self._noise(x, forecast, turn_variance)
+        moved, P = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
+        way = moved.position + moved.wave_place - x.position - x.wave_place
+        trail = memory.trail.after(way, memory.ticks)
+        x, refused = moved, memory.refused
+
+        if self._listens("position", slots):
+            found, refused, P = positions(x, P, slots["position"], trail, refused, self.tuning, now, memory.ticks, dt)
+            x, P, heard["position"] = corrected(x, P, found)
+        for name in ("attitude", "pressure", "dvl"):
+            if self._listens(name, slots):
+                found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, now)
+                x, P, heard[name] = corrected(x, P, gated(found, P, self.tuning.gate[name]))
+        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused)
+        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots))
+
+    def _listens(self, name: str, slots: Measurements) -> bool:
+        return name in slots and name in self.tuning.mounts
+
+    def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:
+        """Wrench of the thrusters in the middle of the tick, shape (6,), and their forces at its end, shape (n,)."""
+        thrusters = self.model.thrusters
+        target = static_force(thrusters, command.u)
+        halfway = lag(thrusters, force_just_after(thrusters, before, target), target, 0.5 * dt)
+        return thrusters.configuration @ halfway, lag(thrusters, halfway, target, 0.5 * dt)
+
+    def _turning(self, memory: NavigationMemory, slots: Measurements, dt: float) -> tuple[Turning, Array, Array]:
+        """Over the tick, omega at its end, and the noise that leaves in the attitude [rad^2/s].
+
+        The mean of readings that end with the tick is half a reading late; the last tick's end mends that.
+        """
+        silent = Turning(memory.omega, jnp.zeros(3)), memory.omega, self.tuning.turn_noise**2
+        if not self._listens("gyro", slots):
+            return silent
+        mount, slot = self.tuning.mounts["gyro"], slots["gyro"]
+        count = jnp.sum(slot.valid)
+        n = jnp.maximum(count, 1)
+        mean = mount.rotation @ ((slot.valid / n) @ slot.value) - memory.x.gyro_bias
+        last = jnp.zeros(3)
+        for row in range(slot.valid.shape[0]):
+            last = jnp.where(slot.valid[row], slot.value[row], last)
+        end = mount.rotation @ last - memory.x.gyro_bias
+        middle = mean + (memory.omega - end) / (2.0 * n)
+        told = Turning(middle, (end - memory.omega) / dt), end, mount.std**2 * dt / n
+        return jax.tree.map(lambda a, b: jnp.where(count > 0, a, b), told, silent)
+
+    def _accelerate(
+        self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
+    ) -> tuple[NavigationState, Array, Forecast, SeaState, tuple[Array, Array]]:
+        """State after model and accelerometer were compared, the forecast of both, the sea, what was heard."""
+        x, P, tuning = memory.x, memory.P, self.tuning
+        waves = self._waves(memory.sea, x)
+        by_model = motion.by_model(self.model, x, tau, turning)
+        doubt = (tuning.acceleration_share * by_model.value) ** 2 * tuning.acceleration_memory
+        slow = tuning.acceleration_noise**2 + doubt
+        R_nb = rotation_from_quaternion(x.attitude)
+        quick = (R_nb * R_nb).T @ waves.density
+        if not self._listens("accelerometer", slots):
+            nothing = (jnp.zeros(()), jnp.zeros(()))
+            zero = jnp.zeros(3)
+            return x, P, Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero), memory.sea, nothing
+        mount = tuning.mounts["accelerometer"]
+        mean = readings.averaged(slots["accelerometer"], jnp.zeros(()), 0.0)
+        heard = mean.count > 0
+        variance = mount.std**2 / jnp.maximum(mean.count, 1)
+        read = mount.rotation @ mean.value
+
+        def difference(x: NavigationState) -> tuple[Opinion, Opinion, Opinion]:
+            R_nb = rotation_from_quaternion(x.attitude)
+            model, wave = motion.by_model(self.model, x, tau, turning), motion.by_waves(x, waves)
+            sensed = motion.by_accelerometer(x, read, mount.lever, turning)
+            return model, wave, motion.less(sensed, motion.sum_of(model, wave, R_nb))
+
+        found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
+        unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
+        sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
+        x, P, told = corrected(x, P, gated(found, P, tuning.gate["accelerometer"]))
+        model, wave, rest = difference(x)
+        total = jnp.where(heard, 1.0 / (slow + quick + variance * dt), 0.0)
+        R_nb = rotation_from_quaternion(x.attitude)
+        v_dot = motion.mixed(model, rest, jnp.diag(slow * total))
+        wave_dot = motion.mixed(wave, rest, R_nb * (quick * total))
+        return x, P, Forecast(v_dot, wave_dot, slow, quick, total), sea, told
+
+    def _waves(self, sea: SeaState, x: NavigationState) -> Waves:
+        damping = self.tuning.wave_damping
+        return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
+
+    def _noise(self, x: NavigationState, forecast: Forecast, turn_variance: Array) -> Array:
+        """Intensity of the white noise on the error, shape (31, 31); what is left of it is common to v and waves."""
+        R_nb, slow, quick, total = rotation_from_quaternion(x.attitude), forecast.slow, forecast.quick, forecast.total
+        of_v = jnp.diag(slow - slow * slow * total)
+        both = -R_nb * (slow * quick * total)
+        of_waves = product(R_nb * (quick - quick * quick * total), R_nb.T)
+        rows = [
+            jnp.zeros((3, ERRORS)),
+            side_by_side(3, (VELOCITY, of_v), (WAVE_VELOCITY, both.T)),
+            side_by_side(3, (ATTITUDE, jnp.eye(3) * turn_variance)),
+            jnp.zeros((3, ERRORS)),
+            side_by_side(3, (VELOCITY, both), (WAVE_VELOCITY, of_waves)),
+            jnp.zeros((ERRORS - MOVING, ERRORS)),
+        ]
+        return jnp.concatenate(rows) + jnp.diag(self.tuning.walk**2)
+
+    def _innovation(
+        self, name: str, x: NavigationState, slot: Slot, omega: Array, v_dot: Array, now: Array
+    ) -> Innovation:
+        mount, max_age = self.tuning.mounts[name], self.tuning.max_age
+        if name == "attitude":
+            return readings.attitude(x, slot, mount, omega, now, max_age)
+        if name == "pressure":
+            v_n = rotation_from_quaternion(x.attitude) @ x.velocity
+            return readings.pressure(x, slot, mount, v_n, now, max_age)
+        return readings.dvl(x, slot, mount, omega, v_dot, now, max_age)
+
+
+def gated(found: Innovation, P: Array, gate: Array) -> Innovation:
+    """The same, not used where all together are too far off."""
+    H = found.slope
+    S = product(product(H, P), H.T) + jnp.diag(found.variance)
+    return eqx.tree_at(lambda i: i.used, found, found.used & (squared_norm(found.residual, S) <= gate))
+
+
+def corrected(x: NavigationState, P: Array, found: Innovation) -> tuple[NavigationState, Array, tuple[Array, Array]]:
+    """State and covariance after scalar measurements one by one; sum of squared normalised innovations, their number.
+
+    Joseph form multiplied out: P stays symmetric and positive for any gain. Bar-Shalom, Li and Kirubarajan (2001).
+    """
+
+    def one(carry: tuple[Array, Array], scalar: Innovation) -> tuple[tuple[Array, Array], Array]:
+        error, P = carry
+        column = jnp.sum(P * scalar.slope, axis=1)
+        innovation = scalar.residual - scalar.slope @ error
+        S = scalar.slope @ column + scalar.variance
+        K = jnp.where(scalar.used, column / S, 0.0)
+        error = error + K * innovation
+        P = P - (K[:, None] * column + column[:, None] * K) + S * (K[:, None] * K)
+        return (error, P), jnp.where(scalar.used, innovation * innovation / S, 0.0)
+
+    (error, P), squares = jax.lax.scan(one, (jnp.zeros(ERRORS), P), found)
+    return x.corrected(error), P, (squares.sum(), found.used.sum().astype(P.dtype))

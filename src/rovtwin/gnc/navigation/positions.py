@@ -1,0 +1,102 @@
+"""Horizontal positions: late, sometimes missing, sometimes wrong, and the only thing that says where the vehicle is.
+
+A reading is compared with where the vehicle was when it was taken, found by going back along the dead-reckoned trail.
+Beyond the gate it is refused. Refused readings that agree with each other say that the filter errs, not they: after a
+few of them the filter's own position is opened again, so that it cannot lock itself out.
+"""
+
+import equinox as eqx
+
+from rovtwin.core.flow import Slot
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.navigation import readings
+from rovtwin.gnc.navigation.readings import Innovation
+from rovtwin.gnc.navigation.state import ERRORS, HORIZONTAL, NavigationState
+from rovtwin.gnc.navigation.tuning import Tuning
+from rovtwin.gnc.observer import squared_norm
+
+TRAIL = 128  # ticks
+REOPENED_VELOCITY = 0.05  # standard deviation given back to the velocity [m/s]
+
+
+class Trail(eqx.Module):
+    """North and east by dead reckoning, without the jumps of corrections: a ring of ticks [m], shape (128, 2)."""
+
+    ring: Array
+
+    @classmethod
+    def at(cls, position: Array) -> "Trail":
+        return cls(jnp.zeros((TRAIL, 2)) + position[HORIZONTAL])
+
+    def after(self, moved: Array, tick: Array) -> "Trail":
+        """With the way of one more tick, n [m], shape (3,)."""
+        last = jax.lax.dynamic_index_in_dim(self.ring, (tick - 1) % TRAIL, keepdims=False)
+        now = last + moved[HORIZONTAL]
+        return Trail(jax.lax.dynamic_update_index_in_dim(self.ring, now, tick % TRAIL, 0))
+
+    def since(self, age: Array, tick: Array, dt: float) -> Array:
+        """Way since `age` seconds ago [m], shape (2,)."""
+        back = jnp.clip(age / dt, 0.0, TRAIL - 2.0)
+        whole = jnp.floor(back).astype(jnp.int32)
+        share = back - whole
+        now, later, earlier = (
+            jax.lax.dynamic_index_in_dim(self.ring, (tick - i) % TRAIL, keepdims=False)
+            for i in (jnp.zeros_like(whole), whole, whole + 1)
+        )
+        return now - ((1.0 - share) * later + share * earlier)
+
+
+class Refused(eqx.Module):
+    """Readings beyond the gate that agree with each other: how many in a row, int, and the last residual [m], (2,)."""
+
+    count: Array
+    residual: Array
+
+    @classmethod
+    def none(cls) -> "Refused":
+        return cls(jnp.zeros((), dtype=jnp.int32), jnp.zeros(2))
+
+
+def positions(
+    x: NavigationState,
+    P: Array,
+    slot: Slot,
+    trail: Trail,
+    refused: Refused,
+    tuning: Tuning,
+    now: Array,
+    tick: Array,
+    dt: float,
+) -> tuple[Innovation, Refused, Array]:
+    """Innovations of all readings of a tick, what was refused, and P, opened where the filter must be wrong.
+
+    Args:
+        x: State.
+        P: Its covariance, shape (31, 31).
+        slot: Readings of north and east.
+        trail: Up to this tick.
+        refused: Before this tick.
+        tuning: Noise, gate, patience.
+        now: Time [s].
+        tick: Its number, int.
+        dt: Its length [s].
+    """
+    mount, found = tuning.mounts["position"], []
+    for row in range(slot.valid.shape[0]):
+        age = now - slot.t_valid[row]
+        age = jnp.where((age > 0.0) & (age <= jnp.minimum(tuning.max_age, (TRAIL - 2) * dt)), age, 0.0)
+        one = readings.position(x, slot.value[row], age, trail.since(age, tick, dt), mount)
+        S = one.slope @ P @ one.slope.T + jnp.diag(one.variance)
+        there = slot.valid[row]
+        far = there & (squared_norm(one.residual, S) > tuning.gate["position"])
+        # Two readings of the same place differ by both their noises.
+        alike = squared_norm(one.residual - refused.residual, 2.0 * jnp.diag(one.variance)) < tuning.gate["position"]
+        count = jnp.where(far, jnp.where(alike & (refused.count > 0), refused.count + 1, 1), refused.count * ~there)
+        lost = far & (count >= tuning.patience)
+        opening = jnp.zeros(ERRORS).at[jnp.array([0, 1])].set(one.residual @ one.residual)
+        opening = opening.at[jnp.array([3, 4])].set(REOPENED_VELOCITY**2)
+        P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opening)
+        refused = Refused(jnp.where(lost, 0, count), jnp.where(far, one.residual, refused.residual))
+        found.append(eqx.tree_at(lambda i: i.used, one, one.used & there & (~far | lost)))
+    joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
+    return joined, refused, P

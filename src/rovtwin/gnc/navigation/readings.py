@@ -1,0 +1,145 @@
+"""What each sensor says of the error: residual, its derivative, its noise, and whether it is believed.
+
+Readings of a tick are averaged; each is compared with the state when it was taken.
+"""
+
+import equinox as eqx
+
+from rovtwin.core.flow import Slot
+from rovtwin.core.frames import (
+    cross,
+    quaternion_conjugate,
+    quaternion_from_euler,
+    quaternion_from_rotation,
+    quaternion_multiply,
+    rotation_from_quaternion,
+    skew,
+)
+from rovtwin.core.numerics import Array, jnp
+from rovtwin.gnc.ekf_model import product
+from rovtwin.gnc.navigation.motion import Opinion, side_by_side
+from rovtwin.gnc.navigation.state import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    WAVE_PLACE,
+    WAVE_VELOCITY,
+    NavigationState,
+)
+from rovtwin.gnc.navigation.tuning import Mount
+
+
+class Innovation(eqx.Module):
+    """Scalar measurements of the error, residual = slope @ error + noise; fields of shape (n, ...).
+
+    Attributes:
+        residual: Shape (n,).
+        slope: Shape (n, 31).
+        variance: Of the noise, shape (n,).
+        used: Whether they are there and believed, shape (n,), bool.
+    """
+
+    residual: Array
+    slope: Array
+    variance: Array
+    used: Array
+
+
+class Mean(eqx.Module):
+    """Average of a slot's readings, shape (n,), their number, and how long ago they were taken on average [s]."""
+
+    value: Array
+    count: Array
+    age: Array
+
+
+def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
+    """Of what a slot holds; zero where it holds nothing. A stamp ahead of the clock or too old counts as new."""
+    count = jnp.sum(slot.valid)
+    share = slot.valid / jnp.maximum(count, 1)
+    age = now - slot.t_valid
+    age = jnp.where((age > 0.0) & (age <= max_age), age, 0.0)
+    return Mean(share @ slot.value, count, share @ age)
+
+
+def attitude(
+    x: NavigationState, slot: Slot, mount: Mount, omega: Array, now: Array, max_age: Array | float
+) -> Innovation:
+    """zyx Euler angles of the sensor's axes, as a small rotation from where the vehicle is believed to have been."""
+    q_sb = quaternion_conjugate(quaternion_from_rotation(mount.rotation))
+    total, count = jnp.zeros(3), jnp.sum(slot.valid)
+    for row in range(slot.valid.shape[0]):
+        read = quaternion_multiply(quaternion_from_euler(slot.value[row]), q_sb)
+        away = quaternion_multiply(quaternion_conjugate(x.attitude), read)
+        age = now - slot.t_valid[row]
+        age = jnp.where((age > 0.0) & (age <= max_age), age, 0.0)
+        turned = 2.0 * jnp.sign(away[0]) * away[1:] + age * omega
+        total = total + jnp.where(slot.valid[row], turned, 0.0)
+    n = jnp.maximum(count, 1)
+    slope = side_by_side(3, (ATTITUDE, jnp.eye(3)))
+    return Innovation(total / n, slope, jnp.full(3, mount.std**2) / n, jnp.full(3, count > 0))
+
+
+def pressure(
+    x: NavigationState, slot: Slot, mount: Mount, v_n: Array, now: Array, max_age: Array | float
+) -> Innovation:
+    """Depth of the sensor, without the motion of the waves: particles of the water move along surfaces of one pressure,
+    and a vehicle of neutral buoyancy moves with them.
+    """
+    mean = averaged(slot, now, max_age)
+    R_nb = rotation_from_quaternion(x.attitude)
+    ahead = x.position[2] + R_nb[2] @ mount.lever
+    slope = side_by_side(1, (POSITION, jnp.array([[0.0, 0.0, 1.0]])), (ATTITUDE, -product(R_nb, skew(mount.lever))[2:]))
+    residual = mean.value + mean.age * v_n[2:] - ahead
+    n = jnp.maximum(mean.count, 1)
+    return Innovation(residual, slope, jnp.full(1, mount.std**2) / n, jnp.full(1, mean.count > 0))
+
+
+def position(x: NavigationState, value: Array, age: Array, travelled: Array, mount: Mount) -> Innovation:
+    """One reading of north and east, perhaps seconds old.
+
+    Args:
+        x: State now.
+        value: Reading [m], shape (2,).
+        age: Of it [s].
+        travelled: North and east since then, by dead reckoning [m], shape (2,).
+        mount: Of the sensor.
+    """
+    R_nb = rotation_from_quaternion(x.attitude)
+    turned = skew(mount.lever) - age * skew(x.velocity)
+    slope = side_by_side(
+        2,
+        (POSITION, jnp.eye(2, 3)),
+        (VELOCITY, -age * R_nb[:2]),
+        (ATTITUDE, -product(R_nb, turned)[:2]),
+        (WAVE_PLACE, jnp.eye(2, 3)),
+        (WAVE_VELOCITY, -age * jnp.eye(2, 3)),
+    )
+    residual = value + travelled - (x.position + x.wave_place + R_nb @ mount.lever)[:2]
+    return Innovation(residual, slope, jnp.full(2, mount.std**2), jnp.full(2, True))
+
+
+def dvl(
+    x: NavigationState, slot: Slot, mount: Mount, omega: Array, v_dot: Array, now: Array, max_age: Array | float
+) -> Innovation:
+    """Velocity over ground in the sensor's axes."""
+    mean = averaged(slot, now, max_age)
+    R_bn = rotation_from_quaternion(x.attitude).T
+    there = x.velocity + R_bn @ x.wave_velocity + cross(omega, mount.lever) - mean.age * v_dot
+    n = jnp.maximum(mean.count, 1)
+    slope = side_by_side(3, (VELOCITY, jnp.eye(3)), (WAVE_VELOCITY, R_bn))
+    residual = mount.rotation @ mean.value - there
+    return Innovation(residual, slope, jnp.full(3, mount.std**2) / n, jnp.full(3, mean.count > 0))
+
+
+def disagreement(difference: Opinion, density: Array, variance: Array, used: Array, dt: float) -> Innovation:
+    """Of accelerometer and prediction: what should be zero, read with the noise of all. See `motion`.
+
+    Args:
+        difference: Accelerometer's less predicted acceleration, b.
+        density: Of the white noise that is not in the prediction, shape (3,) [m2/s3].
+        variance: Of the reading [m2/s4].
+        used: Whether there is one, bool.
+        dt: Tick [s].
+    """
+    return Innovation(difference.value, -difference.slope, density / dt + variance, jnp.full(3, used))

@@ -1,0 +1,80 @@
+"""How strong the waves are and how fast, from how model and accelerometer disagree.
+
+The disagreement is smoothed over a fifth of a second and freed of its slow part. Its variance over the last half
+minute, less what the noise of both leaves there, is that of the waves' acceleration; with the variance of its integral,
+that of their velocity, it gives their frequency.
+"""
+
+import equinox as eqx
+
+from rovtwin.core.numerics import Array, jax, jnp
+
+SMOOTH, SLOW, REMEMBER = 0.2, 6.0, 40.0  # [s]
+FIRST, GROWTH = 3.0, 0.25  # what is remembered at the start [s], and how much longer each second
+ROUGH = 0.1  # what is believed at the start: acceleration [m/s2] and velocity [m/s]
+FAINT = 1e-3  # acceleration below which nothing is said about the frequency [m/s2]
+SLOWEST, FASTEST, USUAL = 0.4, 2.5, 1.0  # frequencies [rad/s]
+
+
+class SeaState(eqx.Module):
+    """What model and waves do not explain.
+
+    Attributes:
+        smooth: Acceleration, b [m/s2], shape (3,).
+        slow: Its slow part, shape (3,).
+        velocity: Integral of the rest, which forgets slowly [m/s], shape (3,).
+        acceleration_variance: Of waves, shape (3,) [m2/s4].
+        velocity_variance: Of waves, shape (3,) [m2/s2].
+        memory: How far back the variances reach [s].
+    """
+
+    smooth: Array
+    slow: Array
+    velocity: Array
+    acceleration_variance: Array
+    velocity_variance: Array
+    memory: Array
+
+    @classmethod
+    def unknown(cls) -> "SeaState":
+        """Rough, but soon forgotten: waves taken for a force would throw the filter off, a force for waves does not."""
+        zero, rough = jnp.zeros(3), jnp.full(3, ROUGH**2)
+        return cls(zero, zero, zero, rough, rough, jnp.asarray(FIRST))
+
+    def after(self, unexplained: Array, noise: Array, heard: Array, dt: float) -> "SeaState":
+        """A tick later.
+
+        Args:
+            unexplained: Accelerometer's less model's acceleration [m/s2], shape (3,).
+            noise: Its variance where there are no waves, shape (3,).
+            heard: Whether there was a reading, bool.
+            dt: Tick [s].
+        """
+        smooth = self.smooth + dt / SMOOTH * (unexplained - self.smooth)
+        slow = self.slow + dt / SLOW * (smooth - self.slow)
+        quick = smooth - slow
+        velocity = self.velocity + dt * (quick - self.velocity / SLOW)
+        # White noise of density noise * dt leaves noise * dt / (2 T) behind a lag of T, and that times T^2 integrated.
+        a = quick**2 - noise * dt / (2.0 * SMOOTH)
+        v = velocity**2 - noise * dt * SLOW / 8.0
+        keep = dt / self.memory
+        new = SeaState(
+            smooth,
+            slow,
+            velocity,
+            self.acceleration_variance + keep * (a - self.acceleration_variance),
+            self.velocity_variance + keep * (v - self.velocity_variance),
+            jnp.minimum(self.memory + GROWTH * dt, REMEMBER),
+        )
+        return jax.tree.map(lambda a, b: jnp.where(heard, a, b), new, self)
+
+    @property
+    def frequency(self) -> Array:
+        """Of the waves [rad/s]; the usual one in calm water."""
+        a = jnp.maximum(jnp.sum(self.acceleration_variance), 0.0) + FAINT**2
+        v = jnp.maximum(jnp.sum(self.velocity_variance), 0.0) + (FAINT / USUAL) ** 2
+        return jnp.clip(jnp.sqrt(a / v), SLOWEST, FASTEST)
+
+    def density(self, damping: Array, R_nb: Array) -> Array:
+        """Of the white noise that drives the waves along north, east and down [m2/s3], shape (3,)."""
+        return (R_nb * R_nb) @ jnp.maximum(self.acceleration_variance, 0.0) * 4.0 * damping / self.frequency

@@ -1,0 +1,75 @@
+"""What the filter estimates, and its error.
+
+The nominal state is held as it is (attitude as a quaternion); the covariance is that of a small error of 31 numbers,
+in the order of the slices below. The error of the attitude is a small rotation seen from b: R_true = R exp(S(dtheta)).
+
+Reference: Sola (2017), Quaternion Kinematics for the Error-State Kalman Filter, sec. 5 (local angular error).
+"""
+
+import equinox as eqx
+
+from rovtwin.core.block import Start
+from rovtwin.core.frames import quaternion_multiply, quaternion_normalise
+from rovtwin.core.numerics import Array, jnp
+
+POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
+WAVE_PLACE, WAVE_VELOCITY = slice(9, 12), slice(12, 15)
+GYRO_BIAS, ACCELEROMETER_BIAS = slice(15, 18), slice(18, 21)
+FORCE_N, FORCE_B, CURRENT, DRAG = slice(21, 24), slice(24, 26), slice(26, 28), slice(28, 31)
+MOVING, ERRORS = 15, 31  # the first rows of the error change by themselves, the rest only wander
+HORIZONTAL = slice(0, 2)
+
+
+class NavigationState(eqx.Module):
+    """The nominal state.
+
+    Attributes:
+        position: CO in n without the motion of the waves [m], shape (3,).
+        velocity: Of CO over ground, b, without the motion of the waves [m/s], shape (3,).
+        attitude: Quaternion R_nb, shape (4,).
+        wave_place: What waves add to the position, n [m], shape (3,).
+        wave_velocity: What waves add to the velocity, n [m/s], shape (3,).
+        gyro_bias: b [rad/s], shape (3,).
+        accelerometer_bias: b [m/s2], shape (3,).
+        force_n: Slow disturbance that stays put as the vehicle turns (drift, tether, buoyancy), n [N], shape (3,).
+        force_b: Slow disturbance that turns with it (thrust that is not what it should be), surge and sway [N],
+            shape (2,).
+        current: Of the water, north and east [m/s], shape (2,).
+        drag: Logarithm of what drag is times the model's, in surge, sway and heave, shape (3,).
+    """
+
+    position: Array
+    velocity: Array
+    attitude: Array
+    wave_place: Array
+    wave_velocity: Array
+    gyro_bias: Array
+    accelerometer_bias: Array
+    force_n: Array
+    force_b: Array
+    current: Array
+    drag: Array
+
+    @classmethod
+    def at(cls, start: Start) -> "NavigationState":
+        """At a place and attitude, at rest as far as is known."""
+        zero, two = jnp.zeros(3), jnp.zeros(2)
+        return cls(start.position, zero, start.attitude, zero, zero, zero, zero, zero, two, two, zero)
+
+    def corrected(self, error: Array) -> "NavigationState":
+        """The state with an error, shape (31,), added."""
+        half = 0.5 * error[ATTITUDE]
+        turn = jnp.concatenate([jnp.sqrt(jnp.maximum(1.0 - half @ half, 0.0))[None], half])
+        return NavigationState(
+            self.position + error[POSITION],
+            self.velocity + error[VELOCITY],
+            quaternion_normalise(quaternion_multiply(self.attitude, turn)),
+            self.wave_place + error[WAVE_PLACE],
+            self.wave_velocity + error[WAVE_VELOCITY],
+            self.gyro_bias + error[GYRO_BIAS],
+            self.accelerometer_bias + error[ACCELEROMETER_BIAS],
+            self.force_n + error[FORCE_N],
+            self.force_b + error[FORCE_B],
+            self.current + error[CURRENT],
+            self.drag + error[DRAG],
+        )

@@ -1,0 +1,134 @@
+"""The path through way-points: straight legs joined by circular arcs, and how fast it may be followed.
+
+An arc of radius R touches both legs at R tan(gamma/2) from their way-point, gamma being the turn, and passes it at
+R (1 / cos(gamma/2) - 1). R is as large as the way-point's acceptance and half of the shorter leg allow. A way-point at
+which the vehicle stops, dives or turns back has none.
+
+Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, sec. 12.3 (straight lines and
+inscribed circles).
+"""
+
+import equinox as eqx
+
+from rovtwin.core.flow import Mission
+from rovtwin.core.frames import wrap
+from rovtwin.core.numerics import Array, jnp
+
+SHARPEST = 2.6  # turns beyond this are no corner but a way back [rad]
+DEPTH_STEP = 0.1  # way-points whose depths differ by more are dived to on the spot [m]
+SHORT = 1e-6  # legs below this have no direction [m]
+
+
+class Piece(eqx.Module):
+    """The leg towards a way-point and the corner behind it.
+
+    Attributes:
+        start: Where the leg starts, horizontally [m], shape (2,).
+        end: The way-point, shape (3,).
+        direction: Of the leg [rad].
+        length: Up to the arc, or to the way-point where there is none [m].
+        turn: Angle of the corner, to starboard positive [rad]; 0 without an arc.
+        radius: Of the arc [m].
+        speed: Wanted on the leg [m/s].
+        after: Largest speed at its end [m/s]: that of the corner, or 0.
+        acceptance, hold_time, heading, fixed_heading: As in the mission.
+        last: Whether no way-point follows, bool.
+    """
+
+    start: Array
+    end: Array
+    direction: Array
+    length: Array
+    turn: Array
+    radius: Array
+    speed: Array
+    after: Array
+    acceptance: Array
+    hold_time: Array
+    heading: Array
+    fixed_heading: Array
+    last: Array
+
+    @property
+    def arc_length(self) -> Array:
+        """[m]; 0 without an arc."""
+        return self.radius * jnp.abs(self.turn)
+
+    @property
+    def arc_start(self) -> Array:
+        """Where the leg ends and the arc begins [m], shape (2,)."""
+        return self.start + self.length * _towards(self.direction)
+
+    def at(self, s: Array, on_arc: Array) -> tuple[Array, Array, Array]:
+        """Place [m], shape (2,), direction [rad] and curvature [1/m] at a way s from the start of the leg or arc."""
+        side = jnp.sign(self.turn)
+        curvature = side / jnp.where(self.radius > 0, self.radius, 1.0)
+        turned = self.direction + curvature * s
+        centre = self.arc_start + side * self.radius * _towards(self.direction + 0.5 * jnp.pi)
+        on_circle = centre - side * self.radius * _towards(turned + 0.5 * jnp.pi)
+        straight = self.start + s * _towards(self.direction)
+        place = jnp.where(on_arc, on_circle, straight)
+        return place, wrap(jnp.where(on_arc, turned, self.direction)), jnp.where(on_arc, curvature, 0.0)
+
+
+def piece_of(mission: Mission, waypoint: Array, start: Array, heading: Array, sideways: Array) -> Piece:
+    """The leg from `start` to a way-point and the corner there.
+
+    Args:
+        mission: Way-points.
+        waypoint: Index of the one aimed at, int.
+        start: Where the leg starts [m], shape (2,).
+        heading: Direction of a leg too short to have one [rad].
+        sideways: Largest acceleration in a corner [m/s2].
+    """
+    rows = jnp.arange(mission.position.shape[0])
+    here, there = rows == waypoint, rows == jnp.minimum(waypoint + 1, mission.count - 1)
+
+    def row(values: Array, which: Array) -> Array:
+        return jnp.sum(jnp.where(which.reshape(-1, *[1] * (values.ndim - 1)), values, 0), axis=0)
+
+    end, following = row(mission.position, here), row(mission.position, there)
+    last = waypoint + 1 >= mission.count
+    way, direction = _leg(end[:2] - start, heading)
+    onwards, next_direction = _leg(following[:2] - end[:2], direction)
+    turn = wrap(next_direction - direction)
+    stops = (row(mission.hold_time, here) > 0) | last | (jnp.abs(following[2] - end[2]) > DEPTH_STEP)
+    smooth = ~stops & (jnp.abs(turn) < SHARPEST) & (way > SHORT) & (onwards > SHORT)
+    bent = smooth & (jnp.abs(turn) > 1e-3)
+    acceptance = row(mission.acceptance, here)
+    half = jnp.where(bent, 0.5 * jnp.abs(turn), 0.5)
+    radius = jnp.minimum(acceptance / (1.0 / jnp.cos(half) - 1.0), 0.5 * jnp.minimum(way, onwards) / jnp.tan(half))
+    radius = jnp.where(bent, radius, 0.0)
+    speed = row(mission.speed, here)
+    # Beyond the corner the next leg's speed holds.
+    ahead = jnp.minimum(speed, row(mission.speed, there))
+    after = jnp.where(bent, jnp.minimum(ahead, jnp.sqrt(sideways * radius)), jnp.where(smooth, ahead, 0.0))
+    return Piece(
+        start=start,
+        end=end,
+        direction=direction,
+        length=way - radius * jnp.tan(half),
+        turn=jnp.where(bent, turn, 0.0),
+        radius=radius,
+        speed=speed,
+        after=after,
+        acceptance=acceptance,
+        hold_time=row(mission.hold_time, here),
+        heading=row(mission.heading, here),
+        fixed_heading=jnp.any(here & mission.fixed_heading),
+        last=last,
+    )
+
+
+def _leg(along: Array, heading: Array) -> tuple[Array, Array]:
+    """Length [m] and direction [rad] of a way, shape (2,); of none, the heading."""
+    length2 = along @ along
+    none = length2 < SHORT**2
+    north, east = jnp.where(none, 1.0, along[0]), jnp.where(none, 0.0, along[1])
+    return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, length2))), jnp.where(
+        none, heading, jnp.arctan2(east, north)
+    )
+
+
+def _towards(angle: Array) -> Array:
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

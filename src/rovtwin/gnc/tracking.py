@@ -1,0 +1,155 @@
+"""Tracking: a reference that keeps to the path, and a controller that asks the model what wrench it takes.
+
+    tau = M nu_dot_d + C(nu_d) nu_d + D(nu_d) nu_d + g(eta) - b,     nu_dot_d = nu_ref_dot + K_d (nu_ref - nu) + K_p e
+
+with drag and Coriolis at the reference's velocity and the estimated disturbance b cancelled. Errors are those of the
+slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment.
+
+Reference: Fossen (2021), sec. 15.2 and 16.3 (inverse dynamics with acceleration feed-forward).
+"""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Reference, Setpoint, Wrench
+from rovtwin.core.frames import cross, rotation_from_euler, wrap
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.allocation import reachable_share
+from rovtwin.gnc.control import ControlInput
+from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import wrench_limits
+
+_HORIZONTAL = jnp.arange(6) < 2
+
+
+class PathReference(Block):
+    """North and east as guidance has them; depth and heading through a second-order model with bounded rates.
+
+    Attributes:
+        model: For depth and heading.
+    """
+
+    model: ReferenceModel
+
+    @classmethod
+    def of(cls, frequency: Any = 1.0, dive: Any = 0.2, turn: Any = 0.5) -> "PathReference":
+        """Frequency of both [rad/s], largest rate of dives [m/s] and of turns [rad/s]."""
+        limit = np.array([np.inf, np.inf, dive, np.inf, np.inf, turn])
+        one = np.ones(6)
+        return cls(ReferenceModel(one, frequency * one, limit))  # type: ignore[arg-type]  (NumPy)
+
+    def init(self, key: Array, start: Start) -> Reference:
+        return self.model.init(key, start)
+
+    def step(self, memory: Reference, input: Setpoint, dt: float) -> tuple[Reference, Reference]:
+        _, smooth = self.model.step(memory, input, dt)
+        R = rotation_from_euler(jnp.array([0.0, 0.0, 1.0]) * input.eta[5])
+        rate = jnp.concatenate([R @ input.nu[:3], jnp.zeros(3)])
+        # What guidance says of the speed is exact; its difference is the acceleration, a tick late.
+        change = (rate - memory.eta_dot) / dt
+        reference = Reference(
+            jnp.where(_HORIZONTAL, input.eta, smooth.eta),
+            jnp.where(_HORIZONTAL, rate, smooth.eta_dot),
+            jnp.where(_HORIZONTAL, change, smooth.eta_ddot),
+        )
+        return reference, reference
+
+
+class Tracking(Block):
+    """Model-based tracking control; memory is the integral of the moments [N m], shape (3,).
+
+    Attributes:
+        model: What the vehicle is believed to be.
+        K_p: Of the pose error, b [1/s2], shape (6,).
+        K_d: Of the velocity error, b [1/s], shape (6,).
+        K_i: Of the attitude error's integral [N m/rad/s], shape (3,).
+        reach: Largest position error that counts [m].
+        lower, upper: Limits of tau along each axis [N, N m], shape (6,).
+    """
+
+    model: Model
+    K_p: Array = eqx.field(converter=as_array)
+    K_d: Array = eqx.field(converter=as_array)
+    K_i: Array = eqx.field(converter=as_array)
+    reach: Array = eqx.field(converter=as_array)
+    lower: Array = eqx.field(converter=as_array)
+    upper: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        bandwidth: Any = (0.5, 0.5, 0.8, 1.0, 1.0, 1.0),
+        damping_ratio: Any = 1.0,
+        integral: Any = 0.1,
+        reach: Any = 0.5,
+    ) -> "Tracking":
+        """Error dynamics of chosen frequency w [rad/s] and damping ratio along each axis that thrusters can push.
+
+        Args:
+            model: The vehicle.
+            bandwidth: w, shape (6,).
+            damping_ratio: zeta, scalar or shape (6,).
+            integral: Share of w that the moments' integral's rate is.
+            reach: Largest position error that counts [m]: a filter that jumps must not throw the vehicle about.
+        """
+        w = np.asarray(bandwidth, dtype=float)
+        able = reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5
+        lower, upper = wrench_limits(model.thrusters)
+        inertia = np.diagonal(np.asarray(model.mass))[3:]
+        return cls(
+            model=model,
+            K_p=able * w**2,
+            K_d=able * 2.0 * np.asarray(damping_ratio) * w,
+            K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
+            reach=reach,
+            lower=lower,
+            upper=upper,
+        )
+
+    def init(self, key: Array, start: Start) -> Array:
+        return jnp.zeros(3)
+
+    def step(self, memory: Array, input: ControlInput, dt: float) -> tuple[Array, Wrench]:
+        estimate, reference, model = input.estimate, input.reference, self.model
+        euler = estimate.eta[3:]
+        R_nb = rotation_from_euler(euler)
+        R_bn, W = R_nb.T, _body_rates(euler)
+        slow = estimate.eta[:3] - estimate.wave[:3]
+        nu = jnp.concatenate([estimate.nu[:3] - R_bn @ estimate.wave[3:], estimate.nu[3:]])
+        away = R_bn @ (reference.eta[:3] - slow)
+        away = away * jnp.minimum(1.0, self.reach / jnp.sqrt(jnp.maximum(away @ away, 1e-12)))
+        turned = W @ wrap(reference.eta[3:] - euler)
+        e = jnp.concatenate([away, turned])
+        nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])
+        # Components in b of a velocity that is given in n turn with b.
+        ahead = jnp.concatenate([R_bn @ reference.eta_ddot[:3] - cross(nu[3:], nu_ref[:3]), W @ reference.eta_ddot[3:]])
+        nu_dot = ahead + self.K_d * (nu_ref - nu) + self.K_p * e
+        disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
+        wanted = (
+            model.mass @ nu_dot
+            + coriolis_wrench(model.mass, nu_ref)
+            + damping_wrench(model, nu_ref)
+            + restoring_wrench(model, R_nb[2])
+            - disturbance
+            + jnp.concatenate([jnp.zeros(3), memory])
+        )
+        wanted = jnp.where(self.upper > self.lower, wanted, 0.0)
+        tau = jnp.clip(wanted, self.lower, self.upper)
+        growth = self.K_i * turned * dt
+        lost = jnp.where(jnp.abs(input.shortfall) > 1e-9, input.shortfall, 0.0)
+        winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
+        return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
+
+
+def _body_rates(euler: Array) -> Array:
+    """T(Theta)^-1, shape (3, 3). Fossen (2021), eq. 2.40."""
+    cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
+    ct, st = jnp.cos(euler[1]), jnp.sin(euler[1])
+    one, zero = jnp.ones_like(cf), jnp.zeros_like(cf)
+    return jnp.array([[one, zero, -st], [zero, cf, ct * sf], [zero, -sf, ct * cf]])

@@ -1,0 +1,92 @@
+"""From an autopilot's section to its blocks; it knows how noisy its sensors are, not how they fail."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from rovtwin.core.flow import Mission
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.gnc.allocation import Allocation
+from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.ekf_tuning import SENSOR_STD
+from rovtwin.gnc.guidance import Guidance
+from rovtwin.gnc.navigation import tuning as navigation
+from rovtwin.gnc.navigation.filter import NavigationFilter
+from rovtwin.gnc.observer import Ekf, EkfTuning
+from rovtwin.gnc.path_guidance import PathGuidance
+from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.gnc.tracking import PathReference, Tracking
+from rovtwin.scenario.schema import ModelBasedSection, Scenario, SupervisorSection, ThesisSection
+from rovtwin.simulation.sensors import Sensor
+from rovtwin.vehicle import Model
+
+DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
+
+
+def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:
+    """The autopilot that the scenario asks for, around a model."""
+    section = scenario.autopilot
+    if isinstance(section, ThesisSection):
+        return _thesis(section, model, sensors, mission, scenario.control_dt)
+    return _model_based(section, model, sensors, mission)
+
+
+def _supervisor(section: SupervisorSection) -> Supervisor:
+    return Supervisor(
+        depth_limit=section.depth_limit,
+        attitude_limit=math.radians(section.attitude_limit_deg),
+        position_limit=section.position_std_limit,
+    )
+
+
+def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:
+    asked = section.navigation
+    known = {name: sensor for name, sensor in sensors.items() if name in navigation.SENSOR_STD}
+    mounts = {name: _mount(name, sensor) for name, sensor in known.items()}
+    given = asked.model_dump(exclude_none=True)
+    tuning = navigation.Tuning.of(mounts, **({"force_walk": DESIGN_FORCE_WALK} | given))
+    control = section.control
+    return Autopilot(
+        observer=NavigationFilter(model, tuning),
+        supervisor=_supervisor(section.supervisor),
+        guidance=PathGuidance.of(model),
+        reference=PathReference.of(dive=control.dive_speed, turn=math.radians(control.turn_rate_deg)),
+        control=Tracking.of(model, control.bandwidth, control.damping_ratio, control.integral),
+        allocation=Allocation.of(model),
+        mission=mission,
+    )
+
+
+def _mount(name: str, sensor: Sensor) -> navigation.Mount:
+    """A sensor without noise is believed as far as one of its kind is."""
+    std = float(np.asarray(sensor.noise)[0]) or navigation.SENSOR_STD[name]
+    return navigation.Mount(std, sensor.lever, sensor.rotation)
+
+
+def _thesis(
+    section: ThesisSection, model: Model, sensors: dict[str, Sensor], mission: Mission, control_dt: float
+) -> Autopilot:
+    thesis = Autopilot.thesis(
+        model,
+        Ekf(model, _tuning_of(section, sensors, control_dt)),
+        mission,
+        gains=section.controller.gains,
+        supervisor=_supervisor(section.supervisor),
+    )
+    damping, frequency = as_array([section.reference.damping] * 6), as_array([section.reference.frequency] * 6)
+    return replace(
+        thesis,
+        guidance=Guidance(look_ahead=section.guidance.lookahead),
+        reference=ReferenceModel(damping, frequency, as_array([jnp.inf] * 6), section.reference.obey_speed),
+    )
+
+
+def _tuning_of(section: ThesisSection, sensors: dict[str, Sensor], control_dt: float) -> EkfTuning:
+    if section.observer.tuning == "as_printed":
+        return EkfTuning.as_printed(control_dt)
+    walk = section.observer.force_walk
+    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if name in SENSOR_STD}
+    known = {name: value for name, value in std.items() if value > 0}
+    return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)

@@ -1,0 +1,238 @@
+"""The error-state filter: its slopes, its corrections, what it does with late, wrong and missing positions."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from tests.gnc.observer_cases import double_body
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Slot
+from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.navigation import motion, readings
+from rovtwin.gnc.navigation.filter import Forecast, NavigationFilter
+from rovtwin.gnc.navigation.sea import SeaState
+from rovtwin.gnc.navigation.state import ERRORS, NavigationState
+from rovtwin.gnc.navigation.tuning import Mount, Tuning
+from rovtwin.gnc.observer import ObserverInput
+from rovtwin.vehicle.thrusters import command_for_force
+
+DT = 0.02
+RNG = np.random.default_rng(4)
+TURNING = motion.Turning(jnp.array([0.05, -0.04, 0.3]), jnp.array([0.1, 0.05, -0.2]))
+WAVES = motion.Waves(jnp.asarray(1.2), jnp.asarray(0.2), jnp.full(3, 1e-4))
+TAU = jnp.array([8.0, -3.0, 5.0, 0.5, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return double_body("towing")
+
+
+@pytest.fixture(scope="module")
+def state():
+    at = NavigationState.at(Start.at((1.0, 2.0, 3.0)))
+    error = 0.3 * RNG.standard_normal(ERRORS)
+    turned = eqx.tree_at(lambda s: s.attitude, at, quaternion_from_euler(jnp.array([0.1, -0.2, 0.8])))
+    return turned.corrected(jnp.asarray(error))
+
+
+def slope_of(value, x):
+    """Derivative by the error of the state at zero error, by automatic differentiation."""
+    return np.asarray(jax.jit(jax.jacfwd(lambda error: value(x.corrected(error))))(jnp.zeros(ERRORS)))
+
+
+@pytest.mark.parametrize("opinion", ["model", "accelerometer", "waves", "both"])
+def test_slopes_are_derivatives(model, state, opinion):
+    makers = {
+        "model": lambda x: motion.by_model(model, x, TAU, TURNING),
+        "accelerometer": lambda x: motion.by_accelerometer(x, jnp.array([0.1, 0.2, -9.7]), jnp.ones(3), TURNING),
+        "waves": lambda x: motion.by_waves(x, WAVES),
+        "both": lambda x: motion.sum_of(
+            motion.by_model(model, x, TAU, TURNING),
+            motion.by_waves(x, WAVES),
+            rotation_from_quaternion(x.attitude),
+        ),
+    }
+    expected = slope_of(lambda x: makers[opinion](x).value, state)
+    np.testing.assert_allclose(makers[opinion](state).slope, expected, atol=1e-9)
+
+
+def slot(*values, t=0.0):
+    value = jnp.atleast_2d(jnp.asarray(values, dtype=float))
+    return Slot(value, jnp.ones(len(value), dtype=bool), jnp.full(len(value), t))
+
+
+@pytest.mark.parametrize("sensor", ["attitude", "pressure", "position", "dvl"])
+def test_residuals_fall_as_their_slopes_say(state, sensor):
+    mount = Mount(0.1, (0.2, -0.1, 0.3), np.eye(3))
+    now, omega, still = jnp.asarray(5.0), TURNING.omega, jnp.zeros(3)
+    makers = {
+        "attitude": lambda x: readings.attitude(x, slot([0.1, -0.2, 0.8], t=5.0), mount, omega, now, 2.0),
+        "pressure": lambda x: readings.pressure(x, slot([3.0], t=5.0), mount, still, now, 2.0),
+        "position": lambda x: readings.position(x, jnp.array([1.0, 2.0]), jnp.zeros(()), jnp.zeros(2), mount),
+        "dvl": lambda x: readings.dvl(x, slot([0.1, 0.2, 0.0], t=5.0), mount, omega, still, now, 2.0),
+    }
+    at = state
+    if sensor == "attitude":  # a small angle: the slope holds where the reading is
+        at = eqx.tree_at(lambda s: s.attitude, state, quaternion_from_euler(jnp.array([0.1, -0.2, 0.8])))
+    expected = -slope_of(lambda x: makers[sensor](x).residual, at)
+    if sensor == "attitude":
+        expected = expected[:, 6:9]
+        np.testing.assert_allclose(makers[sensor](at).slope[:, 6:9], expected, atol=1e-9)
+    elif sensor == "dvl":  # what the attitude does to the waves' share is left out
+        np.testing.assert_allclose(makers[sensor](at).slope[:, 3:6], expected[:, 3:6], atol=1e-9)
+        np.testing.assert_allclose(makers[sensor](at).slope[:, 12:15], expected[:, 12:15], atol=1e-9)
+    else:
+        np.testing.assert_allclose(makers[sensor](at).slope, expected, atol=1e-9)
+
+
+def test_shares_of_model_sensor_and_waves_leave_no_more_noise_than_any_of_them():
+    """Var((w_m, w_w) | sum) by the usual formula, against what `_noise` hands to the prediction."""
+    S = {"model": 4e-6, "waves": 1e-4, "sensor": 1e-5}
+    total = sum(S.values())
+    joint = np.diag([S["model"], S["waves"]])
+    left = joint - np.outer([S["model"], S["waves"]], [S["model"], S["waves"]]) / total
+    filter = NavigationFilter(double_body(), Tuning.of())
+    one = jnp.ones(3)
+    forecast = Forecast(None, None, S["model"] * one, S["waves"] * one, one / total)
+    x = NavigationState.at(Start.at((0.0, 0.0, 1.0), 0.7))
+    Q = np.asarray(filter._noise(x, forecast, jnp.zeros(()))) - np.diag(np.asarray(filter.tuning.walk) ** 2)
+    R = np.asarray(rotation_from_quaternion(x.attitude))
+    np.testing.assert_allclose(Q[3:6, 3:6], left[0, 0] * np.eye(3), atol=1e-18)
+    np.testing.assert_allclose(Q[12:15, 12:15], left[1, 1] * np.eye(3), atol=1e-18)
+    np.testing.assert_allclose(Q[12:15, 3:6], left[1, 0] * R, atol=1e-18)
+    assert np.linalg.eigvalsh(Q)[0] > -1e-18
+
+
+def test_the_sea_is_told_by_its_acceleration():
+    """A sine of 1 rad/s in north with the accelerometer's noise: variance and frequency; in a calm nothing is left."""
+    rng, amplitude, frequency = np.random.default_rng(1), 0.05, 0.8
+    t = np.arange(0, 150, DT)
+    noise = 0.02
+
+    def heard(amplitude):
+        a = np.zeros((len(t), 3)) + noise * rng.standard_normal((len(t), 3))
+        a[:, 0] += amplitude * np.sin(frequency * t)
+
+        def tick(sea, a):
+            return sea.after(a, jnp.full(3, noise**2), jnp.asarray(True), DT), sea.frequency
+
+        return jax.lax.scan(tick, SeaState.unknown(), jnp.asarray(a))
+
+    rough, frequencies = heard(amplitude)
+    assert float(rough.acceleration_variance[0]) == pytest.approx(0.5 * amplitude**2, rel=0.15)
+    assert np.mean(frequencies[-1000:]) == pytest.approx(frequency, rel=0.15)
+    calm, _ = heard(0.0)
+    assert np.abs(np.asarray(calm.acceleration_variance)).max() < 0.02 * 0.5 * amplitude**2
+
+
+# The filter at work: a vehicle at rest, positions as a list of (time, reading, stamp).
+
+MOUNTS = {"position": Mount(0.5), "attitude": Mount(1e-3), "pressure": Mount(1e-3), "gyro": Mount(3e-5)}
+
+
+@eqx.filter_jit
+def listened(filter, positions, valid, stamps):
+    def tick(memory, inputs):
+        value, there, stamp = inputs
+        yes, now = jnp.ones(1, dtype=bool), memory.ticks * DT
+        slots = {
+            "attitude": Slot(jnp.zeros((1, 3)), yes, now[None]),
+            "gyro": Slot(jnp.zeros((1, 3)), yes, now[None]),
+            "position": Slot(value[None], there[None], stamp[None]),
+            "pressure": Slot(jnp.full((1, 1), 2.0), yes, now[None]),
+        }
+        memory, estimate = filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
+        return memory, (estimate.eta, estimate.covariance, estimate.nis_dof)
+
+    start = Start.at((0.0, 0.0, 2.0))
+    return jax.lax.scan(tick, filter.init(jax.random.key(0), start), (positions, valid, stamps))[1]
+
+
+SECONDS = 60
+
+
+def positions_once_a_second(change=None, late=0.0):
+    """Arrays for `listened`: noisy readings of a vehicle at rest at the origin, every 50 ticks."""
+    n = round(SECONDS / DT)
+    rng = np.random.default_rng(2)
+    value, valid = np.zeros((n, 2)), np.arange(n) % 50 == 49
+    value[valid] = 0.5 * rng.standard_normal((valid.sum(), 2))
+    if change is not None:
+        change(value, valid)
+    return jnp.asarray(value), jnp.asarray(valid), jnp.asarray(np.arange(n) * DT - late)
+
+
+@pytest.fixture(scope="module")
+def at_rest(model):
+    return NavigationFilter(model, Tuning.of(MOUNTS))
+
+
+def test_one_wrong_position_is_refused(at_rest):
+    def wrong(value, valid):
+        value[30 * 50 - 1] += [4.0, 3.0]
+
+    eta, _, dof = map(np.asarray, listened(at_rest, *positions_once_a_second(wrong)))
+    plain, _, all_of_them = map(np.asarray, listened(at_rest, *positions_once_a_second()))
+    assert dof[:, 2].sum() == all_of_them[:, 2].sum() - 2  # sorted: attitude, gyro, position, pressure
+    assert np.abs(eta[-1, :2] - plain[-1, :2]).max() < 0.15
+
+
+def test_a_filter_that_errs_is_found_again_within_five_fixes(at_rest):
+    """The readings jump by 18 m and stay there: no gate may lock the filter out."""
+
+    def jump(value, valid):
+        value[30 * 50 :] += [15.0, 10.0]
+
+    eta, P, _ = map(np.asarray, listened(at_rest, *positions_once_a_second(jump)))
+    before, after = eta[30 * 50 + 49], eta[30 * 50 + 5 * 50]
+    assert np.abs(before[:2]).max() < 1.0
+    assert np.abs(after[:2] - [15.0, 10.0]).max() < 2.0
+    assert np.sqrt(P[30 * 50 + 5 * 50, 0, 0]) < 2.0
+
+
+def test_while_nothing_comes_the_filter_grows_unsure(at_rest):
+    def gone(value, valid):
+        valid[20 * 50 : 50 * 50] = False
+
+    _, P, _ = map(np.asarray, listened(at_rest, *positions_once_a_second(gone)))
+    std = np.sqrt(P[:, 0, 0])
+    assert std[50 * 50 - 2] > 3.0 * std[20 * 50 - 2]
+    assert std[-1] < 0.5 * std[50 * 50 - 2]
+
+
+def test_a_late_position_tells_where_the_vehicle_was(model):
+    """At 0.5 m/s and 1.5 s of age, taken as new a reading would be 0.75 m off."""
+    speed, age = 0.5, 1.5
+    tuning = Tuning.of({"position": Mount(0.05), "attitude": Mount(1e-3), "gyro": Mount(3e-5)})
+    tuning = eqx.tree_at(lambda t: t.initial_std, tuning, tuning.initial_std.at[3].set(1.0))
+    sure = NavigationFilter(model, tuning)
+
+    @eqx.filter_jit
+    def run(filter):
+        def tick(memory, k):
+            now, yes = k * DT, jnp.ones(1, dtype=bool)
+            there = jnp.array([[speed * (now - age), 0.0]])
+            slots = {
+                "attitude": Slot(jnp.zeros((1, 3)), yes, now[None]),
+                "gyro": Slot(jnp.zeros((1, 3)), yes, now[None]),
+                "position": Slot(there, ((k % 25 == 0) & (now > age))[None], (now - age)[None]),
+            }
+            drag = model.linear_damping_ahead[0, 0] * speed + model.quadratic_damping_ahead[0, 0] * speed**2
+            u = command_of(model, drag)
+            memory, estimate = filter.step(memory, ObserverInput(slots, Command(u)), DT)
+            return memory, estimate.eta[0] - speed * now
+
+        memory = filter.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0)))
+        return jax.lax.scan(tick, memory, jnp.arange(2000))[1]
+
+    error = np.asarray(run(sure))
+    assert np.abs(error[1500:]).max() < 0.1
+    assert np.abs(np.asarray(run(eqx.tree_at(lambda f: f.tuning.max_age, sure, jnp.asarray(0.0))))[1500:]).min() > 0.5
+
+
+def command_of(model, force):
+    """Commands of the surge thrusters that make a force."""
+    surge = model.thrusters.configuration[0]
+    return command_for_force(model.thrusters, surge * force / jnp.sum(surge**2))
