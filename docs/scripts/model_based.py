@@ -39,6 +39,7 @@ def fly(scenario, autopilot, seed):
 
 
 def draw(flights, scenario, out):
+    """Path, error of the estimate, and commands."""
     fig, (path, error, thrust) = plt.subplots(
         1, 3, figsize=(13, 3.8), gridspec_kw={"width_ratios": [1.5, 1.2, 1.2]}, layout="constrained"
     )
@@ -61,6 +62,7 @@ def draw(flights, scenario, out):
 
 
 def main():
+    """Fly and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="lawnmower_hard")
     parser.add_argument("--seed", type=int, default=1)

@@ -20,6 +20,8 @@ NO_REASON, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, OPERATOR, NOT_A_NUMBER = 
 
 NO_REQUEST, PAUSE, RESUME, ABORT = range(4)
 
+FEW_ROWS = 32  # of a mission: up to here a masked sum picks a row faster than an index
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -98,6 +100,17 @@ class Estimate(eqx.Module):
     wave: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
 
 
+class Waypoint(eqx.Module):
+    """One row of a Mission; fields as there."""
+
+    position: Array
+    speed: Array
+    acceptance: Array
+    hold_time: Array
+    heading: Array
+    fixed_heading: Array
+
+
 class Mission(eqx.Module):
     """Way-points of a mission, in order.
 
@@ -118,6 +131,26 @@ class Mission(eqx.Module):
     heading: Array
     fixed_heading: Array
     count: Array
+
+    def at(self, index: Array) -> Waypoint:
+        """The way-point of an index, int, within the rows."""
+        rows = self.position.shape[0]
+        chosen = jnp.arange(rows) == index
+
+        def row(column: Array) -> Array:
+            if rows > FEW_ROWS:
+                return column[index]
+            # A sum over few rows costs less than a gather once a batch makes the index an array.
+            return jnp.sum(jnp.where(chosen.reshape(-1, *[1] * (column.ndim - 1)), column, 0), axis=0)
+
+        return Waypoint(
+            position=row(self.position),
+            speed=row(self.speed),
+            acceptance=row(self.acceptance),
+            hold_time=row(self.hold_time),
+            heading=row(self.heading),
+            fixed_heading=row(self.fixed_heading) > 0,
+        )
 
 
 class Setpoint(eqx.Module):

@@ -29,8 +29,6 @@ from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, Mode
 
-FEW_ROWS = 32  # of a mission
-
 
 class GuidanceInput(eqx.Module):
     """Where the vehicle is believed to be, where it should go, and whether it may."""
@@ -163,24 +161,15 @@ class _Leg(eqx.Module):
 
 
 def _leg(memory: GuidanceMemory, mission: Mission) -> _Leg:
-    # A sum over few rows costs less than a gather once a batch makes the index an array; over many it costs more.
-    few = mission.position.shape[0] <= FEW_ROWS
-    chosen = jnp.arange(mission.position.shape[0]) == memory.waypoint
-
-    def row(values: Array) -> Array:
-        if not few:
-            return values[memory.waypoint]
-        return jnp.sum(jnp.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), values, 0), axis=0)
-
-    end, acceptance = row(mission.position), row(mission.acceptance)
-    along = end[:2] - memory.leg_start
+    to = mission.at(memory.waypoint)
+    along = to.position[:2] - memory.leg_start
     # Within the acceptance radius the direction of a leg is chance: the heading stays as it was.
-    short = along @ along < acceptance**2
+    short = along @ along < to.acceptance**2
     north, east = jnp.where(short, 1.0, along[0]), jnp.where(short, 0.0, along[1])
     alpha = jnp.where(short, memory.eta[5], jnp.arctan2(east, north))
-    fixed = jnp.any(chosen & mission.fixed_heading) if few else mission.fixed_heading[memory.waypoint]
-    heading = jnp.where(fixed, row(mission.heading), alpha)
-    return _Leg(end, row(mission.speed), acceptance, row(mission.hold_time), alpha, heading, ~fixed & ~short)
+    heading = jnp.where(to.fixed_heading, to.heading, alpha)
+    steered = ~to.fixed_heading & ~short
+    return _Leg(to.position, to.speed, to.acceptance, to.hold_time, alpha, heading, steered)
 
 
 def _begin(memory: GuidanceMemory, estimate: Estimate, running: Array) -> GuidanceMemory:

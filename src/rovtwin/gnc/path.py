@@ -81,27 +81,20 @@ def piece_of(mission: Mission, waypoint: Array, start: Array, heading: Array, si
         heading: Direction of a leg too short to have one [rad].
         sideways: Largest acceleration in a corner [m/s2].
     """
-    rows = jnp.arange(mission.position.shape[0])
-    here, there = rows == waypoint, rows == jnp.minimum(waypoint + 1, mission.count - 1)
-
-    def row(values: Array, which: Array) -> Array:
-        return jnp.sum(jnp.where(which.reshape(-1, *[1] * (values.ndim - 1)), values, 0), axis=0)
-
-    end, following = row(mission.position, here), row(mission.position, there)
+    to, then = mission.at(waypoint), mission.at(jnp.minimum(waypoint + 1, mission.count - 1))
+    end, following = to.position, then.position
     last = waypoint + 1 >= mission.count
     way, direction = _leg(end[:2] - start, heading)
     onwards, next_direction = _leg(following[:2] - end[:2], direction)
     turn = wrap(next_direction - direction)
-    stops = (row(mission.hold_time, here) > 0) | last | (jnp.abs(following[2] - end[2]) > DEPTH_STEP)
+    stops = (to.hold_time > 0) | last | (jnp.abs(following[2] - end[2]) > DEPTH_STEP)
     smooth = ~stops & (jnp.abs(turn) < SHARPEST) & (way > SHORT) & (onwards > SHORT)
     bent = smooth & (jnp.abs(turn) > 1e-3)
-    acceptance = row(mission.acceptance, here)
     half = jnp.where(bent, 0.5 * jnp.abs(turn), 0.5)
-    radius = jnp.minimum(acceptance / (1.0 / jnp.cos(half) - 1.0), 0.5 * jnp.minimum(way, onwards) / jnp.tan(half))
+    radius = jnp.minimum(to.acceptance / (1.0 / jnp.cos(half) - 1.0), 0.5 * jnp.minimum(way, onwards) / jnp.tan(half))
     radius = jnp.where(bent, radius, 0.0)
-    speed = row(mission.speed, here)
     # Beyond the corner the next leg's speed holds.
-    ahead = jnp.minimum(speed, row(mission.speed, there))
+    ahead = jnp.minimum(to.speed, then.speed)
     after = jnp.where(bent, jnp.minimum(ahead, jnp.sqrt(sideways * radius)), jnp.where(smooth, ahead, 0.0))
     return Piece(
         start=start,
@@ -110,12 +103,12 @@ def piece_of(mission: Mission, waypoint: Array, start: Array, heading: Array, si
         length=way - radius * jnp.tan(half),
         turn=jnp.where(bent, turn, 0.0),
         radius=radius,
-        speed=speed,
+        speed=to.speed,
         after=after,
-        acceptance=acceptance,
-        hold_time=row(mission.hold_time, here),
-        heading=row(mission.heading, here),
-        fixed_heading=jnp.any(here & mission.fixed_heading),
+        acceptance=to.acceptance,
+        hold_time=to.hold_time,
+        heading=to.heading,
+        fixed_heading=to.fixed_heading,
         last=last,
     )
 

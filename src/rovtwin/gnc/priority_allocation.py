@@ -119,14 +119,18 @@ class PriorityAllocation(Block):
         sound = eqx.tree_at(lambda t: t.health, thrusters, as_array(np.ones(thrusters.count)))
         lower, upper = wrench_limits(sound)
         slew = thrusters.rate_limit if slew is None else np.broadcast_to(slew, thrusters.count)
+        lowest, highest = force_limits(sound)
         return cls(
-            thrusters,
-            *force_limits(sound),
-            lower,
-            upper,
-            row_weights(lower, upper) * as_array(np.sqrt(RANK_COST) ** np.asarray(ranks)),
-            *(as_array(value) for value in (slew, start, stop)),
-            as_array(np.broadcast_to(preferred, thrusters.count)),
+            thrusters=thrusters,
+            lowest=lowest,
+            highest=highest,
+            least_wrench=lower,
+            greatest_wrench=upper,
+            weight=row_weights(lower, upper) * as_array(np.sqrt(RANK_COST) ** np.asarray(ranks)),
+            slew=as_array(slew),
+            start=as_array(start),
+            stop=as_array(stop),
+            preferred=as_array(np.broadcast_to(preferred, thrusters.count)),
         )
 
     def init(self, key: Array, start: Start) -> AllocationMemory:

@@ -103,7 +103,7 @@ def _segments(
     rows = []
     for k in np.unique(band):
         spans = bounds[band == k][:, [0, 2]]
-        rows += [(k, *span) for span in _joined(spans, free, middles[k], 2.0 * lead)]
+        rows += [(k, *span) for span in _joined(spans, free, float(middles[k]), 2.0 * lead)]
     table = np.array(rows).reshape(-1, 3)
     band = table[:, 0].astype(int)
     flat = np.stack([table[:, 1:], np.repeat(middles[band][:, None], 2, axis=1)], axis=-1)
