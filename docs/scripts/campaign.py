@@ -1,4 +1,4 @@
-"""The pictures of docs/campaigns.md: sixteen missions of examples/campaign.yaml.
+"""The pictures of docs/campaigns.md: the first forty missions of examples/campaign.yaml.
 
 python docs/scripts/campaign.py [--out docs/figures] [--results runs/campaign-campaign]
 """
@@ -20,7 +20,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "figures")
     parser.add_argument("--results", type=Path, default=Path("runs/campaign-campaign"))
-    parser.add_argument("--samples", type=int, default=16)
+    parser.add_argument("--samples", type=int, default=40)
     given = parser.parse_args()
     campaign = load_campaign(ROOT / "examples" / "campaign.yaml", given.samples)
     result = result_of(run_campaign(campaign, given.results, on_this_machine(cores_here())))

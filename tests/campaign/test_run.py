@@ -198,8 +198,9 @@ def test_two_dask_workers_one_of_them_killed(campaign, session, tmp_path):
 
     more = campaign.model_copy(update={"samples": 10})
     killed = []
-    quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": "CRITICAL"}
-    with LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as cluster:
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL"
+    ) as cluster:
 
         def kill_one(now: Progress) -> None:
             if now.flown >= 2 and not killed:
