@@ -69,7 +69,7 @@ def test_residuals_fall_as_their_slopes_say(state, sensor):
     now, omega, still = jnp.asarray(5.0), TURNING.omega, jnp.zeros(3)
     makers = {
         "attitude": lambda x: readings.attitude(x, slot([0.1, -0.2, 0.8], t=5.0), mount, omega, now, 2.0),
-        "pressure": lambda x: readings.pressure(x, slot([3.0], t=5.0), mount, still, now, 2.0),
+        "pressure": lambda x: readings.pressure(x, slot([3.0], t=5.0), mount, still, jnp.zeros(()), now, 2.0),
         "position": lambda x: readings.position(x, jnp.array([1.0, 2.0]), jnp.zeros(()), jnp.zeros(2), mount),
         "dvl": lambda x: readings.dvl(x, slot([0.1, 0.2, 0.0], t=5.0), mount, omega, still, now, 2.0),
     }

@@ -105,7 +105,7 @@ class NavigationFilter(Block):
             x, P, heard["position"] = corrected(x, P, found)
         for name in ("attitude", "pressure", "dvl"):
             if self._listens(name, slots):
-                found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, now)
+                found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
                 x, P, heard[name] = corrected(x, P, gated(found, P, self.tuning.gate[name]))
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused)
         return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots))
@@ -199,14 +199,15 @@ class NavigationFilter(Block):
         return jnp.concatenate(rows) + jnp.diag(self.tuning.walk**2)
 
     def _innovation(
-        self, name: str, x: NavigationState, slot: Slot, omega: Array, v_dot: Array, now: Array
+        self, name: str, x: NavigationState, slot: Slot, omega: Array, v_dot: Array, sea: SeaState, now: Array
     ) -> Innovation:
         mount, max_age = self.tuning.mounts[name], self.tuning.max_age
         if name == "attitude":
             return readings.attitude(x, slot, mount, omega, now, max_age)
         if name == "pressure":
-            v_n = rotation_from_quaternion(x.attitude) @ x.velocity
-            return readings.pressure(x, slot, mount, v_n, now, max_age)
+            R_nb = rotation_from_quaternion(x.attitude)
+            blind = (self.tuning.wave_slip * sea.heave(R_nb)) ** 2
+            return readings.pressure(x, slot, mount, R_nb @ x.velocity, blind, now, max_age)
         return readings.dvl(x, slot, mount, omega, v_dot, now, max_age)
 
 

@@ -81,10 +81,10 @@ def attitude(
 
 
 def pressure(
-    x: NavigationState, slot: Slot, mount: Mount, v_n: Array, now: Array, max_age: Array | float
+    x: NavigationState, slot: Slot, mount: Mount, v_n: Array, slip: Array, now: Array, max_age: Array | float
 ) -> Innovation:
     """Depth of the sensor, without the motion of the waves: particles of the water move along surfaces of one pressure,
-    and a vehicle of neutral buoyancy moves with them.
+    and a vehicle of neutral buoyancy moves with them, but for a slip of some variance [m2].
     """
     mean = averaged(slot, now, max_age)
     R_nb = rotation_from_quaternion(x.attitude)
@@ -92,7 +92,7 @@ def pressure(
     slope = side_by_side(1, (POSITION, jnp.array([[0.0, 0.0, 1.0]])), (ATTITUDE, -product(R_nb, skew(mount.lever))[2:]))
     residual = mean.value + mean.age * v_n[2:] - ahead
     n = jnp.maximum(mean.count, 1)
-    return Innovation(residual, slope, jnp.full(1, mount.std**2) / n, jnp.full(1, mean.count > 0))
+    return Innovation(residual, slope, jnp.full(1, mount.std**2 / n + slip), jnp.full(1, mean.count > 0))
 
 
 def position(x: NavigationState, value: Array, age: Array, travelled: Array, mount: Mount) -> Innovation:

@@ -10,8 +10,8 @@ import equinox as eqx
 from rovtwin.core.numerics import Array, jax, jnp
 
 SMOOTH, SLOW, REMEMBER = 0.2, 6.0, 40.0  # [s]
-FIRST, GROWTH = 3.0, 0.25  # what is remembered at the start [s], and how much longer each second
-ROUGH = 0.1  # what is believed at the start: acceleration [m/s2] and velocity [m/s]
+FIRST, GROWTH = 6.0, 0.25  # what is remembered at the start [s], and how much longer each second
+ROUGH = 0.2, 0.15  # what is believed at the start: acceleration [m/s2] and velocity [m/s], a choppy surface
 FAINT = 1e-3  # acceleration below which nothing is said about the frequency [m/s2]
 SLOWEST, FASTEST, USUAL = 0.4, 2.5, 1.0  # frequencies [rad/s]
 
@@ -38,8 +38,8 @@ class SeaState(eqx.Module):
     @classmethod
     def unknown(cls) -> "SeaState":
         """Rough, but soon forgotten: waves taken for a force would throw the filter off, a force for waves does not."""
-        zero, rough = jnp.zeros(3), jnp.full(3, ROUGH**2)
-        return cls(zero, zero, zero, rough, rough, jnp.asarray(FIRST))
+        zero, one = jnp.zeros(3), jnp.ones(3)
+        return cls(zero, zero, zero, ROUGH[0] ** 2 * one, ROUGH[1] ** 2 * one, jnp.asarray(FIRST))
 
     def after(self, unexplained: Array, noise: Array, heard: Array, dt: float) -> "SeaState":
         """A tick later.
@@ -74,6 +74,11 @@ class SeaState(eqx.Module):
         a = jnp.maximum(jnp.sum(self.acceleration_variance), 0.0) + FAINT**2
         v = jnp.maximum(jnp.sum(self.velocity_variance), 0.0) + (FAINT / USUAL) ** 2
         return jnp.clip(jnp.sqrt(a / v), SLOWEST, FASTEST)
+
+    def heave(self, R_nb: Array) -> Array:
+        """Standard deviation of the waves' vertical displacement [m]."""
+        a = (R_nb[2] * R_nb[2]) @ jnp.maximum(self.acceleration_variance, 0.0)
+        return jnp.sqrt(a + 1e-12) / self.frequency**2
 
     def density(self, damping: Array, R_nb: Array) -> Array:
         """Of the white noise that drives the waves along north, east and down [m2/s3], shape (3,)."""

@@ -55,6 +55,7 @@ class Tuning(eqx.Module):
         acceleration_memory: How long such an error lasts [s].
         turn_noise: Attitude while the gyro is silent [rad/sqrt(s)].
         wave_damping: Half the relative width of the band of waves.
+        wave_slip: Share of the waves' heave by which the vehicle does not follow the water.
         gate: By sensor name, squared normalised innovation beyond which a reading counts as an outlier.
         patience: So many positions beyond the gate in a row that agree with each other are believed.
         max_age: Of a reading [s]; one with a stamp further off counts as new.
@@ -68,6 +69,7 @@ class Tuning(eqx.Module):
     acceleration_memory: Array = eqx.field(converter=as_array)
     turn_noise: Array = eqx.field(converter=as_array)
     wave_damping: Array = eqx.field(converter=as_array)
+    wave_slip: Array = eqx.field(converter=as_array)
     gate: dict[str, Array]
     patience: int = eqx.field(static=True)
     max_age: Array = eqx.field(converter=as_array)
@@ -86,6 +88,7 @@ class Tuning(eqx.Module):
         acceleration_noise: float = 1e-3,
         acceleration_share: float = 0.1,
         wave_damping: float = 0.2,
+        wave_slip: float = 0.3,
         max_age: float = 2.0,
     ) -> "Tuning":
         """Beliefs in the units in which people think of them.
@@ -101,14 +104,16 @@ class Tuning(eqx.Module):
             acceleration_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)].
             acceleration_share: Relative error of the model's acceleration.
             wave_damping: Half the relative width of their band.
+            wave_damping: Half the relative width of the band of waves.
+            wave_slip: Share of the waves' heave by which the vehicle does not follow the water.
             max_age: How far back readings are compared with the past [s].
         """
         start = (
             (POSITION, [0.1, 0.1, 0.02]),
-            (VELOCITY, [0.05] * 3),
+            (VELOCITY, [0.1] * 3),
             (ATTITUDE, [0.01] * 3),
             (WAVE_PLACE, [0.1] * 3),
-            (WAVE_VELOCITY, [0.1] * 3),
+            (WAVE_VELOCITY, [0.15] * 3),
             (GYRO_BIAS, [1e-5] * 3),
             (ACCELEROMETER_BIAS, [0.03] * 3),
             (FORCE_N, [force_std, force_std, 3.0]),
@@ -133,6 +138,7 @@ class Tuning(eqx.Module):
             acceleration_memory=2.0,
             turn_noise=0.05,
             wave_damping=wave_damping,
+            wave_slip=wave_slip,
             gate={name: as_array(value) for name, value in GATE.items()},
             patience=3,
             max_age=max_age,
