@@ -1,6 +1,6 @@
 """The figures of docs/positioning.md.
 
-PYTHONPATH=. python docs/scripts/positioning.py [--keep square_corners.npz] [--turbidity turbidity.json]
+PYTHONPATH=. python docs/scripts/positioning.py [--keep runs/square] [--turbidity turbidity.json]
     [--chain runs/chain] [--only chain] [--out docs/figures]
 
 With --keep, corners of rendered images as tests/positioning/accuracy.py leaves them; else projected corners with noise.
