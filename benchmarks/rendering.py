@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from benchmarks.timing import in_turns, rates
 from rovtwin.core.errors import ConfigError
+from rovtwin.positioning.detection import Detector
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
@@ -17,6 +19,7 @@ from rovtwin.vehicle.camera import Port, cameras_of, project
 SIZES = {"360p": 1 / 3, "720p": 2 / 3, "1080p": 1.0}
 VIEWS = {"mclab": (3.0, 0.3, 0.7), "pool": (2.0, 0.1, 0.9), "seabed": (0.0, 0.0, 10.7)}
 KINDS = ("raycast", "gl")
+MIRRORED = 20.0  # further than this from projection it is another thing with the same id [px]
 
 
 def _left():
@@ -61,11 +64,10 @@ def _wall(action) -> float:
     return time.perf_counter() - begin
 
 
-def corners(quick: bool) -> dict[str, Any]:
+def corners(quick: bool, distances: Sequence[float] = (1.0, 2.0, 3.0, 5.0, 8.0)) -> dict[str, Any]:
     """Of markers in the pool at 1080p, by distance to the wall: found, and corners against projection [px].
 
-    OpenCV's detector with its sub-pixel refinement. `rms` counts all there is; `middle` is the mean of a marker's four
-    corners, to which what the refinement does to each corner of a dark square adds nothing.
+    As `positioning.detection` finds them. `rms` counts all there is; `middle` is the mean of a marker's four corners.
     """
     scene, lens = load_scene("pool"), _left().lens
     if quick:
@@ -78,25 +80,34 @@ def corners(quick: bool) -> dict[str, Any]:
     for what, one in lenses.items():
         camera = replace(_left(), lens=one)
         drawn = {kind: made for kind in KINDS if (made := _made(scene, camera, kind)) is not None}
-        for distance in (2.0,) if quick else (1.0, 2.0, 3.0, 5.0, 8.0):
+        for distance in (2.0,) if quick else distances:
             at = np.array([6.0 - distance - camera.position[0], 0.1, 0.9])
-            found = {kind: detected(made.image(at, np.eye(3))) for kind, made in drawn.items()}
+            found = {
+                kind: _direct(scene, camera, at, detected(made.image(at, np.eye(3)))) for kind, made in drawn.items()
+            }
             for kind, markers in found.items():
-                results[f"{distance:g} m{what} {kind}"] = _against(scene, camera, at, markers)
+                results[f"{distance:g} m{what} {kind}"] = _against(markers)
             if len(found) == 2 and (both := set(found["raycast"]) & set(found["gl"])):
-                apart = np.concatenate([found["raycast"][i] - found["gl"][i] for i in both])
+                apart = np.concatenate([found["raycast"][i][0] - found["gl"][i][0] for i in both])
                 results[f"{distance:g} m{what} apart"] = {"found": len(both), "rms": _rms(apart)}
     return results
 
 
-def _against(scene, camera, at, found) -> dict[str, Any]:
-    eye, off = at + camera.position, []
+def _direct(scene, camera, at, found) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Corners found and as projected, by id; what the surface mirrors is left out."""
+    eye, near = at + camera.position, {}
     for marker in scene.layout.markers:
-        if marker.id in found:
-            off.append(found[marker.id] - np.asarray(project(camera.lens, (marker.corners - eye) @ camera.R_bc)))
-    if not off:
+        true = np.asarray(project(camera.lens, (marker.corners - eye) @ camera.R_bc))
+        if marker.id in found and np.abs(found[marker.id] - true).max() < MIRRORED:
+            near[marker.id] = (found[marker.id], true)
+    return near
+
+
+def _against(found) -> dict[str, Any]:
+    if not found:
         return {"found": 0}
-    return {"found": len(off), "rms": _rms(np.concatenate(off)), "middle": _rms(np.array(off).mean(axis=1))}
+    off = np.array([corners - true for corners, true in found.values()])
+    return {"found": len(off), "rms": _rms(off), "middle": _rms(off.mean(axis=1))}
 
 
 def _rms(off: np.ndarray) -> float:
@@ -104,12 +115,6 @@ def _rms(off: np.ndarray) -> float:
 
 
 def detected(picture: np.ndarray) -> dict[int, np.ndarray]:
-    """Corners (4, 2) [px] of the markers that OpenCV finds, by id."""
-    import cv2
-
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    settings = detector.getDetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector.setDetectorParameters(settings)
-    found, ids, _ = detector.detectMarkers(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
-    return {int(i): c[0].astype(float) for i, c in zip([] if ids is None else ids.ravel(), found, strict=False)}
+    """Corners (4, 2) [px] of the markers found, by id."""
+    found = Detector()(picture)
+    return dict(zip(found.ids.tolist(), found.corners, strict=True))

@@ -1,6 +1,6 @@
 """The figures of docs/positioning.md.
 
-PYTHONPATH=. python docs/scripts/positioning.py [--keep square_corners.npz] [--turbidity turbidity.json]
+PYTHONPATH=. python docs/scripts/positioning.py [--keep runs/square] [--turbidity turbidity.json]
     [--chain runs/chain] [--only chain] [--out docs/figures]
 
 With --keep, corners of rendered images as tests/positioning/accuracy.py leaves them; else projected corners with noise.
@@ -24,7 +24,8 @@ from tests.positioning.turbidity import ranges
 
 from rovtwin.core.log import Log
 from rovtwin.positioning.detection import Detector
-from rovtwin.positioning.port_study import port_cost, port_figure
+from rovtwin.positioning.port_study import port_cost
+from rovtwin.report.lens import port_figure
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
@@ -125,6 +126,11 @@ def chain_figure(keep: Path):
     return figure
 
 
+def _port():
+    cost = port_cost()
+    return port_figure(cost.distance, cost.error)
+
+
 def main() -> None:
     """Draws all figures, or one."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -133,7 +139,7 @@ def main() -> None:
     parser.add_argument("--chain", type=Path, default=Path("runs/chain"))
     parser.add_argument("--out", type=Path, default=Path("docs/figures"))
     figures = {
-        "port": lambda: port_figure(port_cost()),
+        "port": _port,
         "track": lambda: track_figure(given.keep),
         "detection": detection_figure,
         "turbidity": lambda: turbidity_figure(given.turbidity),

@@ -7,8 +7,9 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.positioning.calibration import calibrate, residual_figure
+from rovtwin.positioning.calibration import calibrate
 from rovtwin.positioning.camera_file import as_data, choose, read_lens
+from rovtwin.report.lens import residual_figure
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.camera import Port, lens_from, ray
 
@@ -64,7 +65,8 @@ def test_the_lens_comes_back(images, tmp_path):
     values = np.r_[np.asarray(result.lens.focal), np.asarray(result.lens.principal)]
     assert np.abs(values - [520, 523, 322, 238]).max() < 3.0
     assert np.abs(np.asarray(result.lens.distortion)[:2] - [0.12, -0.05]).max() < 0.05
-    residual_figure(result).savefig(tmp_path / "residuals.png")
+    points, residuals = np.concatenate(result.points), np.concatenate(result.residuals)
+    residual_figure(result.lens, points, residuals).savefig(tmp_path / "residuals.png")
     assert (tmp_path / "residuals.png").stat().st_size > 5000
 
 

@@ -1,5 +1,6 @@
 """Markers found in drawn images, where they are to a fraction of a pixel."""
 
+import cv2
 import numpy as np
 import pytest
 from tests.positioning.pictures import picture
@@ -7,6 +8,8 @@ from tests.positioning.tracks import LENS, camera, corners_seen, rotations, wall
 
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.detection import Detections, Detector, poses
+from rovtwin.positioning.ekf_tuning import SlamTuning
+from rovtwin.positioning.print_fit import fitted
 from rovtwin.positioning.sight import Eyes, rotation, see
 from rovtwin.positioning.sightings import sightings
 from rovtwin.vehicle.camera import Port, lens_from
@@ -31,6 +34,29 @@ def test_corners_are_found_to_a_fraction_of_a_pixel(distance):
     assert sorted(found.ids) == sorted(truth.ids) == [0, 1]
     for number, corners in zip(found.ids, found.corners, strict=True):
         assert np.abs(corners - truth.corners[list(truth.ids).index(number)]).max() < 0.35
+
+
+@pytest.mark.parametrize("distance", [2.5, 3.5, 5.0])
+def test_corners_of_small_markers_are_as_good_as_the_filter_believes(distance):
+    """Sides of 34, 23 and 16 pixels; what pulls all corners inwards would make the marker seem further away."""
+    outwards = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    error = []
+    for seed in range(6):
+        image, truth, *_ = view(distance, seed=seed)
+        found = Detector(tone=1.0)(image)
+        order = [list(truth.ids).index(number) for number in found.ids]
+        error += list(found.corners - truth.corners[order])
+    assert len(error) >= 6
+    assert np.sqrt(np.mean(np.square(error))) < float(SlamTuning.of().pixel)
+    assert abs(np.mean(error * outwards)) < 0.06
+
+
+def test_a_print_is_fitted_from_a_pixel_beside_it_and_not_from_where_it_is_not():
+    image, truth, *_ = view(3.5)
+    number, corners = int(truth.ids[0]), truth.corners[0]
+    found = fitted(cv2, image, "DICT_4X4_50", number, corners + [0.8, -0.8])
+    assert found is not None and np.abs(found - corners).max() < 0.15
+    assert fitted(cv2, image, "DICT_4X4_50", number, corners - corners.min(axis=0)) is None  # a corner of the image
 
 
 def test_a_tone_curve_that_is_not_undone_makes_markers_smaller():

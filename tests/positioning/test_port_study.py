@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rovtwin.positioning.port_study import AIR, PORT, calibrated_in_water, port_cost, port_figure
+from rovtwin.positioning.port_study import AIR, PORT, calibrated_in_water, port_cost
+from rovtwin.report.lens import port_figure
 
 pytest.importorskip("cv2")
 
@@ -21,4 +22,4 @@ def test_ignored_a_port_makes_everything_seem_nearer_by_a_quarter_and_modelled_i
     assert np.allclose(ignored / cost.distance, 0.26, atol=0.03)
     assert (in_water < 0.1 * ignored).all() and in_water[1] > in_water[0]
     assert modelled.max() < 1e-5
-    port_figure(cost).savefig(tmp_path / "port.png")
+    port_figure(cost.distance, cost.error).savefig(tmp_path / "port.png")

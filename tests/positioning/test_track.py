@@ -66,7 +66,7 @@ def test_a_wrong_sighting_that_the_filter_took_is_left_out_by_the_smoother():
     # The filter believes anything; the smoother, which shares its gate, is given the usual one.
     frames = frames_of(d, found)
     out = run_observer(MarkerEkf.of([EYE], SlamTuning.of(gate=1e9)), frames, Start.at(d.position[0]))
-    smoothed = smooth(MarkerEkf.of([EYE]), frames, out)
+    smoothed = smooth(MarkerEkf.of([EYE], SlamTuning.of(pixel=0.2)), frames, out)
     assert (out.status[30] == 1).sum() == 3 and (smoothed.landmark[30] >= 0).sum() == 2
     assert rms(smoothed.position, d.position) < 0.01
 

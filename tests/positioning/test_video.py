@@ -131,11 +131,12 @@ def attitude_log(t, psi=0.05, name="sensor/attitude"):
 
 
 def marked(path, n=4):
-    """Pictures of the wall from a vehicle that moves ahead."""
+    """Pictures of the wall from a vehicle that moves ahead, with the tone curve of a camera."""
     eye, R = camera(LENS, y=0.0), rotations(np.array([[0, 0, 0.05]]))[0]
     images = [
-        picture(LAYOUT, LENS, np.array([0.02 * k, 0, 0.75]) + R @ eye.position, R @ eye.R_bc, k) for k in range(n)
+        picture(LAYOUT, LENS, np.array([0.02 * k, 0.01, 0.75]) + R @ eye.position, R @ eye.R_bc, k) for k in range(n)
     ]
+    images = [np.round(255.0 * (image / 255.0) ** (1 / 2.2)).astype(np.uint8) for image in images]
     return folder(path, images, [f"{1 + 0.1 * k:.2f}.png" for k in range(n)]), eye
 
 

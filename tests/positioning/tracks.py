@@ -38,8 +38,15 @@ class Drive:
 
 
 def square(side: float = 1.0, speed: float = 0.15, rate: float = 10.0, seed: int = 0, noise: float = 1e-3) -> Drive:
-    """Ahead, starboard, astern, port with rests between; the attitude sways by a degree and is measured with noise."""
+    """Ahead, starboard, astern, port with rests between; the attitude sways by a degree and is measured with noise.
+
+    Each seed has its own place, hand and phases of what sways, and its own noise.
+    """
+    rng = np.random.default_rng(seed)
+    hand, aside = rng.choice([-1.0, 1.0]), rng.uniform(-0.1, 0.1, 2)
+    phase, (heave, depth) = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.0, [2.0 * np.pi, 0.1])
     corners = np.array([[0, 0], [side, 0], [side, side], [0, side], [0, 0]]) + [0.8, -0.5 * side]
+    corners = corners * [1.0, hand] + aside
     leg, rest = side / speed * 1.3, 3.0
     t = np.arange(0.0, 4 * leg + 5 * rest, 1.0 / rate)
     position, velocity = np.zeros((len(t), 3)), np.zeros((len(t), 3))
@@ -52,10 +59,9 @@ def square(side: float = 1.0, speed: float = 0.15, rate: float = 10.0, seed: int
         way = corners[number + 1] - corners[number]
         position[k, :2] = corners[number] + (10 * s**3 - 15 * s**4 + 6 * s**5) * way
         velocity[k, :2] = (30 * s**2 - 60 * s**3 + 30 * s**4) / leg * way
-    position[:, 2] = 0.75 + 0.02 * np.sin(0.5 * t)
-    velocity[:, 2] = 0.01 * np.cos(0.5 * t)
-    rng = np.random.default_rng(seed)
-    angles = 0.017 * np.sin(np.outer(t, [0.9, 0.7, 0.5]) + [0.0, 1.0, 2.0])
+    position[:, 2] = 0.7 + depth + 0.02 * np.sin(0.5 * t + heave)
+    velocity[:, 2] = 0.01 * np.cos(0.5 * t + heave)
+    angles = 0.017 * np.sin(np.outer(t, [0.9, 0.7, 0.5]) + phase)
     return Drive(t, position, velocity, rotations(angles), rotations(angles + rng.normal(0, noise, angles.shape)))
 
 

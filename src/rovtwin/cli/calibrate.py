@@ -1,12 +1,15 @@
 """rovtwin calibrate: the lens of a camera from pictures of a chessboard."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rovtwin.cli.output import AsJson, console, emit, table
+from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rovtwin.positioning.calibration import Calibration
 
 _NAMES = ("f_x [px]", "f_y [px]", "c_x [px]", "c_y [px]", "k_1", "k_2", "p_1", "p_2", "k_3")
 
@@ -18,6 +21,7 @@ def calibrate(
     name: Annotated[str, typer.Option(help="Of the camera.")] = "camera",
     out: Annotated[Path, typer.Option("-o", "--out", help="Camera file to write.")] = Path("camera.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Draw the residuals: .png, .svg or .pdf.")] = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Calibrate a camera from pictures of a chessboard.
@@ -30,15 +34,16 @@ def calibrate(
     import yaml
 
     from rovtwin.core.quantity import LENGTH, positive
-    from rovtwin.positioning.calibration import calibrate, residual_figure
+    from rovtwin.positioning.calibration import calibrate
     from rovtwin.positioning.camera_file import as_data
 
+    check_free(out, overwrite)
     result = calibrate(images, _board(board), positive(square, LENGTH, "--square"))
     source = f"{len(result.used)} pictures of a chessboard {board}, {square}; {result.rms:.3f} px rms"
     data = as_data(name, result.lens, source)
     out.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None), encoding="utf-8")
     if picture is not None:
-        residual_figure(result).savefig(picture, dpi=110)
+        _draw(result, picture)
     values = [
         *map(float, result.lens.focal),
         *map(float, result.lens.principal),
@@ -56,6 +61,15 @@ def calibrate(
     for note in result.notes:
         screen.print(f"- {note}", markup=False, soft_wrap=True)
     screen.print(f"wrote {out}", markup=False)
+
+
+def _draw(result: "Calibration", path: Path) -> None:
+    from numpy import concatenate
+
+    from rovtwin.report.lens import residual_figure
+
+    figure = residual_figure(result.lens, concatenate(result.points), concatenate(result.residuals))
+    figure.savefig(path, dpi=110)
 
 
 def _board(text: str) -> tuple[int, int]:

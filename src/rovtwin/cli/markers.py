@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rovtwin.cli.output import AsJson, console, emit
+from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit
 
 
 def markers(
@@ -14,6 +14,7 @@ def markers(
     dictionary: Annotated[str, typer.Option(help="One of OpenCV's.")] = "DICT_4X4_50",
     page: Annotated[str, typer.Option(help="a4, a3 or letter.")] = "a4",
     out: Annotated[Path, typer.Option("-o", "--out", help="PDF to write.")] = Path("markers.pdf"),
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Print markers to scale, with cut marks and a ruler that tells whether the printer kept to it.
@@ -26,6 +27,7 @@ def markers(
     from rovtwin.report.markers import numbers, write_markers
 
     side = positive(size, LENGTH, "--size")
+    check_free(out, overwrite)
     pages = write_markers(out, dictionary, numbers(ids, "--ids"), side, page)
     if as_json:
         emit({"pdf": str(out), "pages": pages, "markers": len(numbers(ids, "--ids")), "size_m": side})

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -9,11 +10,24 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.jsontext import to_json
 
 AsJson = Annotated[bool, typer.Option("--json", help="One machine-readable object on standard output.")]
 
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
+
 DONE, FAILED = 0, 1
+
+
+def check_free(path: Path, overwrite: bool) -> None:
+    """That nothing is at a path that is about to be written, before the work begins.
+
+    Raises:
+        ConfigError: There is.
+    """
+    if path.exists() and not overwrite:
+        raise ConfigError(f"{path}: exists already; give another --out, or --overwrite")
 
 
 def console(as_json: bool) -> Console:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-from rovtwin.cli.output import AsJson, console, emit, table
+from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def track(
     heading_offset: Annotated[
         float, typer.Option(min=0, max=20, help="How far the compass's north may be off the layout's, std [deg].")
     ] = 0.0,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Estimate the track of a vehicle from recorded video, printed markers and its attitude.
@@ -62,8 +62,7 @@ def track(
 
     if method not in METHODS:
         raise ConfigError(f"--method: found '{method}', expected one of {', '.join(METHODS)}")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out}: exists already; give another --out, or --overwrite")
+    check_free(out, overwrite)
     wanted = Wanted(
         videos=video or (),
         video_start=video_start,

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from rovtwin.core.config import Degrees, Positive, Strict, Vector3, parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.vision import opencv
 from rovtwin.core.yamlfile import read_yaml
 
 CORNERS = np.array([[-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, -0.5, 0.0]])  # of unit size, in m
@@ -76,10 +77,7 @@ def pattern(dictionary: str, number: int) -> np.ndarray:
     Raises:
         ConfigError: OpenCV, which knows the patterns, is not installed.
     """
-    try:
-        import cv2
-    except ModuleNotFoundError:
-        raise ConfigError("markers need OpenCV: pip install 'rovtwin[vision]'") from None
+    cv2 = opencv("drawing markers")
     known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
     return cv2.aruco.generateImageMarker(known, number, known.markerSize + 2, borderBits=1) < 128
 

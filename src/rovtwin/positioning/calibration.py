@@ -6,12 +6,11 @@ Reference: Zhang (2000), A flexible new technique for camera calibration, IEEE P
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.positioning.detection import opencv
+from rovtwin.core.vision import opencv
 from rovtwin.vehicle.camera import Lens, lens_from
 
 FEWEST = 3  # pictures; with fewer the focal length cannot be told from the board's tilt
@@ -122,30 +121,3 @@ def _advice(points: list[np.ndarray], size: tuple[int, int], rms: float) -> list
     if rms > 1.0:
         out.append(f"residuals of {rms:.2f} px: blurred pictures, a bent board, or a wrong --board")
     return out
-
-
-def residual_figure(result: Calibration, magnified: float = 100.0) -> Any:
-    """Residuals as arrows where they are, and how large they are from the middle outwards; a matplotlib Figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.5, 3.9), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1.75, 1])
-    width, height = result.lens.size
-    points, residuals = np.concatenate(result.points), np.concatenate(result.residuals)
-    left.quiver(
-        *points.T, *(magnified * residuals).T, angles="xy", scale_units="xy", scale=1.0, width=0.0018, color="#1f5a87"
-    )
-    left.plot(*np.asarray(result.lens.principal), "+", color="#c0392b", ms=12)
-    left.set(
-        xlim=(0, width), ylim=(height, 0), aspect="equal", xlabel="x [px]", ylabel="y [px]",
-        title=f"residuals, {magnified:g} times; + principal point",
-    )  # fmt: skip
-    radius = np.linalg.norm(points - np.asarray(result.lens.principal), axis=1)
-    right.plot(radius, np.linalg.norm(residuals, axis=1), ".", ms=3, alpha=0.5, color="#1f5a87")
-    right.axhline(result.rms, color="#c0392b", lw=1.2)
-    right.set(
-        xlabel="from principal point [px]", ylabel="residual [px]", title=f"rms {result.rms:.3f} px", ylim=(0, None)
-    )
-    for axis in (left, right):
-        axis.spines[["top", "right"]].set_visible(False)
-    return figure

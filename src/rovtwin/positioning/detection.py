@@ -4,7 +4,8 @@ One adaptive threshold instead of three takes a third of the time and finds the 
 off, and a marker nearer or further than it is. A camera's tone curve brightens what lies halfway between ink and paper,
 so that black seems smaller: corners are sought in an image in which it is undone. And blur rounds a corner off: what is
 next to it is left out, and the sides beyond it say where they meet. The half width of the window follows the marker's
-cells, so that no other corner comes into it.
+cells, so that no other corner comes into it. Of a small marker nothing is left then: its whole print is laid over the
+image (`print_fit`).
 
 Reference: Garrido-Jurado et al. (2014), Automatic generation and detection of highly reliable fiducial markers under
 occlusion, Pattern Recognition 47(6); Collins and Bartoli (2014), Infinitesimal plane-based pose estimation, IJCV 109.
@@ -15,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.vision import opencv
+from rovtwin.positioning.print_fit import fitted
 from rovtwin.positioning.sight import rotation
 from rovtwin.vehicle.camera import Lens, project, ray
 
@@ -27,19 +29,11 @@ APART = 0.05  # of the perimeter; at OpenCV 5's 0.125 the edge of the paper hide
 CORNER_WINDOW, CORNER_SHARE = 12, 0.7  # half width of the corner search: at most [px], and in cells of the marker
 ROUNDED = 1  # [px] on either side of a corner that its sides say nothing about; kept in windows too small to lose it
 TONE = 2.2  # exponent of the tone curve that cameras put on their images
+SMALL = 40.0  # sides below this are found by the whole print [px]; beyond it single corners are as good, and quicker
 SMALLEST = 0.02  # perimeter over the longer side of the image; 0.03 loses a marker of 0.15 m beyond 8 m
 _BATCH = 8  # poses are computed so many at a time, so that they are compiled once
 _REFINE = 6  # Gauss-Newton steps; a pose from straight rays is off by little
 _SAME = 0.05  # poses that differ by less are one solution [rad]
-
-
-def opencv() -> Any:
-    """OpenCV, or how to get it."""
-    try:
-        import cv2
-    except ImportError as missing:
-        raise ConfigError("finding markers needs OpenCV: pip install 'rovtwin[vision]'") from missing
-    return cv2
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +82,7 @@ class Detector:
             setattr(parameters, name, value)
         cells = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
         self._detector, self._cells = aruco.ArucoDetector(cells, parameters), cells.markerSize + 2
+        self._dictionary = dictionary
         self._linear = np.round(255.0 * (np.arange(256) / 255.0) ** tone).astype(np.uint8)
 
     def __call__(self, image: np.ndarray) -> Detections:
@@ -99,10 +94,12 @@ class Detector:
         if ids is None or not len(ids):
             return Detections.none()
         linear = cv2.LUT(grey, self._linear)
-        exact = [self._refined(linear, np.asarray(one).reshape(4, 2)) for one in corners]
-        return Detections(np.asarray(ids).ravel().astype(int), np.array(exact, dtype=float))
+        numbers = np.asarray(ids).ravel().astype(int)
+        both = zip(numbers.tolist(), corners, strict=True)
+        exact = [self._refined(linear, number, np.asarray(one).reshape(4, 2)) for number, one in both]
+        return Detections(numbers, np.array(exact, dtype=float))
 
-    def _refined(self, linear: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    def _refined(self, linear: np.ndarray, number: int, corners: np.ndarray) -> np.ndarray:
         """Corners of one marker to a fraction of a pixel, shape (4, 2)."""
         cv2 = opencv()
         side = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).min()
@@ -113,7 +110,8 @@ class Detector:
         for reach, left_out, rounds, exact in ((half + 1, -1, 5, 0.1), (half, rounded, 30, 0.01)):
             stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, rounds, exact)
             points = cv2.cornerSubPix(linear, points, (reach, reach), (left_out, left_out), stop)
-        return points[:, 0]
+        by_print = fitted(cv2, linear, self._dictionary, number, points[:, 0]) if side < SMALL else None
+        return points[:, 0] if by_print is None else by_print
 
 
 @dataclass(frozen=True, eq=False)

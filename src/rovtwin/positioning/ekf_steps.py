@@ -20,6 +20,7 @@ NOBODY = -1  # id of a free place in the map
 STATUS = ("empty", "used", "new", "rejected", "waiting", "map full")
 EMPTY, USED, NEW, REJECTED, WAITING, FULL = range(len(STATUS))
 _ROUNDS = 3  # linearisations of one update
+_NOTHING = 1e-12  # rounding of what is known exactly [m2, rad2]
 
 
 class MarkerMap(eqx.Module):
@@ -97,7 +98,9 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Ar
     start = jnp.zeros(n), jnp.ones(8), jnp.zeros((8, n + 1)), jnp.asarray(True)
     dx, pivots, rows, visible = jax.lax.fori_loop(0, _ROUNDS, again, start)
     nis = (rows[:, 0] ** 2 / pivots).sum()
-    fits = slot.valid & known & visible & (nis < given.tuning.gate)
+    # Of a linear step dx' P^-1 dx is at most nis. What goes further has lost its way between linearisations.
+    straight = (dx**2 <= given.tuning.gate * jnp.diagonal(state.P) + _NOTHING).all()
+    fits = slot.valid & known & visible & (nis < given.tuning.gate) & straight
     gain = rows[:, 1:] / pivots[:, None]
     P = state.P - jnp.where(fits, (rows[:, 1:, None] * gain[:, None, :]).sum(axis=0), 0.0)
     dx = jnp.where(fits, dx, 0.0)

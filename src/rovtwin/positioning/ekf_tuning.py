@@ -9,7 +9,7 @@ class SlamTuning(eqx.Module):
     """Standard deviations and limits.
 
     Attributes:
-        pixel: Of a corner [px].
+        pixel: Of a corner, of whatever size its marker is: `detection` finds all alike [px].
         attitude: Of one reading of roll, pitch and yaw, independent from frame to frame [rad], shape (3,).
         acceleration: Of the vehicle, which is a first-order Gauss-Markov process [m/s2], shape (3,), axes of n.
         correlation: Its correlation time [s].
@@ -40,7 +40,7 @@ class SlamTuning(eqx.Module):
     @classmethod
     def of(
         cls,
-        pixel: float = 0.15,
+        pixel: float = 0.12,
         attitude: object = 1e-3,
         acceleration: object = 0.1,
         correlation: float = 1.0,

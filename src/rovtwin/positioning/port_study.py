@@ -8,13 +8,13 @@ error of the model.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.positioning.detection import Detections, opencv
+from rovtwin.core.vision import opencv
+from rovtwin.positioning.detection import Detections
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.fixes import fixes
 from rovtwin.positioning.sight import Eyes
@@ -25,7 +25,6 @@ AIR = lens_from([768.0, 768.0], [959.5, 539.5], (1920, 1080))  # enlarged by the
 PORT = Port.of(0.03, 0.005)
 CALIBRATED_AT = 1.0  # [m]
 SIDE = 0.15  # of the markers [m]
-_SHOWN = (5.0, 3e3)  # errors [mm]
 _project = jax.jit(project)
 
 
@@ -114,23 +113,3 @@ def _fix(true: Lens, believed: Lens, layout: Layout, place: np.ndarray) -> np.nd
     )
     arguments = frames, np.eye(3)[None], place[None], *pose, np.asarray(row.valid)[None]
     return fixes(Eyes.of([eye]), SlamTuning.of(attitude=1e-6), as_array(sizes), *arguments)[0][0]
-
-
-def port_figure(cost: PortCost) -> Any:
-    """Errors against distance; a matplotlib Figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.2, 4.2), layout="constrained")
-    axis = figure.subplots()
-    for (name, error), colour in zip(cost.error.items(), ("#c0392b", "#1f5a87", "#3a8a4d"), strict=True):
-        most = 1e3 * error.max()
-        if most < _SHOWN[0]:
-            name += f": below {max(most, 0.01):.2g} mm"
-        axis.loglog(cost.distance, 1e3 * error, color=colour, lw=2, label=name)
-    axis.set(xlabel="distance to the markers [m]", ylabel="position error [mm]", ylim=_SHOWN)
-    axis.set_xticks([0.5, 1, 2, 3, 5], ["0.5", "1", "2", "3", "5"])
-    axis.minorticks_off()
-    axis.grid(alpha=0.3)
-    axis.legend(frameon=False)
-    axis.spines[["top", "right"]].set_visible(False)
-    return figure

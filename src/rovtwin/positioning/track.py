@@ -12,7 +12,7 @@ from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.positioning.ekf import MarkerEkf
-from rovtwin.positioning.ekf_steps import FULL, NEW, REJECTED, USED, WAITING
+from rovtwin.positioning.ekf_steps import FULL, NEW, NOBODY, REJECTED, USED, WAITING
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.fixes import fixes
 from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
@@ -30,6 +30,10 @@ _NO_LAYOUT = "luenberger does not use the layout: the start fixes the frame; ekf
 _NO_FIXES = (
     "luenberger gives no positions of single frames: the log has no sensor/position that rovtwin identify could read; "
     "use ekf or smoother for that"
+)
+_NO_SCALE = (
+    "no marker's place is known: the scale of the track rests on the sides of the prints as given. A side that is 1 % "
+    "off makes all ways and speeds 1 % wrong, and intervals of rovtwin identify do not know of it; give --layout"
 )
 _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 
@@ -136,7 +140,8 @@ def _filtered(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     ]
     return Track(
         "ekf", recording.frames.t, out.position, out.velocity, std, out.attitude, out.offset[-1],
-        out.offset_std[-1], _counts(recording, out), fix, fix_std, markers, float("nan"), _notes(recording, out),
+        out.offset_std[-1], _counts(recording, out), fix, fix_std, markers, float("nan"),
+        _notes(recording, filter, out),
     )  # fmt: skip
 
 
@@ -150,7 +155,7 @@ def _smoothed(recording: Recording, filter: MarkerEkf, out: Outputs) -> Track:
     counts[:, 1] = (s.landmark >= 0).sum(axis=1)
     return Track(
         "smoother", recording.frames.t, s.position, s.velocity, std, s.attitude, s.offset, s.offset_std, counts, fix,
-        fix_std, markers, s.pixel_rms, _notes(recording, out),
+        fix_std, markers, s.pixel_rms, _notes(recording, filter, out),
     )  # fmt: skip
 
 
@@ -203,9 +208,11 @@ def _counts(recording: Recording, out: Outputs) -> np.ndarray:
     return np.stack([seen, used, (out.status == REJECTED).sum(axis=1)], axis=1)
 
 
-def _notes(recording: Recording, out: Outputs) -> tuple[str, ...]:
+def _notes(recording: Recording, filter: MarkerEkf, out: Outputs) -> tuple[str, ...]:
     """What a user would want to know of the run."""
     t, notes = recording.frames.t, list(recording.notes)
+    if not (np.asarray(filter.layout.ids) != NOBODY).any():
+        notes.append(_NO_SCALE)
     moved: dict[int, list[float]] = {}
     for k, place in zip(*np.nonzero(out.moved), strict=True):
         moved.setdefault(int(out.ids[k - 1, place]), []).append(float(t[k]))

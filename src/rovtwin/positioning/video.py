@@ -15,7 +15,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log.pictures import read_pictures
-from rovtwin.positioning.detection import opencv
+from rovtwin.core.vision import opencv
 
 FILMS = (".mp4", ".avi", ".mov", ".mkv", ".m4v")
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")

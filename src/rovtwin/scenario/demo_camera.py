@@ -9,9 +9,10 @@ import numpy as np
 
 from rovtwin.core.config import parse
 from rovtwin.core.log.pictures import read_pictures
+from rovtwin.core.vision import opencv
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.positioning.detection import Detector, opencv
+from rovtwin.positioning.detection import Detector
 from rovtwin.report.sight import Seen, draw_seen
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.schema import Scenario

@@ -130,9 +130,9 @@ class _Film:
     """MP4 with a table of when each frame was taken: lost pictures leave gaps that a film of fixed rate hides."""
 
     def __init__(self, stem: Path, rate: float, size: tuple[int, int], stack: ExitStack) -> None:
-        from rovtwin.positioning.detection import opencv
+        from rovtwin.core.vision import opencv
 
-        self._cv2: Any = opencv()
+        self._cv2: Any = opencv("writing films")
         path = stem.with_suffix(".mp4")
         self._writer = self._cv2.VideoWriter(str(path), self._cv2.VideoWriter_fourcc(*"mp4v"), rate, size)
         if not self._writer.isOpened():

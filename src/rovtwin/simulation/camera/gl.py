@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.vision import opencv
 from rovtwin.simulation.camera.lighting import Lighting
 from rovtwin.simulation.camera.rays import Rays
 from rovtwin.simulation.camera.shaders import BACKGROUND, BACKGROUND_VERTEX, FRAGMENT, VERTEX
@@ -127,10 +128,7 @@ class GlDrawer:
     """Draws a scene through one lens."""
 
     def __init__(self, scene: Scene, rays: Rays, name: str):
-        try:
-            import cv2
-        except ModuleNotFoundError:
-            raise ConfigError("the renderer 'gl' bends pictures with OpenCV: pip install 'rovtwin[vision]'") from None
+        cv2 = opencv("bending the pictures of the renderer 'gl'")
         self._remap, self._linear = cv2.remap, cv2.INTER_LINEAR
         self.ctx = context()
         self.pinhole = Pinhole(rays, name)

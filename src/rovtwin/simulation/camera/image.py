@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.vision import opencv
 
 GAMMA = 1.0 / 2.2
 _TABLE = np.round(255.0 * (np.arange(4096) / 4095.0) ** GAMMA).astype(np.uint8)
@@ -28,10 +28,7 @@ def moved(lens_flow: np.ndarray, colour: np.ndarray, samples: int) -> np.ndarray
         colour: Linear, shape (H, W, 3).
         samples: How many shifts.
     """
-    try:
-        import cv2
-    except ModuleNotFoundError:
-        raise ConfigError("motion blur needs OpenCV: pip install 'rovtwin[vision]'") from None
+    cv2 = opencv("motion blur")
     height, width = colour.shape[:2]
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     total = np.zeros_like(colour)

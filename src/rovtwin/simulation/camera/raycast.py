@@ -67,8 +67,7 @@ class Raycaster:
             names = ", ".join(mesh.name for mesh in (*scene.meshes, *scene.bodies))
             raise ConfigError(
                 f"{scene.where}: {names}: the ray-caster draws boxes, planes and markers only. Meshes, cylinders, "
-                "relief "
-                "and wrecks need the renderer 'gl': pip install 'rovtwin[render]'"
+                "relief and wrecks need the renderer 'gl': pip install 'rovtwin[render]'"
             )
         self.rays, self.scene = rays, scene
         mirrors = (False, True) if scene.file.tank is not None else (False,)
@@ -282,19 +281,18 @@ def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.nd
     return _as_faces(rows, R_nc)
 
 
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "corner": (3,), "normal": (3,), "normal_n": (3,), "right": (3,), "up": (3,), "size": (2,), "origin": (2,),
+    "material": (11,), "indoor": (), "below": (), "print": (), "cells": (), "bits": (_MOST_CELLS, _MOST_CELLS),
+}  # fmt: skip
+
+
 def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray, float]], R_nc: np.ndarray) -> _Faces:
     count = max(-(-len(rows) // 8) * 8, 8)
-    table: dict[str, np.ndarray] = {
-        name: np.zeros((count, 3)) for name in ("corner", "normal", "normal_n", "right", "up")
-    }
-    table |= {"size": np.full((count, 2), -1.0), "origin": np.zeros((count, 2)), "material": np.ones((count, 11))}
-    table |= {
-        "indoor": np.zeros(count, np.int32),
-        "below": np.zeros(count),
-        "print": np.zeros(count),
-        "cells": np.ones(count),
-    }
-    table["bits"] = np.zeros((count, _MOST_CELLS, _MOST_CELLS))
+    table = {name: np.zeros((count, *shape)) for name, shape in _SHAPES.items()}
+    table["size"] -= 1.0  # of those that are not there: nothing is inside of them
+    table["material"] += 1.0
+    table["cells"] += 1.0
     for k, (rectangle, corners, normal, below) in enumerate(rows):
         right, up = corners[1] - corners[0], corners[3] - corners[0]
         table["size"][k] = np.linalg.norm(right), np.linalg.norm(up)
