@@ -10,9 +10,10 @@ from tests.gnc.flying import ARM, thirty_kg, two_bodies
 from tests.gnc.test_allocation import VECTORED, any_thrusters, made
 
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.allocation import AllocationInput
 from rovtwin.gnc.attainable import attainable, lost_axes, remaining
 from rovtwin.gnc.box_least_squares import MOST_STEPS, box_least_squares, unbounded
-from rovtwin.gnc.priority_allocation import DAMPING, AllocationInput, AllocationMemory, PriorityAllocation
+from rovtwin.gnc.priority_allocation import DAMPING, AllocationMemory, PriorityAllocation
 from rovtwin.vehicle.thrusters import force_limits, thrusters_from
 
 proxsuite = pytest.importorskip("proxsuite")
