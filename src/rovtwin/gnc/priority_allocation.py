@@ -26,6 +26,7 @@ from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 RANKS = (0, 0, 2, 1, 1, 1)
 RANK_COST = 300.0
 DAMPING = 1e-4
+ROUNDING = 1e-6  # of the largest force
 
 
 class AllocationMemory(eqx.Module):
@@ -115,7 +116,8 @@ class PriorityAllocation(Block):
         solved = self._solve(T, input.tau, lower, upper)
         sent = self._away_from_standstill(solved, memory.sent)
         made = T @ sent
-        limited = working & ((solved <= lower) | (solved >= upper))
+        near = ROUNDING * largest_force(self.lowest, self.highest)
+        limited = working & ((solved <= lower + near) | (solved >= upper - near))
         allocated = Allocated(
             Command(command_for_force(self.thrusters, sent)), made, input.tau - made, input.tau - T @ solved, limited
         )
