@@ -31,6 +31,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.allocation import Allocation, AllocationInput
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.control import ControlInput, Pid
 from rovtwin.gnc.ekf_tuning import EkfTuning
@@ -40,7 +41,7 @@ from rovtwin.gnc.navigation.filter import NavigationFilter
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.priority_allocation import AllocationInput, PriorityAllocation
+from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
 from rovtwin.gnc.tracking import PathReference, Tracking
@@ -342,6 +343,9 @@ def marker_observer(**options: Any) -> Example:
 
 
 EXAMPLES: dict[str, Callable[[], Example]] = {
+    "gnc.allocation.Allocation": lambda: Example(
+        Allocation.of(model()), AllocationInput(over_time(6, seed=60), every_tick(model().thrusters.health))
+    ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
     "gnc.control.Pid": pid,

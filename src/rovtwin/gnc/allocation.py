@@ -9,6 +9,7 @@ from typing import Any, Literal
 import equinox as eqx
 import numpy as np
 
+from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.vehicle.model import Model
@@ -18,7 +19,38 @@ from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 Saturation = Literal["scale", "clip"]
 
 
-class Allocation(eqx.Module):
+class AllocationInput(eqx.Module):
+    """What allocation takes.
+
+    Attributes:
+        tau: Wanted wrench, b at CO [N, N m], shape (6,).
+        health: Share of its force that each thruster still gives, shape (n,): 1 sound, 0 lost.
+    """
+
+    tau: Array
+    health: Array
+
+
+class Allocated(eqx.Module):
+    """What allocation gives.
+
+    Attributes:
+        command: For the thrusters.
+        made: Wrench that the thrusters settle at with it, b at CO [N, N m], shape (6,).
+        residual: Wanted less made, shape (6,).
+        shortfall: The part of it that limits and lost thrusters took, shape (6,): what an integral must not wind up
+            on. The rest is what thrusters too near to standstill keep back, which an integral has to overcome.
+        limited: Whether a thruster is at a limit, of force or of rate, shape (n,), bool; a lost one is not.
+    """
+
+    command: Command
+    made: Array
+    residual: Array
+    shortfall: Array
+    limited: Array
+
+
+class Allocation(Block):
     """Pseudo-inverse allocation with a choice of what happens at the thrusters' limits.
 
     `scale` shrinks the forces of all thrusters that share an axis by one factor, so that their wrench keeps its
@@ -62,6 +94,17 @@ class Allocation(eqx.Module):
         inverse = weighted_pseudo_inverse(effective, weights)
         together = as_array(coupled(effective), bool)
         return cls(thrusters, as_array(effective), as_array(inverse), lowest, highest, together, saturation)
+
+    def init(self, key: Array, start: Start) -> tuple[()]:
+        return ()
+
+    def step(self, memory: tuple[()], input: AllocationInput, dt: float) -> tuple[tuple[()], Allocated]:
+        """Without memory; thrusters are as healthy as the model had them, whatever the input says."""
+        command, made = self(input.tau)
+        rest = input.tau - made
+        force = jnp.abs(self.pseudo_inverse @ input.tau)
+        limited = force >= jnp.where(self.pseudo_inverse @ input.tau >= 0, self.highest, -self.lowest)
+        return memory, Allocated(command, made, rest, rest, limited)
 
     def __call__(self, tau: Array) -> tuple[Command, Array]:
         """Command for a wanted wrench, and the wrench that it really asks for.

@@ -7,13 +7,15 @@ import equinox as eqx
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import AutopilotInput, AutopilotOutput, Command, Estimate, Mission, Reference, Wrench
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.gnc.allocation import Allocation, Saturation
+from rovtwin.gnc.allocation import Allocation, AllocationInput, Saturation
 from rovtwin.gnc.control import ControlInput, Pid
 from rovtwin.gnc.guidance import Guidance, GuidanceInput, GuidanceMemory
 from rovtwin.gnc.observer import ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Mode, Supervisor, SupervisorInput, is_finite
 from rovtwin.vehicle.model import Model
+
+NEGLIGIBLE = 1e-6  # what allocation leaves by rounding [N, N m]
 
 Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
 
@@ -26,6 +28,7 @@ class AutopilotMemory(eqx.Module):
     guidance: GuidanceMemory
     reference: Reference
     control: Any
+    allocation: Any
     command: Command
     shortfall: Array
 
@@ -43,8 +46,9 @@ class Autopilot(Block):
     guidance: Block
     reference: Block
     control: Block
-    allocation: Allocation
+    allocation: Block
     mission: Mission
+    health: Array
 
     @classmethod
     def thesis(
@@ -83,14 +87,14 @@ class Autopilot(Block):
             control=makers[gains](),
             allocation=Allocation.of(model, saturation=saturation),
             mission=mission,
+            health=model.thrusters.health,
         )
 
     def init(self, key: Array, start: Start) -> AutopilotMemory:
-        names = ("observer", "supervisor", "guidance", "reference", "control")
+        names = ("observer", "supervisor", "guidance", "reference", "control", "allocation")
         keys = jax.random.split(key, len(names))
         parts = {name: getattr(self, name).init(k, start) for name, k in zip(names, keys, strict=True)}
-        u = jnp.zeros(self.allocation.thrusters.count)
-        return AutopilotMemory(**parts, command=Command(u), shortfall=jnp.zeros(6))
+        return AutopilotMemory(**parts, command=Command(jnp.zeros_like(self.health)), shortfall=jnp.zeros(6))
 
     def step(
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
@@ -104,13 +108,13 @@ class Autopilot(Block):
         feedback = ControlInput(_usable(estimate), path, memory.shortfall)
         control, wanted = self.control.step(memory.control, feedback, dt)
         tau = jnp.where(on, wanted.tau, 0.0)
-        command, allocated = self.allocation(tau)
-        shortfall = tau - allocated
+        allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, self.health), dt)
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
-        wrench = Wrench(tau, on & (wanted.saturated | (jnp.abs(shortfall) > 1e-9)))
-        after = AutopilotMemory(observer, supervisor, guidance, reference, control, command, shortfall)
+        command, shortfall = allocated.command, allocated.shortfall
+        wrench = Wrench(tau, on & (wanted.saturated | (jnp.abs(shortfall) > NEGLIGIBLE)))
+        after = AutopilotMemory(observer, supervisor, guidance, reference, control, allocation, command, shortfall)
         return after, AutopilotOutput(command, estimate, setpoint, path, wrench)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.allocation import Allocated, AllocationInput
 from rovtwin.gnc.box_least_squares import box_least_squares
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
@@ -25,37 +26,7 @@ from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 RANKS = (0, 0, 2, 1, 1, 1)
 RANK_COST = 300.0
 DAMPING = 1e-4
-
-
-class AllocationInput(eqx.Module):
-    """What allocation takes.
-
-    Attributes:
-        tau: Wanted wrench, b at CO [N, N m], shape (6,).
-        health: Share of its force that each thruster still gives, shape (n,): 1 sound, 0 lost.
-    """
-
-    tau: Array
-    health: Array
-
-
-class Allocated(eqx.Module):
-    """What allocation gives.
-
-    Attributes:
-        command: For the thrusters.
-        made: Wrench that the thrusters settle at with it, b at CO [N, N m], shape (6,).
-        residual: Wanted less made, shape (6,).
-        shortfall: The part of it that limits and lost thrusters took, shape (6,): what an integral must not wind up
-            on. The rest is what thrusters too near to standstill keep back, which an integral has to overcome.
-        limited: Whether a thruster is at a limit, of force or of rate, shape (n,), bool; a lost one is not.
-    """
-
-    command: Command
-    made: Array
-    residual: Array
-    shortfall: Array
-    limited: Array
+ROUNDING = 1e-6  # of the largest force
 
 
 class AllocationMemory(eqx.Module):
@@ -145,7 +116,8 @@ class PriorityAllocation(Block):
         solved = self._solve(T, input.tau, lower, upper)
         sent = self._away_from_standstill(solved, memory.sent)
         made = T @ sent
-        limited = working & ((solved <= lower) | (solved >= upper))
+        near = ROUNDING * largest_force(self.lowest, self.highest)
+        limited = working & ((solved <= lower + near) | (solved >= upper - near))
         allocated = Allocated(
             Command(command_for_force(self.thrusters, sent)), made, input.tau - made, input.tau - T @ solved, limited
         )

@@ -142,7 +142,7 @@ class Tracking(Block):
         wanted = jnp.where(self.upper > self.lower, wanted, 0.0)
         tau = jnp.clip(wanted, self.lower, self.upper)
         growth = self.K_i * turned * dt
-        lost = jnp.where(jnp.abs(input.shortfall) > 1e-9, input.shortfall, 0.0)
+        lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array, jnp
-from rovtwin.gnc.allocation import Allocation
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.ekf_tuning import SENSOR_STD
 from rovtwin.gnc.guidance import Guidance
@@ -15,6 +14,7 @@ from rovtwin.gnc.navigation import tuning as navigation
 from rovtwin.gnc.navigation.filter import NavigationFilter
 from rovtwin.gnc.observer import Ekf, EkfTuning
 from rovtwin.gnc.path_guidance import PathGuidance
+from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.gnc.tracking import PathReference, Tracking
@@ -54,8 +54,9 @@ def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Se
         guidance=PathGuidance.of(model),
         reference=PathReference.of(dive=control.dive_speed, turn=math.radians(control.turn_rate_deg)),
         control=Tracking.of(model, control.bandwidth, control.damping_ratio, control.integral),
-        allocation=Allocation.of(model),
+        allocation=PriorityAllocation.of(model),
         mission=mission,
+        health=model.thrusters.health,
     )
 
 
