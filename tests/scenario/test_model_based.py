@@ -42,6 +42,7 @@ def test_the_filter_is_about_as_wrong_as_it_says(in_waves):
     assert 0.8 < mean_over(in_waves, "nees_position_mean") < 3.5
 
 
+@pytest.mark.slow
 def test_with_good_positions_the_path_is_kept_to_a_centimetre():
     changes = ("sensors.position.noise=0.002", "sensors.position.rate_hz=20", "duration=80")
     run = score_seeds(scenario("lawnmower_calm", *changes), (1,))[0]

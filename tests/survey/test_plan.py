@@ -145,7 +145,7 @@ def test_times_follow_from_speed_acceleration_and_turns():
     assert PACE.turn(np.array(np.pi)) == pytest.approx(np.pi / 0.5 + 0.5 / 0.5)
     legs, turns = PACE.times(np.array([[0, 0], [10, 0], [10, 1], [0, 1.0]]))
     assert legs.sum() == pytest.approx(2 * PACE.leg(np.array(10.0)) + PACE.leg(np.array(1.0)))
-    assert turns == pytest.approx(PACE.turn(np.array(np.pi / 2)))
+    np.testing.assert_allclose(turns, PACE.turn(np.array(np.pi / 2)))
 
 
 @pytest.mark.parametrize(
