@@ -20,9 +20,9 @@ from rovtwin.scenario.schema import Scenario
 RUNS: dict[str, tuple[str, tuple[str, ...]]] = {
     "calm": ("lawnmower_calm", ()),
     "waves": ("lawnmower_waves", ()),
-    "waves, placed gains": ("lawnmower_waves", ("autopilot=thesis_placed", "name=lawnmower_waves_placed")),
+    "waves, model-based": ("lawnmower_waves", ("autopilot=model_based", "name=lawnmower_waves_model_based")),
 }
-"""Label -> scenario and overrides: the thesis's gains twice, and gains placed from the vehicle's own model."""
+"""Label -> scenario and overrides: the thesis's gains twice, and the model-based autopilot."""
 
 
 def run_demo(

@@ -217,7 +217,7 @@ def _scenario(
         },
     }
     # The thesis's own gains stop short and its reference has no speed (docs/guidance_and_control.md).
-    data.setdefault("autopilot", "thesis_placed")
+    data.setdefault("autopilot", "model_based")
     if battery:
         data.setdefault("battery", True)
     if request.floor is not None:
