@@ -62,6 +62,16 @@ class Forecast(NamedTuple):
     total: Array
 
 
+class Passage(NamedTuple):
+    """Of the error through a tick: state and covariance before and after the motion, and B with Phi = (I + B)^2."""
+
+    x: NavigationState
+    P: Array
+    x_after: NavigationState
+    P_after: Array
+    B: Array
+
+
 class NavigationFilter(Block):
     """Error-state filter whose prediction is driven by the model and by the inertial sensors at once.
 
@@ -88,6 +98,13 @@ class NavigationFilter(Block):
 
     def step(self, memory: NavigationMemory, input: ObserverInput, dt: float) -> tuple[NavigationMemory, Estimate]:
         """Predict over the tick, then take in what came. The first tick is at time zero, `dt` later the second."""
+        after, estimate, _ = self.passed(memory, input, dt)
+        return after, estimate
+
+    def passed(
+        self, memory: NavigationMemory, input: ObserverInput, dt: float
+    ) -> tuple[NavigationMemory, Estimate, Passage]:
+        """`step`, and how the error came through the tick."""
         slots, now = input.measurements, memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
         turning, omega, turn_variance = self._turning(memory, slots, dt)
@@ -95,7 +112,9 @@ class NavigationFilter(Block):
 
         x, P, forecast, sea, heard["accelerometer"] = self._accelerate(memory, slots, tau, turning, dt)
         noise = self._noise(x, forecast, turn_variance)
-        moved, P = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
+        before = x, P
+        moved, P, B = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
+        passage = Passage(*before, moved, P, B)
         way = moved.position + moved.wave_place - x.position - x.wave_place
         trail = memory.trail.after(way, memory.ticks)
         x, refused = moved, memory.refused
@@ -108,7 +127,7 @@ class NavigationFilter(Block):
                 found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
                 x, P, heard[name] = corrected(x, P, gated(found, P, self.tuning.gate[name]))
         after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused)
-        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots))
+        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), passage
 
     def _listens(self, name: str, slots: Measurements) -> bool:
         return name in slots and name in self.tuning.mounts
