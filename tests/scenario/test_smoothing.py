@@ -47,7 +47,6 @@ def test_it_knows_better_and_says_how_well(run, smoothed):
     assert 0.1 < np.mean(z[:, :2] ** 2) < 4.0
     velocity = Log.read(run / "log.mcap")["truth/nu"].values[:n, :3]
     assert np.sqrt(np.mean((track.nu[:n, :3] - velocity)[inside] ** 2)) < 0.02
-    )
 
 
 def test_the_command_writes_a_log_and_overwrites_nothing(run):
