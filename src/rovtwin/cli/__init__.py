@@ -17,6 +17,7 @@ from rovtwin.cli.plan_tests import plan_tests
 from rovtwin.cli.render import render
 from rovtwin.cli.runs import demo, fly, report, scenario_app, score
 from rovtwin.cli.sea import sea
+from rovtwin.cli.smooth import smooth
 from rovtwin.cli.thesis import thesis
 from rovtwin.cli.track import track
 from rovtwin.cli.vehicles import vehicle_app
@@ -49,6 +50,7 @@ app.command()(compare)
 app.command()(markers)
 app.command()(render)
 app.command()(track)
+app.command()(smooth)
 app.command()(calibrate)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")

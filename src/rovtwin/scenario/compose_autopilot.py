@@ -42,14 +42,9 @@ def _supervisor(section: SupervisorSection) -> Supervisor:
 
 
 def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:
-    asked = section.navigation
-    known = {name: sensor for name, sensor in sensors.items() if name in navigation.SENSOR_STD}
-    mounts = {name: _mount(name, sensor) for name, sensor in known.items()}
-    given = asked.model_dump(exclude_none=True)
-    tuning = navigation.Tuning.of(mounts, **({"force_walk": DESIGN_FORCE_WALK} | given))
     control = section.control
     return Autopilot(
-        observer=NavigationFilter(model, tuning),
+        observer=navigation_filter(section, model, sensors),
         supervisor=_supervisor(section.supervisor),
         guidance=PathGuidance.of(model),
         reference=PathReference.of(dive=control.dive_speed, turn=math.radians(control.turn_rate_deg)),
@@ -58,6 +53,14 @@ def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Se
         mission=mission,
         health=model.thrusters.health,
     )
+
+
+def navigation_filter(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor]) -> NavigationFilter:
+    """The error-state filter for these sensors."""
+    known = {name: sensor for name, sensor in sensors.items() if name in navigation.SENSOR_STD}
+    mounts = {name: _mount(name, sensor) for name, sensor in known.items()}
+    given = {"force_walk": DESIGN_FORCE_WALK} | section.navigation.model_dump(exclude_none=True)
+    return NavigationFilter(model, navigation.Tuning.of(mounts, **given))
 
 
 def _mount(name: str, sensor: Sensor) -> navigation.Mount:

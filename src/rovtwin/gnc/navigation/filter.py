@@ -21,11 +21,22 @@ from rovtwin.gnc.navigation.motion import Opinion, Turning, Waves, side_by_side
 from rovtwin.gnc.navigation.positions import Refused, Trail, positions
 from rovtwin.gnc.navigation.readings import Innovation
 from rovtwin.gnc.navigation.sea import SeaState
-from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, MOVING, VELOCITY, WAVE_VELOCITY, NavigationState
+from rovtwin.gnc.navigation.state import (
+    ATTITUDE,
+    ERRORS,
+    FORCE_N,
+    MOVING,
+    POSITION,
+    VELOCITY,
+    WAVE_VELOCITY,
+    NavigationState,
+)
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.observer import ObserverInput, squared_norm
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
+
+DOUBTED = ("accelerometer", "attitude", "pressure", "dvl")
 
 
 class NavigationMemory(eqx.Module):
@@ -40,6 +51,7 @@ class NavigationMemory(eqx.Module):
         trail: Where dead reckoning went.
         sea: What is believed of the waves.
         refused: Positions that were not believed.
+        doubted: Ticks in a row in which a sensor's readings were not, in the order of DOUBTED, shape (4,), int.
     """
 
     x: NavigationState
@@ -50,6 +62,7 @@ class NavigationMemory(eqx.Module):
     trail: Trail
     sea: SeaState
     refused: Refused
+    doubted: Array
 
 
 class Forecast(NamedTuple):
@@ -60,6 +73,16 @@ class Forecast(NamedTuple):
     slow: Array
     quick: Array
     total: Array
+
+
+class Passage(NamedTuple):
+    """Of the error through a tick: state and covariance before and after the motion, and B with Phi = (I + B)^2."""
+
+    x: NavigationState
+    P: Array
+    x_after: NavigationState
+    P_after: Array
+    B: Array
 
 
 class NavigationFilter(Block):
@@ -84,18 +107,31 @@ class NavigationFilter(Block):
             trail=Trail.at(start.position),
             sea=SeaState.unknown(),
             refused=Refused.none(),
+            doubted=jnp.zeros(len(DOUBTED), dtype=jnp.int32),
         )
 
     def step(self, memory: NavigationMemory, input: ObserverInput, dt: float) -> tuple[NavigationMemory, Estimate]:
         """Predict over the tick, then take in what came. The first tick is at time zero, `dt` later the second."""
+        after, estimate, _ = self.passed(memory, input, dt)
+        return after, estimate
+
+    def passed(
+        self, memory: NavigationMemory, input: ObserverInput, dt: float
+    ) -> tuple[NavigationMemory, Estimate, Passage]:
+        """`step`, and how the error came through the tick."""
         slots, now = input.measurements, memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
         turning, omega, turn_variance = self._turning(memory, slots, dt)
         heard: dict[str, tuple[Array, Array]] = {}
 
-        x, P, forecast, sea, heard["accelerometer"] = self._accelerate(memory, slots, tau, turning, dt)
+        doubted = dict(zip(DOUBTED, memory.doubted, strict=True))
+        x, P, forecast, sea, heard["accelerometer"], doubted["accelerometer"] = self._accelerate(
+            memory, slots, tau, turning, dt
+        )
         noise = self._noise(x, forecast, turn_variance)
-        moved, P = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
+        before = x, P
+        moved, P, B = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
+        passage = Passage(*before, moved, P, B)
         way = moved.position + moved.wave_place - x.position - x.wave_place
         trail = memory.trail.after(way, memory.ticks)
         x, refused = moved, memory.refused
@@ -106,9 +142,11 @@ class NavigationFilter(Block):
         for name in ("attitude", "pressure", "dvl"):
             if self._listens(name, slots):
                 found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
-                x, P, heard[name] = corrected(x, P, gated(found, P, self.tuning.gate[name]))
-        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused)
-        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots))
+                found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
+                x, P, heard[name] = corrected(x, P, found)
+        counts = jnp.stack([doubted[name] for name in DOUBTED])
+        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused, counts)
+        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), passage
 
     def _listens(self, name: str, slots: Measurements) -> bool:
         return name in slots and name in self.tuning.mounts
@@ -142,8 +180,8 @@ class NavigationFilter(Block):
 
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
-    ) -> tuple[NavigationState, Array, Forecast, SeaState, tuple[Array, Array]]:
-        """State after model and accelerometer were compared, the forecast of both, the sea, what was heard."""
+    ) -> tuple[NavigationState, Array, Forecast, SeaState, tuple[Array, Array], Array]:
+        """State after model and accelerometer were compared, the forecast of both, the sea, what was heard, doubts."""
         x, P, tuning = memory.x, memory.P, self.tuning
         waves = self._waves(memory.sea, x)
         by_model = motion.by_model(self.model, x, tau, turning)
@@ -154,7 +192,8 @@ class NavigationFilter(Block):
         if not self._listens("accelerometer", slots):
             nothing = (jnp.zeros(()), jnp.zeros(()))
             zero = jnp.zeros(3)
-            return x, P, Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero), memory.sea, nothing
+            forecast = Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero)
+            return x, P, forecast, memory.sea, nothing, memory.doubted[0]
         mount = tuning.mounts["accelerometer"]
         mean = readings.averaged(slots["accelerometer"], jnp.zeros(()), 0.0)
         heard = mean.count > 0
@@ -170,17 +209,33 @@ class NavigationFilter(Block):
         found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
         unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
         sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
-        x, P, told = corrected(x, P, gated(found, P, tuning.gate["accelerometer"]))
+        found, P, doubts = self._believed("accelerometer", found, P, memory.doubted[0], x)
+        x, P, told = corrected(x, P, found)
         model, wave, rest = difference(x)
         total = jnp.where(heard, 1.0 / (slow + quick + variance * dt), 0.0)
         R_nb = rotation_from_quaternion(x.attitude)
         v_dot = motion.mixed(model, rest, jnp.diag(slow * total))
         wave_dot = motion.mixed(wave, rest, R_nb * (quick * total))
-        return x, P, Forecast(v_dot, wave_dot, slow, quick, total), sea, told
+        return x, P, Forecast(v_dot, wave_dot, slow, quick, total), sea, told, doubts
 
     def _waves(self, sea: SeaState, x: NavigationState) -> Waves:
         damping = self.tuning.wave_damping
         return Waves(sea.frequency, damping, sea.density(damping, rotation_from_quaternion(x.attitude)))
+
+    def _believed(
+        self, name: str, found: Innovation, P: Array, doubts: Array, x: NavigationState
+    ) -> tuple[Innovation, Array, Array]:
+        """What is used of an innovation: nothing beyond the gate, unless so many ticks in a row that P is opened."""
+        H, tuning = found.slope, self.tuning
+        S = product(product(H, P), H.T) + jnp.diag(found.variance)
+        there = jnp.any(found.used)
+        far = there & (squared_norm(found.residual, S) > tuning.gate[name])
+        doubts = jnp.where(there, jnp.where(far, doubts + 1, 0), doubts)
+        lost = doubts >= tuning.stubbornness
+        opened = opening(name, found.residual, rotation_from_quaternion(x.attitude), self.model)
+        P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opened)
+        used = eqx.tree_at(lambda i: i.used, found, found.used & (~far | lost))
+        return used, P, jnp.where(lost, 0, doubts)
 
     def _noise(self, x: NavigationState, forecast: Forecast, turn_variance: Array) -> Array:
         """Intensity of the white noise on the error, shape (31, 31); what is left of it is common to v and waves."""
@@ -211,11 +266,19 @@ class NavigationFilter(Block):
         return readings.dvl(x, slot, mount, omega, v_dot, now, max_age)
 
 
-def gated(found: Innovation, P: Array, gate: Array) -> Innovation:
-    """The same, not used where all together are too far off."""
-    H = found.slope
-    S = product(product(H, P), H.T) + jnp.diag(found.variance)
-    return eqx.tree_at(lambda i: i.used, found, found.used & (squared_norm(found.residual, S) <= gate))
+def opening(name: str, residual: Array, R_nb: Array, model: Model) -> Array:
+    """Variance given back to what a sensor tells of when the filter must be wrong about it, shape (31,).
+
+    A disagreement with the accelerometer that lasts is a force: a tether that is caught, a thruster that is gone.
+    """
+    square, none = residual**2, jnp.zeros(ERRORS)
+    if name == "accelerometer":
+        return none.at[FORCE_N].set((R_nb @ (model.mass[:3, :3] @ residual)) ** 2)
+    if name == "attitude":
+        return none.at[ATTITUDE].set(square)
+    if name == "dvl":
+        return none.at[VELOCITY].set(square)
+    return none.at[POSITION.stop - 1].set(square[0])
 
 
 def corrected(x: NavigationState, P: Array, found: Innovation) -> tuple[NavigationState, Array, tuple[Array, Array]]:

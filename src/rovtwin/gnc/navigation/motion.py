@@ -150,8 +150,8 @@ def mixed(own: Opinion, difference: Opinion, gain: Array) -> Opinion:
 
 def step(
     x: NavigationState, P: Array, v_dot: Opinion, wave_dot: Opinion, turning: Turning, noise: Array, dt: float
-) -> tuple[NavigationState, Array]:
-    """State and covariance a tick later.
+) -> tuple[NavigationState, Array, Array]:
+    """State and covariance a tick later, and half of what takes the error there: Phi = (I + B)^2, B of shape (15, 31).
 
     Args:
         x: Nominal state.
@@ -181,7 +181,7 @@ def step(
             x.wave_velocity + dt * wave_dot.value,
         ),
     )
-    return after, 0.5 * (P + P.T)
+    return after, 0.5 * (P + P.T), B
 
 
 def _turned(q: Array, half: Array) -> Array:

@@ -20,6 +20,21 @@ MOVING, ERRORS = 15, 31  # the first rows of the error change by themselves, the
 HORIZONTAL = slice(0, 2)
 
 
+FIELDS = (
+    "position",
+    "velocity",
+    "attitude",
+    "wave_place",
+    "wave_velocity",
+    "gyro_bias",
+    "accelerometer_bias",
+    "force_n",
+    "force_b",
+    "current",
+    "drag",
+)
+
+
 class NavigationState(eqx.Module):
     """The nominal state.
 
@@ -55,6 +70,10 @@ class NavigationState(eqx.Module):
         """At a place and attitude, at rest as far as is known."""
         zero, two = jnp.zeros(3), jnp.zeros(2)
         return cls(start.position, zero, start.attitude, zero, zero, zero, zero, zero, two, two, zero)
+
+    def as_vector(self) -> Array:
+        """All of it, shape (32,), in the order of the fields."""
+        return jnp.concatenate([getattr(self, name) for name in FIELDS])
 
     def corrected(self, error: Array) -> "NavigationState":
         """The state with an error, shape (31,), added."""

@@ -1,0 +1,137 @@
+"""What was known of every instant once all had been heard: the filter forwards, then backwards through its passages.
+
+    dx_k = G (x_smoothed(k+1) - x_predicted(k+1)),   G = P_k Phi' P_predicted^-1
+
+Everything is linear in the error about the filter's own states, whose attitude is a small rotation.
+
+Reference: Rauch, Tung and Striebel (1965), AIAA Journal 3(8); Särkkä (2013), Bayesian Filtering and Smoothing, ch. 8.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Measurements
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.navigation.filter import NavigationFilter, NavigationMemory
+from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, MOVING
+from rovtwin.gnc.observer import ObserverInput
+
+_Q = slice(6, 10)  # the quaternion in the state's vector of 32 numbers; one more than its error has
+SECONDS_AT_ONCE = 60  # of the filter, between host and compiled loop
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """A track, smoothed.
+
+    Attributes:
+        t: Time [s], shape (n,).
+        eta: Pose of CO with the waves' motion, zyx Euler angles, shape (n, 6).
+        nu: Velocity over ground, b, shape (n, 6).
+        std: Of north, east, down, Euler angles (small angles, b) and linear velocity [m, rad, m/s], shape (n, 9).
+        filtered: The filter's own pose, shape (n, 6).
+    """
+
+    t: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    std: np.ndarray
+    filtered: np.ndarray
+
+
+def smooth(filter: NavigationFilter, start: Start, slots: Measurements, commands: np.ndarray, dt: float) -> Smoothed:
+    """Smooth a recording.
+
+    Args:
+        filter: Its beliefs.
+        start: Where the recording begins.
+        slots: Readings by sensor, tick by tick: leading axis n.
+        commands: That were sent over the tick before, shape (n, n_thrusters).
+        dt: Tick [s].
+    """
+    n = len(commands)
+    memory, parts = filter.init(jax.random.key(0), start), []
+    chunk = round(SECONDS_AT_ONCE / dt)
+    for begin in range(0, n, chunk):
+        some = jax.tree.map(lambda leaf, b=begin: jnp.asarray(leaf[b : b + chunk]), (slots, commands))
+        memory, out = _forwards(filter, memory, *some, dt)
+        parts.append(jax.device_get(out))
+    x, P, x_after, P_after, B, omega, filtered = (np.concatenate(part) for part in zip(*parts, strict=True))
+    states, covariances = _backwards(x, P, x_after, P_after, B, np.asarray(memory.x.as_vector()), np.asarray(memory.P))
+    R = Rotation.from_quat(states[:, _Q], scalar_first=True)
+    euler = R.as_euler("ZYX")[:, ::-1]
+    v = states[:, 3:6] + R.inv().apply(states[:, 13:16])
+    variance = np.diagonal(covariances, axis1=1, axis2=2)
+    return Smoothed(
+        t=dt * np.arange(n),
+        eta=np.concatenate([states[:, :3] + states[:, 10:13], euler], axis=1),
+        nu=np.concatenate([v, omega], axis=1),
+        std=np.sqrt(np.concatenate([_with_waves(covariances), variance[:, 6:9], variance[:, 3:6]], axis=1)),
+        filtered=filtered,
+    )
+
+
+def _with_waves(P: np.ndarray) -> np.ndarray:
+    """Variance of position and waves together, shape (n, 3)."""
+    i, j = np.arange(3), np.arange(9, 12)
+    return P[:, i, i] + 2.0 * P[:, i, j] + P[:, j, j]
+
+
+@partial(jax.jit, static_argnames="dt")
+def _forwards(
+    filter: NavigationFilter, memory: NavigationMemory, slots: Measurements, commands: Array, dt: float
+) -> tuple[NavigationMemory, tuple[Array, ...]]:
+    def tick(
+        memory: NavigationMemory, inputs: tuple[Measurements, Array]
+    ) -> tuple[NavigationMemory, tuple[Array, ...]]:
+        slots, u = inputs
+        after, estimate, passed = filter.passed(memory, ObserverInput(slots, Command(u)), dt)
+        kept = passed.x.as_vector(), passed.P, passed.x_after.as_vector(), passed.P_after, passed.B
+        return after, (*kept, after.omega, estimate.eta)
+
+    return jax.lax.scan(tick, memory, (slots, commands))
+
+
+def _backwards(
+    x: np.ndarray,
+    P: np.ndarray,
+    x_after: np.ndarray,
+    P_after: np.ndarray,
+    B: np.ndarray,
+    x_n: np.ndarray,
+    P_n: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (n, 32) and covariances (n, 31, 31) after each tick."""
+    states, covariances = np.empty_like(x), np.empty_like(P)
+    states[-1], covariances[-1] = x_n, P_n
+    for k in range(len(x) - 1, 0, -1):
+        Phi = np.eye(ERRORS)
+        Phi[:MOVING] += B[k]
+        Phi = Phi @ Phi
+        # Scaled to correlations: the states' units differ by ten orders of magnitude.
+        s = 1.0 / np.sqrt(np.diagonal(P_after[k]))
+        factor = cho_factor(P_after[k] * s[:, None] * s + 1e-12 * np.eye(ERRORS), check_finite=False)
+        G = (s[:, None] * cho_solve(factor, s[:, None] * (Phi @ P[k]), check_finite=False)).T
+        states[k - 1] = _plus(x[k], G @ _minus(states[k], x_after[k]))
+        change = covariances[k] - P_after[k]
+        covariances[k - 1] = P[k] + G @ change @ G.T
+    return states, covariances
+
+
+def _minus(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Error that takes state b to a, shape (31,)."""
+    e = np.concatenate([a[:6] - b[:6], np.zeros(3), a[10:] - b[10:]])
+    turn = Rotation.from_quat(b[_Q], scalar_first=True).inv() * Rotation.from_quat(a[_Q], scalar_first=True)
+    e[ATTITUDE] = turn.as_rotvec()
+    return e
+
+
+def _plus(x: np.ndarray, e: np.ndarray) -> np.ndarray:
+    """State x with an error added, shape (32,)."""
+    turned = Rotation.from_quat(x[_Q], scalar_first=True) * Rotation.from_rotvec(e[ATTITUDE])
+    return np.concatenate([x[:6] + e[:6], turned.as_quat(scalar_first=True), x[10:] + e[9:]])
