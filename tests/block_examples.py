@@ -383,12 +383,9 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 }
 
 # Compiling these takes long: they run in `make test-all`.
-SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed"}
-SLOW_BATCH = SLOW | {
-    "gnc.navigation.filter.NavigationFilter",
-    "positioning.ekf.MarkerEkf",
-    "simulation.twin.Twin",
-}  # tests/simulation/test_twin.py has one; filters are batched in tests/scenario/test_model_based.py
+SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed", "positioning.ekf.MarkerEkf"}
+# tests/simulation/test_twin.py batches twins, tests/scenario/test_model_based.py filters.
+SLOW_BATCH = SLOW | {"gnc.navigation.filter.NavigationFilter", "simulation.twin.Twin"}
 SLOW_GRADIENT = SLOW_BATCH | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether"}
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

@@ -58,6 +58,7 @@ def linear(static):
     return jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
 
 
+@pytest.mark.slow
 def test_a_large_dead_band_is_found(blueye):
     # From a small one no slope leads there: the start ends in a valley with an absurd exponent, if it is not tried.
     _, parameters, prior, balance = blueye

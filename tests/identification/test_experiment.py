@@ -111,6 +111,7 @@ def test_a_disturbance_between_segments_costs_information(sensed):
     assert np.trace(quiet) > 1.2 * np.trace(windy)
 
 
+@pytest.mark.slow
 def test_what_a_model_misses_costs_information(sensed):
     exact, honest = (sensed(misfit=m).matrices[0][:4, :4] for m in ({}, {"horizontal": 0.1}))
     assert np.trace(honest) < 0.5 * np.trace(exact)
