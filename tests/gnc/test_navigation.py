@@ -263,3 +263,63 @@ def test_no_sensor_is_locked_out_for_good(model, sensor):
     right = 2.0 if sensor == "pressure" else 0.0
     assert abs(eta[5, i] - right) > 0.4  # at first it is taken for an outlier
     assert abs(eta[-1, i] - right) < 0.02
+
+
+@eqx.filter_jit
+def accelerated(filter, readings):
+    """A vehicle at rest whose accelerometer says something, tick by tick: largest speed, variance of the sea."""
+
+    def tick(memory, extra):
+        now, yes = memory.ticks * DT, jnp.ones(1, dtype=bool)
+        slots = {
+            "accelerometer": Slot(jnp.array([[0.0, 0.0, -9.81]]) + extra, yes, now[None]),
+            "attitude": Slot(jnp.zeros((1, 3)), yes, now[None]),
+            "gyro": Slot(jnp.zeros((1, 3)), yes, now[None]),
+            "position": Slot(jnp.zeros((1, 2)), (memory.ticks % 50 == 49)[None], now[None]),
+            "pressure": Slot(jnp.full((1, 1), 2.0), yes, now[None]),
+        }
+        memory, estimate = filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
+        return memory, (estimate.nu[:3], estimate.bias[:3], memory.sea.acceleration_variance, estimate.eta[:3])
+
+    memory = filter.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0)))
+    return jax.lax.scan(tick, memory, readings)[1]
+
+
+ACCELERATED = MOUNTS | {"accelerometer": Mount(0.0308)}
+
+
+@pytest.mark.parametrize("fault", ["spike", "offset", "dead"])
+def test_a_broken_accelerometer_moves_nothing(model, fault):
+    """One reading of 50 m/s2, 5 m/s2 for a second, zeros for good: refused, not integrated, and no waves either."""
+    n = round(30 / DT)
+    extra = np.zeros((n, 3))
+    begin = round(20 / DT)
+    if fault == "spike":
+        extra[begin, 0] = 50.0
+    if fault == "offset":
+        extra[begin : begin + 50, 0] = 5.0
+    if fault == "dead":
+        extra[begin:, 2] = 9.81
+    nu, bias, sea, eta = map(
+        np.asarray, accelerated(NavigationFilter(model, Tuning.of(ACCELERATED)), jnp.asarray(extra))
+    )
+    assert np.abs(nu[begin:]).max() < 0.05 and np.abs(eta[begin:, :2]).max() < 0.3
+    assert np.abs(bias[begin:]).max() < 5.0
+    assert sea[-1].max() < 2.0 * max(sea[begin - 1].max(), 1e-5)
+
+
+def test_a_force_that_lasts_is_learnt_from_the_accelerometer(model):
+    """0.4 m/s2 for good, which a tether that is caught may do: taken for a force within a second, in large part."""
+    extra = np.zeros((round(22 / DT), 3))
+    extra[round(20 / DT) :, 0] = 0.4
+    _, bias, _, _ = map(np.asarray, accelerated(NavigationFilter(model, Tuning.of(ACCELERATED)), jnp.asarray(extra)))
+    mass = float(model.mass[0, 0])
+    assert 0.3 * 0.4 * mass < bias[round(21 / DT), 0] < 1.2 * 0.4 * mass
+
+
+def test_what_is_not_a_number_is_not_heard(at_rest):
+    def broken(value, valid):
+        value[20 * 50 - 1] = np.nan
+
+    eta, _, dof = map(np.asarray, listened(at_rest, *positions_once_a_second(broken)))
+    assert np.isfinite(eta).all() and dof[20 * 50 - 1, 2] == 0

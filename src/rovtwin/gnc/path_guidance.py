@@ -2,8 +2,8 @@
 
     dive ──> go ──> (corner) ──> go ... ──> hold ──> dive or go ... ──> finished
 
-The point's way s has a speed bounded by the leg's, an acceleration bounded by what thrusters have left beside the drag,
-and a jerk bounded by a lag. It waits for a vehicle that falls behind. The set-point is this point: unlike with a
+The point's way s has a speed bounded by the leg's and an acceleration bounded by a share of what thrusters can push;
+braking may take twice as much. It waits for a vehicle that is not there. The set-point is this point: unlike with a
 way-point as set-point, being late along the path pulls nothing sideways.
 
 Reference: Fossen (2021), sec. 12.5 (path following with a speed assignment); Skjetne, Fossen and Kokotovic (2004).
@@ -58,7 +58,7 @@ class PathGuidance(Block):
         acceleration: Largest along the path [m/s2].
         sideways: Largest in a corner [m/s2].
         lag: Of the speed behind the wanted one [s].
-        patience: How far the vehicle may be behind before the point waits, and over how much more it comes to rest [m].
+        patience: How far off the vehicle may be before the point waits, and over how much more it comes to rest [m].
         depth_tolerance: Depth error at which a dive is complete [m].
         heading_tolerance: Heading error at which a leg may begin [rad].
     """
@@ -107,8 +107,8 @@ class PathGuidance(Block):
         self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, going: Array, dt: float
     ) -> PathMemory:
         """The point a tick further."""
-        _, direction, _ = piece.at(memory.s, memory.on_arc)
-        behind = jnp.cos(direction) * (eta[0] - estimate.eta[0]) + jnp.sin(direction) * (eta[1] - estimate.eta[1])
+        away = eta[:2] - slow_place(estimate)[:2]
+        behind = jnp.sqrt(away @ away + 1e-12)
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         left = jnp.maximum(piece.length - memory.s, 0.0)
         # What can still be braked, the lag's way included: v^2 / 2a + v lag = left.
@@ -125,10 +125,10 @@ class PathGuidance(Block):
 
     def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""
-        at, phase = input.estimate.eta, memory.phase
-        slow = jnp.abs(input.estimate.nu[2]) < 0.05
-        ready = (jnp.abs(at[2] - piece.end[2]) < self.depth_tolerance) & slow
-        ready = ready & (jnp.abs(wrap(eta[5] - at[5])) < self.heading_tolerance)
+        at, phase = slow_place(input.estimate), memory.phase
+        rests = jnp.abs(input.estimate.nu[2] - input.estimate.wave[5]) < 0.05
+        ready = (jnp.abs(at[2] - piece.end[2]) < self.depth_tolerance) & rests
+        ready = ready & (jnp.abs(wrap(eta[5] - input.estimate.eta[5])) < self.heading_tolerance)
         deep = (phase == DIVE) & ready
         arrived = (phase == GO) & ~memory.on_arc & (piece.after <= 0.0) & (memory.s > piece.length - 0.02)
         away = at[:2] - piece.end[:2]
@@ -160,13 +160,18 @@ class PathGuidance(Block):
         )
 
 
+def slow_place(estimate: Estimate) -> Array:
+    """Where the vehicle is but for the waves, n [m], shape (3,)."""
+    return estimate.eta[:3] - estimate.wave[:3]
+
+
 def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory:
     """The first running tick starts the first dive from where the vehicle is."""
     begin = running & (memory.phase == IDLE)
     return dataclasses.replace(
         memory,
         phase=jnp.where(begin, DIVE, memory.phase),
-        leg_start=jnp.where(begin, estimate.eta[:2], memory.leg_start),
+        leg_start=jnp.where(begin, slow_place(estimate)[:2], memory.leg_start),
     )
 
 

@@ -122,8 +122,10 @@ class Tracking(Block):
         R_bn, W = R_nb.T, _body_rates(euler)
         slow = estimate.eta[:3] - estimate.wave[:3]
         nu = jnp.concatenate([estimate.nu[:3] - R_bn @ estimate.wave[3:], estimate.nu[3:]])
-        away = R_bn @ (reference.eta[:3] - slow)
-        away = away * jnp.minimum(1.0, self.reach / jnp.sqrt(jnp.maximum(away @ away, 1e-12)))
+        away = reference.eta[:3] - slow
+        # Level and depth apart: a filter that jumps sideways must not take the depth control away.
+        level = jnp.minimum(1.0, self.reach / jnp.sqrt(jnp.maximum(away[:2] @ away[:2], 1e-12)))
+        away = R_bn @ jnp.concatenate([away[:2] * level, jnp.clip(away[2:], -self.reach, self.reach)])
         turned = W @ wrap(reference.eta[3:] - euler)
         e = jnp.concatenate([away, turned])
         nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])

@@ -49,7 +49,7 @@ def smooth_run(path: Path) -> SmoothedRun:
     log, beside = Log.read(path), path.with_name("scenario.yaml")
     if not beside.exists():
         raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and sensors it is of")
-    missing = [name for name in NEEDED if name not in log]
+    missing = [name for name in NEEDED if name not in log or not len(log[name].t)]
     if missing:
         raise LogError(f"{path}: no {', '.join(missing)}; a run logs its sensors unless log.sensors is false")
     scenario = load_scenario(beside)
@@ -59,7 +59,8 @@ def smooth_run(path: Path) -> SmoothedRun:
     if not isinstance(section, ModelBasedSection):
         section = ModelBasedSection(type="model_based")
     filter = navigation_filter(section, model, sensors_of(scenario))
-    last = max(log[name].t[-1] for name in NEEDED)
+    heard = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
+    last = max(log[name].t[-1] for name in heard)
     ticks = round(last / dt) + 1
     track = smooth(filter, start_of(scenario, model), slots_of(log, ticks, dt), commands_of(log, ticks, dt), dt)
     return SmoothedRun(track, _log_of(track, log), _errors(track, log))
@@ -70,7 +71,7 @@ def slots_of(log: Log, ticks: int, dt: float) -> Measurements:
     slots = {}
     for name in SENSOR_STD:
         channel = f"sensor/{name}"
-        if channel not in log:
+        if channel not in log or not len(log[channel].t):
             continue
         at = np.clip(np.round(log[channel].t / dt).astype(int), 0, ticks - 1)
         row = np.arange(len(at)) - np.searchsorted(at, at)

@@ -17,6 +17,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion, readings
 from rovtwin.gnc.navigation.belief import estimate_of
+from rovtwin.gnc.navigation.corrections import corrected, finite, opening
 from rovtwin.gnc.navigation.motion import Opinion, Turning, Waves, side_by_side
 from rovtwin.gnc.navigation.positions import Refused, Trail, positions
 from rovtwin.gnc.navigation.readings import Innovation
@@ -24,9 +25,7 @@ from rovtwin.gnc.navigation.sea import SeaState
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     ERRORS,
-    FORCE_N,
     MOVING,
-    POSITION,
     VELOCITY,
     WAVE_VELOCITY,
     NavigationState,
@@ -119,7 +118,7 @@ class NavigationFilter(Block):
         self, memory: NavigationMemory, input: ObserverInput, dt: float
     ) -> tuple[NavigationMemory, Estimate, Passage]:
         """`step`, and how the error came through the tick."""
-        slots, now = input.measurements, memory.ticks * dt
+        slots, now = finite(input.measurements), memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
         turning, omega, turn_variance = self._turning(memory, slots, dt)
         heard: dict[str, tuple[Array, Array]] = {}
@@ -131,13 +130,15 @@ class NavigationFilter(Block):
         noise = self._noise(x, forecast, turn_variance)
         before = x, P
         moved, P, B = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
-        passage = Passage(*before, moved, P, B)
         way = moved.position + moved.wave_place - x.position - x.wave_place
         trail = memory.trail.after(way, memory.ticks)
         x, refused = moved, memory.refused
 
+        found = None
         if self._listens("position", slots):
             found, refused, P = positions(x, P, slots["position"], trail, refused, self.tuning, now, memory.ticks, dt)
+        passage = Passage(*before, moved, P, B)
+        if found is not None:
             x, P, heard["position"] = corrected(x, P, found)
         for name in ("attitude", "pressure", "dvl"):
             if self._listens(name, slots):
@@ -208,8 +209,10 @@ class NavigationFilter(Block):
 
         found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
         unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
-        sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
         found, P, doubts = self._believed("accelerometer", found, P, memory.doubted[0], x)
+        # What is refused neither moves the vehicle nor makes waves.
+        heard = jnp.any(found.used)
+        sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
         x, P, told = corrected(x, P, found)
         model, wave, rest = difference(x)
         total = jnp.where(heard, 1.0 / (slow + quick + variance * dt), 0.0)
@@ -231,8 +234,8 @@ class NavigationFilter(Block):
         there = jnp.any(found.used)
         far = there & (squared_norm(found.residual, S) > tuning.gate[name])
         doubts = jnp.where(there, jnp.where(far, doubts + 1, 0), doubts)
-        lost = doubts >= tuning.stubbornness
         opened = opening(name, found.residual, rotation_from_quaternion(x.attitude), self.model)
+        lost = (doubts >= tuning.stubbornness) & jnp.any(opened > 0.0)
         P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opened)
         used = eqx.tree_at(lambda i: i.used, found, found.used & (~far | lost))
         return used, P, jnp.where(lost, 0, doubts)
@@ -264,38 +267,3 @@ class NavigationFilter(Block):
             blind = (self.tuning.wave_slip * sea.heave(R_nb)) ** 2
             return readings.pressure(x, slot, mount, R_nb @ x.velocity, blind, now, max_age)
         return readings.dvl(x, slot, mount, omega, v_dot, now, max_age)
-
-
-def opening(name: str, residual: Array, R_nb: Array, model: Model) -> Array:
-    """Variance given back to what a sensor tells of when the filter must be wrong about it, shape (31,).
-
-    A disagreement with the accelerometer that lasts is a force: a tether that is caught, a thruster that is gone.
-    """
-    square, none = residual**2, jnp.zeros(ERRORS)
-    if name == "accelerometer":
-        return none.at[FORCE_N].set((R_nb @ (model.mass[:3, :3] @ residual)) ** 2)
-    if name == "attitude":
-        return none.at[ATTITUDE].set(square)
-    if name == "dvl":
-        return none.at[VELOCITY].set(square)
-    return none.at[POSITION.stop - 1].set(square[0])
-
-
-def corrected(x: NavigationState, P: Array, found: Innovation) -> tuple[NavigationState, Array, tuple[Array, Array]]:
-    """State and covariance after scalar measurements one by one; sum of squared normalised innovations, their number.
-
-    Joseph form multiplied out: P stays symmetric and positive for any gain. Bar-Shalom, Li and Kirubarajan (2001).
-    """
-
-    def one(carry: tuple[Array, Array], scalar: Innovation) -> tuple[tuple[Array, Array], Array]:
-        error, P = carry
-        column = jnp.sum(P * scalar.slope, axis=1)
-        innovation = scalar.residual - scalar.slope @ error
-        S = scalar.slope @ column + scalar.variance
-        K = jnp.where(scalar.used, column / S, 0.0)
-        error = error + K * innovation
-        P = P - (K[:, None] * column + column[:, None] * K) + S * (K[:, None] * K)
-        return (error, P), jnp.where(scalar.used, innovation * innovation / S, 0.0)
-
-    (error, P), squares = jax.lax.scan(one, (jnp.zeros(ERRORS), P), found)
-    return x.corrected(error), P, (squares.sum(), found.used.sum().astype(P.dtype))

@@ -47,14 +47,22 @@ class Trail(eqx.Module):
 
 
 class Refused(eqx.Module):
-    """Readings beyond the gate that agree with each other: how many in a row, int, and the last residual [m], (2,)."""
+    """Readings beyond the gate, in a row.
+
+    Attributes:
+        count: Of those that agree with each other, int.
+        total: Of all, int.
+        residual: The last [m], shape (2,).
+    """
 
     count: Array
+    total: Array
     residual: Array
 
     @classmethod
     def none(cls) -> "Refused":
-        return cls(jnp.zeros((), dtype=jnp.int32), jnp.zeros(2))
+        none = jnp.zeros((), dtype=jnp.int32)
+        return cls(none, none, jnp.zeros(2))
 
 
 def positions(
@@ -92,11 +100,14 @@ def positions(
         # Two readings of the same place differ by both their noises.
         alike = squared_norm(one.residual - refused.residual, 2.0 * jnp.diag(one.variance)) < tuning.gate["position"]
         count = jnp.where(far, jnp.where(alike & (refused.count > 0), refused.count + 1, 1), refused.count * ~there)
-        lost = far & (count >= tuning.patience)
+        total = jnp.where(there, jnp.where(far, refused.total + 1, 0), refused.total)
+        # A filter that is wrong about its speed sees readings that do not even agree.
+        lost = far & ((count >= tuning.patience) | (total >= 2 * tuning.patience))
         opening = jnp.zeros(ERRORS).at[jnp.array([0, 1])].set(one.residual @ one.residual)
         opening = opening.at[jnp.array([3, 4])].set(REOPENED_VELOCITY**2)
         P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opening)
-        refused = Refused(jnp.where(lost, 0, count), jnp.where(far, one.residual, refused.residual))
+        last = jnp.where(far, one.residual, refused.residual)
+        refused = Refused(jnp.where(lost, 0, count), jnp.where(lost, 0, total), last)
         found.append(eqx.tree_at(lambda i: i.used, one, one.used & there & (~far | lost)))
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
     return joined, refused, P

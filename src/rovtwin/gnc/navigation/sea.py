@@ -54,9 +54,9 @@ class SeaState(eqx.Module):
         slow = self.slow + dt / SLOW * (smooth - self.slow)
         quick = smooth - slow
         velocity = self.velocity + dt * (quick - self.velocity / SLOW)
-        # White noise of density noise * dt leaves noise * dt / (2 T) behind a lag of T, and that times T^2 integrated.
+        # White noise of density noise * dt leaves noise * dt / (2 T) behind a lag, and noise * dt T / 4 behind both T.
         a = quick**2 - noise * dt / (2.0 * SMOOTH)
-        v = velocity**2 - noise * dt * SLOW / 8.0
+        v = velocity**2 - noise * dt * SLOW / 4.0
         keep = dt / self.memory
         new = SeaState(
             smooth,

@@ -71,7 +71,7 @@ def smooth(filter: NavigationFilter, start: Start, slots: Measurements, commands
         t=dt * np.arange(n),
         eta=np.concatenate([states[:, :3] + states[:, 10:13], euler], axis=1),
         nu=np.concatenate([v, omega], axis=1),
-        std=np.sqrt(np.concatenate([_with_waves(covariances), variance[:, 6:9], variance[:, 3:6]], axis=1)),
+        std=np.sqrt(np.concatenate([_with_waves(covariances), variance[:, 6:9], _of_velocity(covariances, R)], axis=1)),
         filtered=filtered,
     )
 
@@ -80,6 +80,14 @@ def _with_waves(P: np.ndarray) -> np.ndarray:
     """Variance of position and waves together, shape (n, 3)."""
     i, j = np.arange(3), np.arange(9, 12)
     return P[:, i, i] + 2.0 * P[:, i, j] + P[:, j, j]
+
+
+def _of_velocity(P: np.ndarray, R: Rotation) -> np.ndarray:
+    """Variance of the velocity and the waves' together, b, shape (n, 3)."""
+    R_bn = R.inv().as_matrix()
+    cross = np.einsum("nij,nij->ni", R_bn, P[:, 3:6, 12:15])
+    waves = np.einsum("nij,njk,nik->ni", R_bn, P[:, 12:15, 12:15], R_bn)
+    return np.diagonal(P[:, 3:6, 3:6], axis1=1, axis2=2) + 2.0 * cross + waves
 
 
 @partial(jax.jit, static_argnames="dt")
