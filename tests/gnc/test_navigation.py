@@ -238,27 +238,28 @@ def command_of(model, force):
     return command_for_force(model.thrusters, surge * force / jnp.sum(surge**2))
 
 
+@eqx.filter_jit
+def at_a_wrong_start(filter, start):
+    def tick(memory, _):
+        now, yes = memory.ticks * DT, jnp.ones(1, dtype=bool)
+        slots = {
+            "attitude": Slot(jnp.zeros((1, 3)), yes, now[None]),
+            "gyro": Slot(jnp.zeros((1, 3)), yes, now[None]),
+            "pressure": Slot(jnp.full((1, 1), 2.0), yes, now[None]),
+        }
+        memory, estimate = filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
+        return memory, estimate.eta
+
+    return jax.lax.scan(tick, filter.init(jax.random.key(0), start), None, 60)[1]
+
+
 @pytest.mark.parametrize("sensor", ["attitude", "pressure"])
 def test_no_sensor_is_locked_out_for_good(model, sensor):
     """A start that is 0.5 rad or 1 m off: what a sensor says in earnest for a third of a second is believed."""
     filter = NavigationFilter(model, Tuning.of(MOUNTS))
     start = Start.at((0.0, 0.0, 3.0 if sensor == "pressure" else 2.0), 0.5 if sensor == "attitude" else 0.0)
 
-    @eqx.filter_jit
-    def run(filter, start):
-        def tick(memory, _):
-            now, yes = memory.ticks * DT, jnp.ones(1, dtype=bool)
-            slots = {
-                "attitude": Slot(jnp.zeros((1, 3)), yes, now[None]),
-                "gyro": Slot(jnp.zeros((1, 3)), yes, now[None]),
-                "pressure": Slot(jnp.full((1, 1), 2.0), yes, now[None]),
-            }
-            memory, estimate = filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
-            return memory, estimate.eta
-
-        return jax.lax.scan(tick, filter.init(jax.random.key(0), start), None, 60)[1]
-
-    eta = np.asarray(run(filter, start))
+    eta = np.asarray(at_a_wrong_start(filter, start))
     i = 2 if sensor == "pressure" else 5
     right = 2.0 if sensor == "pressure" else 0.0
     assert abs(eta[5, i] - right) > 0.4  # at first it is taken for an outlier

@@ -143,6 +143,7 @@ def test_water_mismatch_and_net_buoyancy_add_up():
 # --------------------------------------------------------------------------------------------------------------- flight
 
 
+@pytest.mark.slow
 def test_a_flight_at_sea_with_a_way_point_on_the_map(tmp_path):
     """The filter finds the 8 N; the log knows where it is, and opens as a map."""
     target = "mission.waypoints=[{geodetic: [59.90002, 10.70004, 3]}]"
