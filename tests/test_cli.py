@@ -64,6 +64,7 @@ def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
     assert run(capsys, "sea", "lawnmower_see")[0] == 2
 
 
+@pytest.mark.slow
 def test_an_empty_battery_is_said_before_the_flight(capsys, tmp_path):
     flat = ("--set", "battery={charge: 0}")
     code, out, _ = run(capsys, "scenario", "check", "lawnmower_calm", *flat)

@@ -49,6 +49,7 @@ def test_every_command_shown_exists_with_its_options(page, capsys):
             assert option in shown, f"{page.name}: {line}: no option {option}"
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
     """All of them, in order, in one folder; flights are cut to 12 s."""
     monkeypatch.chdir(tmp_path)

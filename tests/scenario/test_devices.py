@@ -187,6 +187,7 @@ def test_a_unit_whose_battery_is_empty_loses_its_thrusters(drained):
     assert gauge["charge"][-1] == 0.0 and gauge["power"][-1] == pytest.approx(battery["starboard_power"][-1], rel=0.05)
 
 
+@pytest.mark.slow
 def test_energy_is_in_summary_and_report(drained, tmp_path):
     power = drained.log["truth/battery"].values[:, 2:].sum(axis=1)
     assert drained.summary["energy_wh"] == pytest.approx(power.sum() * 0.1 / 3600, rel=0.05)

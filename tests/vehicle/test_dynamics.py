@@ -128,6 +128,7 @@ def test_fourth_order():
     assert (np.abs(orders - 4) < 0.4).all(), orders
 
 
+@pytest.mark.slow
 def test_gradient_of_a_rollout_is_that_of_differences():
     """With respect to every number of the vehicle, the start, the commands and the current at once."""
     model, state, v_c = build(11), random_state(12), jnp.array([0.1, -0.2, 0.05])
