@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.timing import in_turns
+from rovtwin.core.block import Start
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.allocation import Allocated, AllocationInput
 from rovtwin.gnc.box_least_squares import MOST_STEPS, unbounded
-from rovtwin.gnc.priority_allocation import DAMPING, AllocationInput, PriorityAllocation
+from rovtwin.gnc.priority_allocation import DAMPING, AllocationMemory, PriorityAllocation
 from rovtwin.vehicle import load_vehicle
 
 VEHICLES = ("double_blueye", "bluerov2_heavy")
@@ -15,8 +17,11 @@ VEHICLES = ("double_blueye", "bluerov2_heavy")
 
 @jax.jit
 def scanned(block: PriorityAllocation, taus: Array, health: Array) -> Array:
-    memory = block.init(jax.random.key(0), None)  # type: ignore[arg-type]  (a start is not used)
-    step = lambda memory, tau: block.step(memory, AllocationInput(tau, health), 0.02)  # noqa: E731
+    memory = block.init(jax.random.key(0), Start.at())
+
+    def step(memory: AllocationMemory, tau: Array) -> tuple[AllocationMemory, Allocated]:
+        return block.step(memory, AllocationInput(tau, health), 0.02)
+
     return jax.lax.scan(step, memory, taus)[1].made
 
 

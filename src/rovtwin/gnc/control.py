@@ -133,14 +133,14 @@ def body_error(estimate: Estimate, reference: Reference) -> tuple[Array, Array]:
     """Pose error seen from b and its rate, shapes (6,): J^-1 (eta_ref - eta), wrapped, and J^-1 eta_ref_dot - nu."""
     euler = estimate.eta[3:]
     R_bn = rotation_from_euler(euler).T
-    W = _body_rates_from_euler_rates(euler)
+    W = body_rates_from_euler_rates(euler)
     away = reference.eta - estimate.eta
     e = jnp.concatenate([R_bn @ away[:3], W @ wrap(away[3:])])
     nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])
     return e, nu_ref - estimate.nu
 
 
-def _body_rates_from_euler_rates(euler: Array) -> Array:
+def body_rates_from_euler_rates(euler: Array) -> Array:
     """T(Theta)^-1, shape (3, 3); regular at every attitude. Fossen (2021), eq. 2.40."""
     cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
     ct, st = jnp.cos(euler[1]), jnp.sin(euler[1])

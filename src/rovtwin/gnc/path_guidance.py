@@ -32,7 +32,6 @@ class PathMemory(eqx.Module):
         phase: IDLE, DIVE, GO, HOLD or FINISHED, int.
         ticks: Ticks in this phase, int.
         waypoint: Index of the way-point aimed at, int.
-        first: Whether the first dive is still to be completed, bool.
         leg_start: Where the current leg starts [m], shape (2,).
         s: Way along the leg, or along the arc behind it [m].
         speed: Of s [m/s].
@@ -43,7 +42,6 @@ class PathMemory(eqx.Module):
     phase: Array
     ticks: Array
     waypoint: Array
-    first: Array
     leg_start: Array
     s: Array
     speed: Array
@@ -81,7 +79,7 @@ class PathGuidance(Block):
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
         eta = _level(start.position, euler_from_quaternion(start.attitude)[2])
-        return PathMemory(zero + IDLE, zero, zero, ~no, start.position[:2], jnp.zeros(()), jnp.zeros(()), no, eta)
+        return PathMemory(zero + IDLE, zero, zero, start.position[:2], jnp.zeros(()), jnp.zeros(()), no, eta)
 
     def step(self, memory: PathMemory, input: GuidanceInput, dt: float) -> tuple[PathMemory, Setpoint]:
         mode = input.mode.mode
@@ -152,7 +150,6 @@ class PathGuidance(Block):
             phase=following,
             ticks=jnp.where(following == phase, memory.ticks + 1, 0),
             waypoint=memory.waypoint + jnp.where(passes | stops, 1, 0),
-            first=memory.first & ~deep,
             leg_start=jnp.where(passes, corner, jnp.where(stops, piece.end[:2], memory.leg_start)),
             s=jnp.where(stops, 0.0, s),
             speed=jnp.where(stops, 0.0, memory.speed),

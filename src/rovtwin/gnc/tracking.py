@@ -18,7 +18,7 @@ from rovtwin.core.flow import Reference, Setpoint, Wrench
 from rovtwin.core.frames import cross, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation import reachable_share
-from rovtwin.gnc.control import ControlInput
+from rovtwin.gnc.control import ControlInput, body_rates_from_euler_rates
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
@@ -119,7 +119,7 @@ class Tracking(Block):
         estimate, reference, model = input.estimate, input.reference, self.model
         euler = estimate.eta[3:]
         R_nb = rotation_from_euler(euler)
-        R_bn, W = R_nb.T, _body_rates(euler)
+        R_bn, W = R_nb.T, body_rates_from_euler_rates(euler)
         slow = estimate.eta[:3] - estimate.wave[:3]
         nu = jnp.concatenate([estimate.nu[:3] - R_bn @ estimate.wave[3:], estimate.nu[3:]])
         away = reference.eta[:3] - slow
@@ -147,11 +147,3 @@ class Tracking(Block):
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
-
-
-def _body_rates(euler: Array) -> Array:
-    """T(Theta)^-1, shape (3, 3). Fossen (2021), eq. 2.40."""
-    cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
-    ct, st = jnp.cos(euler[1]), jnp.sin(euler[1])
-    one, zero = jnp.ones_like(cf), jnp.zeros_like(cf)
-    return jnp.array([[one, zero, -st], [zero, cf, ct * sf], [zero, -sf, ct * cf]])

@@ -91,8 +91,7 @@ def positions(
     """
     mount, found = tuning.mounts["position"], []
     for row in range(slot.valid.shape[0]):
-        age = now - slot.t_valid[row]
-        age = jnp.where((age > 0.0) & (age <= jnp.minimum(tuning.max_age, (TRAIL - 2) * dt)), age, 0.0)
+        age = readings.age_of(slot.t_valid[row], now, jnp.minimum(tuning.max_age, (TRAIL - 2) * dt))
         one = readings.position(x, slot.value[row], age, trail.since(age, tick, dt), mount)
         S = one.slope @ P @ one.slope.T + jnp.diag(one.variance)
         there = slot.valid[row]

@@ -53,13 +53,17 @@ class Mean(eqx.Module):
     age: Array
 
 
+def age_of(t_valid: Array, now: Array, max_age: Array | float) -> Array:
+    """How long ago readings were taken [s]; one with a stamp ahead of the clock, or too old, counts as new."""
+    age = now - t_valid
+    return jnp.where((age > 0.0) & (age <= max_age), age, 0.0)
+
+
 def averaged(slot: Slot, now: Array, max_age: Array | float) -> Mean:
-    """Of what a slot holds; zero where it holds nothing. A stamp ahead of the clock or too old counts as new."""
+    """Of what a slot holds; zero where it holds nothing."""
     count = jnp.sum(slot.valid)
     share = slot.valid / jnp.maximum(count, 1)
-    age = now - slot.t_valid
-    age = jnp.where((age > 0.0) & (age <= max_age), age, 0.0)
-    return Mean(share @ slot.value, count, share @ age)
+    return Mean(share @ slot.value, count, share @ age_of(slot.t_valid, now, max_age))
 
 
 def attitude(
@@ -71,8 +75,7 @@ def attitude(
     for row in range(slot.valid.shape[0]):
         read = quaternion_multiply(quaternion_from_euler(slot.value[row]), q_sb)
         away = quaternion_multiply(quaternion_conjugate(x.attitude), read)
-        age = now - slot.t_valid[row]
-        age = jnp.where((age > 0.0) & (age <= max_age), age, 0.0)
+        age = age_of(slot.t_valid[row], now, max_age)
         turned = 2.0 * jnp.sign(away[0]) * away[1:] + age * omega
         total = total + jnp.where(slot.valid[row], turned, 0.0)
     n = jnp.maximum(count, 1)

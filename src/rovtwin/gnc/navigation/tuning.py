@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array
+from rovtwin.gnc import ekf_tuning
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -21,18 +22,11 @@ from rovtwin.gnc.navigation.state import (
     WAVE_VELOCITY,
 )
 
-SENSOR_STD = {
-    "position": 0.5,
-    "pressure": 1e-3,
-    "gyro": 3.08e-5,
-    "accelerometer": 0.0308,
-    "attitude": 1e-3,
-    "dvl": 5e-3,
-}
-"""Of thesis table 5.7 and of a DVL, per axis [m, m, rad/s, m/s2, rad, m/s]."""
+SENSOR_STD = ekf_tuning.SENSOR_STD | {"accelerometer": 0.0308}
+"""Of thesis table 5.7 and of a DVL, per axis [m, rad, m/s, rad/s, m/s2]."""
 
 GATE = {"position": 18.4, "pressure": 15.1, "attitude": 21.1, "dvl": 21.1, "accelerometer": 21.1}
-"""Largest squared normalised innovation believed: chi-square of 2, 1, 3, 3 degrees of freedom at a tail of 1e-4."""
+"""Largest squared normalised innovation believed: chi-square of 2, 1, else 3 degrees of freedom at 1e-4."""
 
 
 class Mount(eqx.Module):
