@@ -15,6 +15,7 @@ from tests.vehicle.random_vehicles import THRUSTERS, build
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import (
+    BATTERY_LOW,
     DIVE,
     GO,
     NO_REASON,
@@ -23,6 +24,7 @@ from rovtwin.core.flow import (
     Command,
     Environment,
     Estimate,
+    Host,
     Measurements,
     Mission,
     Reference,
@@ -31,8 +33,10 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.ability import FINE
 from rovtwin.gnc.allocation import Allocation, AllocationInput
 from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.contingency import Contingency, ContingencyInput
 from rovtwin.gnc.control import ControlInput, Pid
 from rovtwin.gnc.ekf_tuning import EkfTuning
 from rovtwin.gnc.guidance import Guidance, GuidanceInput
@@ -43,7 +47,9 @@ from rovtwin.gnc.observer import Ekf, ObserverInput
 from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
-from rovtwin.gnc.supervisor import MODE_RUNNING, Mode, Supervisor, SupervisorInput
+from rovtwin.gnc.rules import Watched
+from rovtwin.gnc.supervisor import MODE_RETURNING, MODE_RUNNING, Mode, Supervisor
+from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
 from rovtwin.gnc.trial import Timeline, Trial
 from rovtwin.positioning.ekf import MarkerEkf
@@ -141,6 +147,15 @@ def commands() -> Command:
 
 def requests():
     return every_tick(jnp.asarray(NO_REQUEST))
+
+
+def hosts() -> Host:
+    return every_tick(Host())
+
+
+def watched() -> Watched:
+    able = every_tick(jnp.asarray(FINE))
+    return Watched(estimates(), requests(), measurements(), hosts(), over_time(6, seed=41), able)
 
 
 def sensor_inputs() -> SensorInput:
@@ -261,13 +276,18 @@ def path_guidance() -> Example:
     return Example(PathGuidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
 
 
+def contingency() -> Example:
+    mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
+    return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode))
+
+
 def tracking() -> Example:
     return Example(Tracking.of(model()), ControlInput(estimates(), references(), over_time(6, seed=17)))
 
 
 def autopilot(observer: Block) -> Example:
     block = Autopilot.thesis(model(), observer, way_points(), gains="pole_placement")
-    return Example(block, AutopilotInput(measurements(), requests()))
+    return Example(block, AutopilotInput(measurements(), requests(), hosts()))
 
 
 def trial() -> Example:
@@ -284,7 +304,7 @@ def trial() -> Example:
         phase=jnp.full(2, GO),
         count=jnp.asarray(TICKS - 10),
     )
-    return Example(Trial.of(model(), timeline), AutopilotInput(measurements(), requests()))
+    return Example(Trial.of(model(), timeline), AutopilotInput(measurements(), requests(), hosts()))
 
 
 def guidance() -> Example:
@@ -348,6 +368,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
+    "gnc.contingency.Contingency": contingency,
     "gnc.control.Pid": pid,
     "gnc.guidance.Guidance": guidance,
     "gnc.navigation.filter.NavigationFilter": navigation,
@@ -357,8 +378,10 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.path_guidance.PathGuidance": path_guidance,
     "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
     # Modes are integers: there is nothing to differentiate.
-    "gnc.supervisor.Supervisor": lambda: Example(
-        Supervisor(), SupervisorInput(estimates(), requests()), differentiable=False
+    "gnc.supervisor.Supervisor": lambda: Example(Supervisor(), watched(), differentiable=False),
+    # Health is 1 or 0.
+    "gnc.thruster_health.ThrusterHealth": lambda: Example(
+        ThrusterHealth.of(model()), HealthInput(estimates(), commands()), differentiable=False
     ),
     "gnc.tracking.PathReference": lambda: Example(PathReference.of(), setpoints()),
     "gnc.tracking.Tracking": tracking,

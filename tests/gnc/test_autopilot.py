@@ -24,6 +24,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.rules import RULES, Rules
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.vehicle.thrusters import static_force
 
@@ -149,7 +150,9 @@ def test_no_nan_reaches_the_command(model, entry):
 
 
 def test_lost_estimate_aborts(model):
-    autopilot = pilot(model, supervisor=Supervisor(position_limit=2.0))
+    autopilot = pilot(
+        model, supervisor=Supervisor(Rules.of({"estimate lost": RULES["estimate lost"]._replace(limit=2.0)}))
+    )
     memory = autopilot.init(KEY, START)
     truth = jnp.array([0, 0, 0.5] + [0.0] * 9)
     memory, output = tick(autopilot, memory, feel(truth, NO_REQUEST, std=1.9))

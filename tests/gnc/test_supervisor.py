@@ -1,51 +1,104 @@
+"""The supervisor's state machine and every one of its rules: that it acts, when, with what cause, and who ends it."""
+
+import dataclasses
+
 import equinox as eqx
 import numpy as np
 import pytest
 from tests.gnc.flying import estimate_of
 
+from rovtwin.core import flow
 from rovtwin.core.block import Start
 from rovtwin.core.flow import (
     ABORT,
-    ATTITUDE_LIMIT,
-    DEPTH_LIMIT,
-    ESTIMATE_LOST,
+    ARM,
     NO_REASON,
     NO_REQUEST,
     NOT_A_NUMBER,
     OPERATOR,
     PAUSE,
+    REASONS,
     RESUME,
+    Host,
+    Slot,
 )
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.ability import FINE, HEAVE_LOST, UNABLE
+from rovtwin.gnc.rules import ACTIONS, RULES, Rules, Watched, inside
 from rovtwin.gnc.supervisor import (
     MODE_ABORTED,
+    MODE_HOLDING,
     MODE_IDLE,
     MODE_PAUSED,
+    MODE_RETURNING,
     MODE_RUNNING,
+    MODE_SURFACING,
     Mode,
     Supervisor,
-    SupervisorInput,
 )
 
-SUPERVISOR = Supervisor(depth_limit=20.0, attitude_limit=0.8, position_limit=3.0)
-STEP = jax.jit(lambda memory, input: SUPERVISOR.step(memory, input, 0.02))
-FINE = estimate_of([1, 2, 3, 0.1, -0.1, 3.0])
-
-
-def ask(mode, request=NO_REQUEST, estimate=FINE, reason=NO_REASON):
-    memory, output = STEP(Mode(jnp.asarray(mode), jnp.asarray(reason)), SupervisorInput(estimate, jnp.asarray(request)))
-    assert int(memory.mode) == int(output.mode) and int(memory.reason) == int(output.reason)
-    return int(output.mode), int(output.reason)
-
-
-REQUESTS = (NO_REQUEST, PAUSE, RESUME, ABORT)
-TABLE = {
-    MODE_IDLE: (MODE_RUNNING, MODE_IDLE, MODE_RUNNING, MODE_ABORTED),
-    MODE_RUNNING: (MODE_RUNNING, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED),
-    MODE_PAUSED: (MODE_PAUSED, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED),
+DT = 0.5
+FENCE = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]]
+LIMITS = {
+    "depth limit": 20.0,
+    "attitude limit": 0.8,
+    "estimate lost": 3.0,
+    "geofence": 15.0,
+    "altitude limit": 1.0,
 }
+SHARES = [2.0, 1.0, 2.0, np.inf, np.inf, 0.5]
+CHANGES = {name: RULES[name]._replace(limit=limit) for name, limit in LIMITS.items()}
+SUPERVISOR = Supervisor(Rules.of(CHANGES, FENCE, SHARES))
+STEP = jax.jit(lambda supervisor, memory, input: supervisor.step(memory, input, DT))
+EMPTY = {name: Slot.empty(1, size) for name, size in (("altimeter", 1), ("battery", 2), ("leak", 1), ("position", 2))}
 
 
+def at(std=0.01, **changes):
+    eta = {"x": 1, "y": 2, "z": 3, "phi": 0.1, "theta": -0.1, "psi": 3.0} | changes
+    made = estimate_of(list(eta.values()), std=std)
+    # A position is believed in every tick, as well as the filter says.
+    heard = jnp.asarray([0.0, 0.0, 0.0, 2.0])
+    return dataclasses.replace(made, nis=heard, nis_dof=heard)
+
+
+def reading(name, value):
+    slot = EMPTY[name]
+    return {name: Slot(slot.value.at[0, 0].set(value), ~slot.valid, slot.t_valid)}
+
+
+def watched(request=NO_REQUEST, estimate=None, readings=None, host=None, shortfall=None, ability=FINE):
+    return Watched(
+        at() if estimate is None else estimate,
+        jnp.asarray(request),
+        EMPTY | (readings or {}),
+        Host() if host is None else host,
+        jnp.zeros(6) if shortfall is None else jnp.asarray(shortfall),
+        jnp.asarray(ability),
+    )
+
+
+def begun(mode=MODE_RUNNING, reason=NO_REASON, supervisor=SUPERVISOR):
+    memory = supervisor.init(jax.random.key(0), Start.at())
+    return dataclasses.replace(memory, mode=Mode(jnp.asarray(mode), jnp.asarray(reason)))
+
+
+def go_on(memory, input, seconds=DT, supervisor=SUPERVISOR):
+    """Memory, mode and reason after so long."""
+    for _ in range(round(seconds / DT)):
+        memory, output = STEP(supervisor, memory, input)
+    return memory, int(output.mode), int(output.reason)
+
+
+def ask(mode, request=NO_REQUEST, reason=NO_REASON, **others):
+    return go_on(begun(mode, reason), watched(request, **others))[1:]
+
+
+REQUESTS = (NO_REQUEST, PAUSE, RESUME, ABORT, ARM)
+TABLE = {
+    MODE_IDLE: (MODE_RUNNING, MODE_IDLE, MODE_RUNNING, MODE_ABORTED, MODE_RUNNING),
+    MODE_RUNNING: (MODE_RUNNING, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_RUNNING),
+    MODE_PAUSED: (MODE_PAUSED, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED),
+}
 CASES = [(mode, request, after) for mode in TABLE for request, after in zip(REQUESTS, TABLE[mode], strict=True)]
 
 
@@ -54,49 +107,166 @@ def test_what_the_operator_may_do(mode, request_, after):
     assert ask(mode, request_) == (after, OPERATOR if after == MODE_ABORTED else NO_REASON)
 
 
-@pytest.mark.parametrize("request_", REQUESTS)
-@pytest.mark.parametrize("reason", [OPERATOR, DEPTH_LIMIT, NOT_A_NUMBER])
-def test_abort_latches_with_its_first_reason(request_, reason):
-    assert ask(MODE_ABORTED, request_, reason=reason) == (MODE_ABORTED, reason)
-    assert ask(MODE_ABORTED, request_, estimate_of([0, 0, 99, 0, 0, 0]), reason) == (MODE_ABORTED, reason)
+FAIL_SAFE = (MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED)
 
 
-def at(**changes):
-    eta = {"x": 0, "y": 0, "z": 3, "phi": 0, "theta": 0, "psi": 0} | changes
-    return estimate_of(list(eta.values()))
+@pytest.mark.parametrize("mode", FAIL_SAFE)
+@pytest.mark.parametrize("request_", [NO_REQUEST, PAUSE, RESUME])
+def test_nothing_but_arm_ends_a_fail_safe(mode, request_):
+    assert ask(mode, request_, reason=flow.LEAK) == (mode, flow.LEAK)
 
 
-@pytest.mark.parametrize("mode", list(TABLE))
-@pytest.mark.parametrize(
-    ("estimate", "reason"),
-    [
-        (at(z=20.1), DEPTH_LIMIT),
-        (at(z=19.9), NO_REASON),
-        (at(z=-1.0), NO_REASON),
-        (at(phi=0.81), ATTITUDE_LIMIT),
-        (at(phi=-0.81), ATTITUDE_LIMIT),
-        (at(theta=-0.81), ATTITUDE_LIMIT),
-        (at(psi=3.1), NO_REASON),
-        (estimate_of(np.zeros(6), std=3.1), ESTIMATE_LOST),
-        (estimate_of(np.zeros(6), std=2.9), NO_REASON),
-        (at(z=20.1, phi=1.0), DEPTH_LIMIT),
-    ],
-)
-def test_limits(mode, estimate, reason):
-    after, why = ask(mode, RESUME, estimate)
-    assert why == reason
-    assert after == (MODE_RUNNING if reason == NO_REASON else MODE_ABORTED)
+@pytest.mark.parametrize("mode", FAIL_SAFE)
+def test_arm_leads_to_paused_once_the_cause_is_over(mode):
+    memory, after, reason = go_on(begun(mode, flow.DEPTH_LIMIT), watched(ARM))
+    assert (after, reason) == (MODE_PAUSED, NO_REASON)
+    assert go_on(memory, watched(RESUME))[1:] == (MODE_RUNNING, NO_REASON)
+    deep = watched(ARM, at(z=20.1))
+    assert go_on(begun(mode, flow.DEPTH_LIMIT), deep)[1] == MODE_ABORTED, "still too deep"
+
+
+# Rule: what calls it (a Watched), and what just does not.
+SHORT = [0.0, 1.1, 0.0, 0.0, 0.0, 0.0]
+TRIGGERS = {
+    "depth limit": (watched(estimate=at(z=20.1)), watched(estimate=at(z=19.9))),
+    "attitude limit": (watched(estimate=at(theta=-0.81)), watched(estimate=at(theta=-0.79))),
+    "estimate lost": (watched(estimate=at(std=3.1)), watched(estimate=at(std=2.9))),
+    "leak": (watched(readings=reading("leak", 1.0)), watched(readings=reading("leak", 0.0))),
+    "battery critical": (watched(readings=reading("battery", 0.09)), watched(readings=reading("battery", 0.11))),
+    "battery low": (watched(readings=reading("battery", 0.19)), watched(readings=reading("battery", 0.21))),
+    "thruster failed": (watched(ability=UNABLE), watched(ability=FINE)),
+    "saturated": (watched(shortfall=SHORT), watched(shortfall=[1.9, 0.9, 1.9, 99.0, 99.0, 0.4])),
+    "link lost": (watched(host=Host(link_age=jnp.asarray(5.1))), watched(host=Host(link_age=jnp.asarray(4.9)))),
+    "deadline missed": (watched(host=Host(lateness=jnp.asarray(6.0))), watched(host=Host(lateness=jnp.asarray(0.9)))),
+    "operator silent": (
+        watched(host=Host(operator_age=jnp.asarray(61.0))),
+        watched(host=Host(operator_age=jnp.asarray(59.0))),
+    ),
+    "geofence": (watched(estimate=at(x=12.0, y=9.1)), watched(estimate=at(x=12.0, y=8.9))),
+    "altitude limit": (watched(readings=reading("altimeter", 0.9)), watched(readings=reading("altimeter", 1.1))),
+}
+RUNNING_OUT = {"positions lost", "filter diverged", "time out", "not a number", "operator"}
+
+
+def only(name, action=None):
+    """A supervisor with this rule alone."""
+    rule = CHANGES.get(name, RULES[name])
+    others = {other: rule._replace(action="ignore") for other, rule in RULES.items() if other != name}
+    return Supervisor(Rules.of(others | {name: rule._replace(action=action or rule.action)}, FENCE, SHARES))
+
+
+def test_every_rule_has_a_test():
+    assert set(TRIGGERS) | RUNNING_OUT == set(RULES) == set(REASONS[1:])
+
+
+@pytest.mark.parametrize("name", list(TRIGGERS))
+def test_a_rule_acts_after_its_time_and_latches(name):
+    input, fine = TRIGGERS[name]
+    rule, supervisor = CHANGES.get(name, RULES[name]), only(name)
+    expected = MODE_PAUSED + ACTIONS.index(rule.action)
+    assert go_on(begun(), fine, rule.after + 10.0, supervisor)[1:] == (MODE_RUNNING, NO_REASON)
+    if rule.after >= DT:
+        assert go_on(begun(), input, rule.after, supervisor)[1:] == (MODE_RUNNING, NO_REASON), "too soon"
+    memory, mode, reason = go_on(begun(), input, rule.after + 2 * DT, supervisor)
+    assert (mode, REASONS[reason]) == (expected, name)
+    assert go_on(memory, fine, 5.0, supervisor)[1:] == (expected, reason), "it went back by itself"
+
+
+@pytest.mark.parametrize("name", list(TRIGGERS))
+def test_a_rule_can_be_ignored_or_answered_otherwise(name):
+    input, _ = TRIGGERS[name]
+    for action in ACTIONS:
+        _, mode, _ = go_on(begun(), input, RULES[name].after + 2 * DT, only(name, action))
+        assert mode == (MODE_RUNNING if action == "ignore" else MODE_PAUSED + ACTIONS.index(action))
+
+
+def test_a_flicker_is_no_trigger():
+    input, fine = TRIGGERS["saturated"]
+    memory = begun()
+    for _ in range(5):
+        memory, mode, _ = go_on(memory, input, 20.0)
+        memory, mode, _ = go_on(memory, fine)
+    assert mode == MODE_RUNNING
+
+
+def test_the_graver_action_takes_over_and_stays():
+    silent, leak = TRIGGERS["operator silent"][0], TRIGGERS["leak"][0]
+    memory, mode, reason = go_on(begun(), silent, 2.0)
+    assert (mode, reason) == (MODE_HOLDING, flow.OPERATOR_SILENT)
+    memory, mode, reason = go_on(memory, leak, 2.0)
+    assert (mode, reason) == (MODE_SURFACING, flow.LEAK)
+    memory, mode, reason = go_on(memory, silent, 70.0)
+    assert (mode, reason) == (MODE_SURFACING, flow.LEAK)
+    assert go_on(memory, watched(estimate=at(z=25.0)))[1:] == (MODE_ABORTED, flow.DEPTH_LIMIT)
+
+
+def test_of_equals_the_first_reason_counts():
+    assert ask(MODE_RUNNING, estimate=at(z=20.1, phi=1.0)) == (MODE_ABORTED, flow.DEPTH_LIMIT)
+
+
+def test_without_heave_thrusters_stop_instead_of_surfacing():
+    assert ask(MODE_RUNNING, ability=HEAVE_LOST) == (MODE_ABORTED, flow.THRUSTER_FAILED)
+
+
+def test_positions_that_the_filter_does_not_believe_are_lost():
+    refused = dataclasses.replace(at(), nis=jnp.zeros(4), nis_dof=jnp.zeros(4))
+    memory, mode, _ = go_on(begun(), watched(estimate=refused), 119.0)
+    assert mode == MODE_RUNNING
+    assert go_on(memory, watched(estimate=refused), 3.0)[1:] == (MODE_SURFACING, flow.POSITIONS_LOST)
+    memory, _, _ = go_on(memory, watched())
+    assert go_on(memory, watched(estimate=refused), 90.0)[1] == MODE_RUNNING, "one that is believed starts it anew"
+
+
+def test_a_vehicle_without_positions_does_not_lose_them():
+    none = dataclasses.replace(watched(), measurements={"leak": EMPTY["leak"]})
+    assert go_on(begun(), none, 50.0)[1] == MODE_RUNNING
+    assert float(go_on(begun(), none, 200.0)[0].watch.silence) == 0.0
+
+
+def test_a_filter_whose_positions_disagree_has_diverged():
+    off = dataclasses.replace(at(), nis=7.0 * at().nis)
+    assert go_on(begun(), watched(estimate=off), 10.0)[1] == MODE_RUNNING
+    assert go_on(begun(), watched(estimate=off), 20.0)[1:] == (MODE_SURFACING, flow.FILTER_DIVERGED)
+    nearly = dataclasses.replace(at(), nis=5.0 * at().nis)
+    assert go_on(begun(), watched(estimate=nearly), 60.0)[1] == MODE_RUNNING
+
+
+def test_time_runs_out_from_the_beginning_of_the_mission_and_is_wound_up_by_arm():
+    clock = Supervisor(Rules.of(CHANGES | {"time out": RULES["time out"]._replace(limit=100.0)}, FENCE, SHARES))
+    memory, mode, _ = go_on(begun(MODE_IDLE), watched(PAUSE), 50.0, clock)
+    assert mode == MODE_IDLE and float(memory.watch.elapsed) == 0.0
+    memory, mode, _ = go_on(memory, watched(), 100.0, clock)
+    assert mode == MODE_RUNNING
+    memory, mode, reason = go_on(memory, watched(), 2.0, clock)
+    assert (mode, reason) == (MODE_RETURNING, flow.TIME_OUT)
+    memory, mode, _ = go_on(memory, watched(ARM), DT, clock)
+    assert mode == MODE_PAUSED and float(memory.watch.elapsed) < 1.0
 
 
 @pytest.mark.parametrize("part", ["eta", "nu", "bias", "covariance"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_what_is_not_a_number_aborts(part, value):
-    broken = eqx.tree_at(lambda e: getattr(e, part), FINE, getattr(FINE, part).at[-1].set(value))
+    fine = at()
+    broken = eqx.tree_at(lambda e: getattr(e, part), fine, getattr(fine, part).at[-1].set(value))
     assert ask(MODE_RUNNING, estimate=broken) == (MODE_ABORTED, NOT_A_NUMBER)
 
 
-def test_begins_idle_and_thrusters_are_on_while_running_or_paused():
+def test_readings_that_are_no_numbers_change_nothing():
+    broken = watched(readings=reading("battery", np.nan) | reading("altimeter", np.nan) | reading("leak", np.nan))
+    assert go_on(begun(), broken, 20.0)[1] == MODE_RUNNING
+
+
+def test_begins_idle_and_thrusters_are_on_in_all_modes_but_idle_and_aborted():
     memory = SUPERVISOR.init(jax.random.key(0), Start.at())
-    assert int(memory.mode) == MODE_IDLE and not memory.active
-    active = [bool(Mode(jnp.asarray(m), jnp.asarray(0)).active) for m in range(4)]
-    assert active == [False, True, True, False]
+    assert int(memory.mode.mode) == MODE_IDLE and not memory.mode.active
+    active = [bool(Mode(jnp.asarray(m), jnp.asarray(0)).active) for m in range(7)]
+    assert active == [False, True, True, True, True, True, False]
+
+
+def test_a_polygon_that_is_not_convex():
+    corners = jnp.asarray([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
+    places = {(1.0, 1.0): True, (2.0, 0.5): True, (2.0, 2.0): False, (3.8, 3.0): True, (-0.1, 1.0): False}
+    assert {place: bool(inside(corners, jnp.asarray(place))) for place in places} == places
+    outside = watched(estimate=at(x=0.0, y=-20.5))
+    wide = Supervisor(Rules.of({"geofence": RULES["geofence"]}, FENCE))
+    assert go_on(begun(), outside, 2.0, wide)[1:] == (MODE_RETURNING, flow.GEOFENCE)

@@ -23,6 +23,7 @@ Overrides = Annotated[
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all randomness; default the scenario's.")]
 
+ACTED = ("aborted", "held", "returning", "returned", "surfacing", "surfaced")  # phases a fail-safe leads to
 FIGURES = (
     ("duration", "duration_s", "s"),
     ("cross-track rms", "cross_track_rms_m", "m"),
@@ -131,13 +132,16 @@ def _bar(counter: str) -> Progress:
 def _closing_table(flight: Any, screen: Console) -> None:
     summary = flight.summary
     done = "test done" if summary.get("test") else "completed"
-    verdict = done if flight.completed else f"not completed: {summary['reason']}"
+    acted = "" if summary["phase"] not in ACTED else f"{summary['phase']}, "
+    verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"
     rows = table("", "figure", "value")
     for label, key, unit in FIGURES:
         judged = key != "nees_position_interval" or summary["nees_position_mean"] is not None
         if summary.get(key) is not None and judged:
             rows.add_row(label, figure(100 * summary[key] if unit == "%" else summary[key], unit))
     screen.print(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", style="bold", markup=False)
+    for one in summary["decisions"]:
+        screen.print(f"  {one['t']:7.1f} s  {one['what']}: {one['cause']}", markup=False)
     screen.print(rows)
     if flight.folder:
         screen.print(f"wrote {flight.folder}", markup=False, soft_wrap=True)

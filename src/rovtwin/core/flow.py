@@ -12,13 +12,24 @@ import numpy as np
 
 from rovtwin.core.numerics import Array, jnp
 
-PHASES = ("idle", "dive", "turn", "go", "hold", "paused", "finished", "aborted")
-IDLE, DIVE, TURN, GO, HOLD, PAUSED, FINISHED, ABORTED = range(len(PHASES))
+PHASES = (
+    *("idle", "dive", "turn", "go", "hold", "paused", "finished", "aborted"),
+    *("held", "returning", "returned", "surfacing", "surfaced"),
+)
+IDLE, DIVE, TURN, GO, HOLD, PAUSED, FINISHED, ABORTED = range(8)
+HELD, RETURNING, RETURNED, SURFACING, SURFACED = range(8, 13)
+ENDS = (FINISHED, ABORTED, RETURNED, SURFACED)  # after which nothing more happens unless an operator wants it
 
-REASONS = ("", "depth limit", "attitude limit", "estimate lost", "operator", "not a number")
-NO_REASON, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, OPERATOR, NOT_A_NUMBER = range(len(REASONS))
+REASONS = (  # the gravest first
+    *("", "not a number", "operator", "depth limit", "attitude limit", "estimate lost", "leak", "battery critical"),
+    *("filter diverged", "positions lost", "thruster failed", "saturated", "link lost", "deadline missed"),
+    *("battery low", "geofence", "altitude limit", "time out", "operator silent"),
+)
+NO_REASON, NOT_A_NUMBER, OPERATOR, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, LEAK, BATTERY_CRITICAL = range(8)
+FILTER_DIVERGED, POSITIONS_LOST, THRUSTER_FAILED, SATURATED, LINK_LOST, DEADLINE_MISSED = range(8, 14)
+BATTERY_LOW, GEOFENCE, ALTITUDE_LIMIT, TIME_OUT, OPERATOR_SILENT = range(14, 19)
 
-NO_REQUEST, PAUSE, RESUME, ABORT = range(4)
+NO_REQUEST, PAUSE, RESUME, ABORT, ARM = range(5)
 
 FEW_ROWS = 32  # of a mission: up to here a masked sum picks a row faster than an index
 
@@ -246,18 +257,37 @@ class Environment(eqx.Module):
         return cls(**(still | changes))
 
 
+class Host(eqx.Module):
+    """What the computer that runs the autopilot knows of itself and of its lines.
+
+    Attributes:
+        link_age: Since the vehicle was last heard [s].
+        operator_age: Since the operator last gave a sign of life [s].
+        lateness: By how much the last tick was late, in control periods.
+    """
+
+    link_age: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    operator_age: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+    lateness: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
+
+
 class AutopilotInput(eqx.Module):
-    """What one autopilot tick takes: readings since the last tick and the operator's request (NO_REQUEST, ...), int."""
+    """What one autopilot tick takes: readings since the last tick, the operator's request, int, and the host."""
 
     measurements: Measurements
     request: Array
+    host: Host = eqx.field(default_factory=Host)
 
 
 class AutopilotOutput(eqx.Module):
-    """All that one autopilot tick produces, for the link (command) and for the log (the rest)."""
+    """All that one autopilot tick produces, for the link (command) and for the log (the rest).
+
+    `health` is what the autopilot believes each thruster still gives, a share, shape (n_thrusters,).
+    """
 
     command: Command
     estimate: Estimate
     setpoint: Setpoint
     reference: Reference
     wrench: Wrench
+    health: Array

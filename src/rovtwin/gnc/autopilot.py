@@ -7,12 +7,16 @@ import equinox as eqx
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import AutopilotInput, AutopilotOutput, Command, Estimate, Mission, Reference, Wrench
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.ability import FINE, Ability
 from rovtwin.gnc.allocation import Allocation, AllocationInput, Saturation
+from rovtwin.gnc.contingency import Contingency, ContingencyInput, ContingencyMemory
 from rovtwin.gnc.control import ControlInput, Pid
 from rovtwin.gnc.guidance import Guidance, GuidanceInput, GuidanceMemory
 from rovtwin.gnc.observer import ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
-from rovtwin.gnc.supervisor import Mode, Supervisor, SupervisorInput, is_finite
+from rovtwin.gnc.rules import Watched, is_finite
+from rovtwin.gnc.supervisor import Supervisor, SupervisorMemory
+from rovtwin.gnc.thruster_health import HealthInput, HealthMemory, ThrusterHealth
 from rovtwin.vehicle.model import Model
 
 NEGLIGIBLE = 1e-6  # what allocation leaves by rounding [N, N m]
@@ -24,8 +28,10 @@ class AutopilotMemory(eqx.Module):
     """Memories of the parts, the last command u (n_thrusters,), and what limits took of the last wrench, (6,)."""
 
     observer: Any
-    supervisor: Mode
+    monitor: HealthMemory | None
+    supervisor: SupervisorMemory
     guidance: GuidanceMemory
+    contingency: ContingencyMemory
     reference: Reference
     control: Any
     allocation: Any
@@ -39,16 +45,26 @@ class Autopilot(Block):
     The parts are Blocks: any of them may be replaced by another that takes and gives the same. Thrusters are off
     while idle and once aborted; paused and finished hold station. A command is a number, always: whatever becomes
     of the estimate, the supervisor aborts on it and zeros go out.
+
+    Attributes:
+        observer, supervisor, guidance, contingency, reference, control, allocation: Blocks, in the order of the data.
+        mission: Way-points.
+        health: Share of its force that each thruster has from the start, shape (n_thrusters,).
+        monitor: Finds thrusters that are lost on the way; None believes in them.
+        ability: What can be done without them; None with `monitor`.
     """
 
     observer: Block
     supervisor: Supervisor
     guidance: Block
+    contingency: Contingency
     reference: Block
     control: Block
     allocation: Block
     mission: Mission
     health: Array
+    monitor: ThrusterHealth | None = None
+    ability: Ability | None = None
 
     @classmethod
     def thesis(
@@ -70,7 +86,7 @@ class Autopilot(Block):
             gains: The thesis's tables as printed, or from the model by pole placement.
             saturation: What allocation does at the thrusters' limits.
             obey_speed: Whether the reference model keeps to the way-points' speeds; the thesis's does not.
-            supervisor: Limits; None is the default ones.
+            supervisor: Rules; None is the default ones.
         """
         makers = {
             "table_7_1": lambda: Pid.table_7_1(model),
@@ -83,6 +99,7 @@ class Autopilot(Block):
             observer=observer,
             supervisor=supervisor or Supervisor(),
             guidance=Guidance(),
+            contingency=Contingency(),
             reference=ReferenceModel.thesis(obey_speed),
             control=makers[gains](),
             allocation=Allocation.of(model, saturation=saturation),
@@ -91,31 +108,57 @@ class Autopilot(Block):
         )
 
     def init(self, key: Array, start: Start) -> AutopilotMemory:
-        names = ("observer", "supervisor", "guidance", "reference", "control", "allocation")
+        names = ("observer", "supervisor", "guidance", "reference", "control", "allocation", "contingency", "monitor")
         keys = jax.random.split(key, len(names))
-        parts = {name: getattr(self, name).init(k, start) for name, k in zip(names, keys, strict=True)}
+        blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
+        parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
         return AutopilotMemory(**parts, command=Command(jnp.zeros_like(self.health)), shortfall=jnp.zeros(6))
 
     def step(
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
     ) -> tuple[AutopilotMemory, AutopilotOutput]:
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
-        supervisor, mode = self.supervisor.step(memory.supervisor, SupervisorInput(estimate, input.request), dt)
-        guidance, setpoint = self.guidance.step(memory.guidance, GuidanceInput(estimate, self.mission, mode), dt)
+        monitor, health, ability = self._monitored(memory, estimate, dt)
+        watched = Watched(estimate, input.request, input.measurements, input.host, memory.shortfall, ability)
+        supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
+        guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(estimate, self.mission, mode), dt)
+        contingency, setpoint = self.contingency.step(
+            memory.contingency, ContingencyInput(asked, _usable(estimate), mode), dt
+        )
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
         on = mode.active
         feedback = ControlInput(_usable(estimate), path, memory.shortfall)
         control, wanted = self.control.step(memory.control, feedback, dt)
         tau = jnp.where(on, wanted.tau, 0.0)
-        allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, self.health), dt)
+        allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health), dt)
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
         command, shortfall = allocated.command, allocated.shortfall
         wrench = Wrench(tau, on & (wanted.saturated | (jnp.abs(shortfall) > NEGLIGIBLE)))
-        after = AutopilotMemory(observer, supervisor, guidance, reference, control, allocation, command, shortfall)
-        return after, AutopilotOutput(command, estimate, setpoint, path, wrench)
+        after = AutopilotMemory(
+            observer,
+            monitor,
+            supervisor,
+            guidance,
+            contingency,
+            reference,
+            control,
+            allocation,
+            command,
+            jnp.where(on, shortfall, 0.0),
+        )
+        return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
+
+    def _monitored(
+        self, memory: AutopilotMemory, estimate: Estimate, dt: float
+    ) -> tuple[HealthMemory | None, Array, Array]:
+        """The monitor's memory, health of each thruster, shape (n_thrusters,), and what can be done with it, int."""
+        if self.monitor is None or self.ability is None or memory.monitor is None:
+            return None, self.health, jnp.asarray(FINE)
+        monitor, found = self.monitor.step(memory.monitor, HealthInput(estimate, memory.command), dt)
+        return monitor, self.health * found, self.ability.judged(found)
 
 
 def _usable(estimate: Estimate) -> Estimate:

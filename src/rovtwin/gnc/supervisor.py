@@ -1,90 +1,72 @@
 """Supervisor: whether the vehicle may act at all, and if not, why. It knows limits and requests, not way-points.
 
 idle ── first tick without PAUSE ──> running <── RESUME / PAUSE ──> paused
-any ── ABORT, a limit, or an estimate that is not a number ──> aborted, which latches
+any ── a rule ──> holding < returning < surfacing < aborted (thrusters off)
+
+A rule is a condition that lasts, and the action it asks for: see `rules`. A graver action takes over from a lesser one
+and nothing goes back by itself. Only the operator's ARM leads to paused, and only once no rule applies any more.
 """
 
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import (
-    ABORT,
-    ATTITUDE_LIMIT,
-    DEPTH_LIMIT,
-    ESTIMATE_LOST,
-    NO_REASON,
-    NOT_A_NUMBER,
-    OPERATOR,
-    PAUSE,
-    RESUME,
-    Estimate,
-)
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.flow import ARM, NO_REASON, PAUSE, RESUME
+from rovtwin.core.numerics import Array, jnp
+from rovtwin.gnc.ability import HEAVE_LOST
+from rovtwin.gnc.rules import IGNORE, STOP, SURFACE, Rules, Watch, Watched
 
-MODES = ("idle", "running", "paused", "aborted")
-MODE_IDLE, MODE_RUNNING, MODE_PAUSED, MODE_ABORTED = range(len(MODES))
-
-
-class SupervisorInput(eqx.Module):
-    """The estimate to judge and the operator's request (NO_REQUEST, PAUSE, RESUME, ABORT), int."""
-
-    estimate: Estimate
-    request: Array
+MODES = ("idle", "running", "paused", "holding", "returning", "surfacing", "aborted")
+MODE_IDLE, MODE_RUNNING, MODE_PAUSED, MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED = range(len(MODES))
 
 
 class Mode(eqx.Module):
-    """One of MODES, int, and one of core.flow.REASONS, int, that says why it was aborted."""
+    """One of MODES, int, and one of core.flow.REASONS, int, that says why it is not the operator's."""
 
     mode: Array
     reason: Array
 
     @property
     def active(self) -> Array:
-        """Whether thrusters may be used: running (also after the last way-point) or paused, holding station."""
-        return (self.mode == MODE_RUNNING) | (self.mode == MODE_PAUSED)
+        """Whether thrusters may be used: in every mode but idle and aborted."""
+        return (self.mode != MODE_IDLE) & (self.mode != MODE_ABORTED)
+
+
+class SupervisorMemory(eqx.Module):
+    """The mode, and what is watched."""
+
+    mode: Mode
+    watch: Watch
 
 
 class Supervisor(Block):
-    """Watches limits and the operator; memory is the Mode.
+    """Watches what `rules` says, and the operator; gives the Mode."""
 
-    Attributes:
-        depth_limit: Greatest depth [m].
-        attitude_limit: Greatest size of roll and pitch [rad]; Euler angles and PIDs fail towards 90 degrees.
-        position_limit: Standard deviation of any axis of the position at which the estimate counts as lost [m].
-    """
+    rules: Rules = eqx.field(default_factory=Rules.of)
 
-    depth_limit: Array = eqx.field(converter=as_array, default=100.0)
-    attitude_limit: Array = eqx.field(converter=as_array, default=1.0472)
-    position_limit: Array = eqx.field(converter=as_array, default=10.0)
-
-    def init(self, key: Array, start: Start) -> Mode:
+    def init(self, key: Array, start: Start) -> SupervisorMemory:
         zero = jnp.zeros((), dtype=int)
-        return Mode(zero + MODE_IDLE, zero + NO_REASON)
+        return SupervisorMemory(Mode(zero + MODE_IDLE, zero + NO_REASON), Watch.at(start.position[:2]))
 
-    def step(self, memory: Mode, input: SupervisorInput, dt: float) -> tuple[Mode, Mode]:
-        request = input.request
-        wanted = memory.mode
-        wanted = jnp.where((memory.mode == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, wanted)
-        wanted = jnp.where((memory.mode == MODE_RUNNING) & (request == PAUSE), MODE_PAUSED, wanted)
-        wanted = jnp.where((memory.mode == MODE_PAUSED) & (request == RESUME), MODE_RUNNING, wanted)
+    def step(self, memory: SupervisorMemory, input: Watched, dt: float) -> tuple[SupervisorMemory, Mode]:
+        request, before = input.request, memory.mode
+        watch = memory.watch.step(self.rules, input, before.mode != MODE_IDLE, dt)
+        actions = watch.triggered(self.rules)
+        # Up is no way out for a vehicle that cannot push itself there: it is for buoyancy to bring it.
+        stranded = (input.ability == HEAVE_LOST) & (actions == SURFACE)
+        actions = jnp.where(stranded, STOP, actions)
+        gravest = jnp.argmax(actions)  # the first of equals, which REASONS has in order
+        action = actions[gravest]
 
-        reason = jnp.where(memory.reason != NO_REASON, memory.reason, self._reason(input))
-        mode = Mode(jnp.where(reason != NO_REASON, MODE_ABORTED, wanted), reason)
-        return mode, mode
+        wanted = before.mode
+        wanted = jnp.where((before.mode == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, wanted)
+        wanted = jnp.where((before.mode == MODE_RUNNING) & (request == PAUSE), MODE_PAUSED, wanted)
+        wanted = jnp.where((before.mode == MODE_PAUSED) & (request == RESUME), MODE_RUNNING, wanted)
+        rearmed = (before.mode > MODE_PAUSED) & (request == ARM) & (action == IGNORE)
+        wanted = jnp.where(rearmed, MODE_PAUSED, wanted)
+        reason = jnp.where(rearmed, NO_REASON, before.reason)
 
-    def _reason(self, input: SupervisorInput) -> Array:
-        """Why to abort now, the gravest first; NO_REASON if all is well."""
-        estimate = input.estimate
-        # A comparison with NaN is false: what is not a number must be asked for by name.
-        spread = jnp.sqrt(jnp.max(jnp.diagonal(estimate.covariance)[:3]))
-        reason = jnp.where(spread > self.position_limit, ESTIMATE_LOST, NO_REASON)
-        reason = jnp.where(jnp.max(jnp.abs(estimate.eta[3:5])) > self.attitude_limit, ATTITUDE_LIMIT, reason)
-        reason = jnp.where(estimate.eta[2] > self.depth_limit, DEPTH_LIMIT, reason)
-        reason = jnp.where(input.request == ABORT, OPERATOR, reason)
-        return jnp.where(is_finite(estimate), reason, NOT_A_NUMBER)
-
-
-def is_finite(estimate: Estimate) -> Array:
-    """Whether pose, velocity, disturbance and covariance are all numbers, bool."""
-    parts = (estimate.eta, estimate.nu, estimate.bias, estimate.covariance)
-    return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in parts]))
+        takes_over = (action > IGNORE) & (MODE_PAUSED + action > wanted)
+        mode = Mode(
+            jnp.where(takes_over, MODE_PAUSED + action, wanted), jnp.where(takes_over, gravest, reason).astype(int)
+        )
+        return SupervisorMemory(mode, watch), mode

@@ -27,7 +27,8 @@ from rovtwin.core.flow import (
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation import weighted_pseudo_inverse
-from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_PAUSED, Mode, Supervisor, SupervisorInput
+from rovtwin.gnc.rules import Watched
+from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_PAUSED, Supervisor, SupervisorMemory
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import RANK_TOLERANCE
 
@@ -53,7 +54,7 @@ class TrialMemory(eqx.Module):
     """Readings, supervisor's mode, pose to hold and come home to (6,), integral of the heading [share], tick, int."""
 
     believed: Believed
-    supervisor: Mode
+    supervisor: SupervisorMemory
     home: Array
     integral: Array
     tick: Array
@@ -114,7 +115,9 @@ class Trial(Block):
     def step(self, memory: TrialMemory, input: AutopilotInput, dt: float) -> tuple[TrialMemory, AutopilotOutput]:
         believed = self._listen(memory.believed, input.measurements, dt)
         estimate = _estimate(believed, len(input.measurements))
-        supervisor, mode = self.supervisor.step(memory.supervisor, SupervisorInput(estimate, input.request), dt)
+        supervisor, mode = self.supervisor.step(
+            memory.supervisor, Watched(estimate, input.request, input.measurements, input.host), dt
+        )
         line, over, paused = self.timeline, memory.tick >= self.timeline.count, mode.mode == MODE_PAUSED
         now = jnp.minimum(memory.tick, line.count - 1)
         row = line.row[now]
@@ -133,7 +136,7 @@ class Trial(Block):
         setpoint = Setpoint(memory.home, still, place, place, phase < 0, line.manoeuvre[row], phase, mode.reason)
         after = TrialMemory(believed, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over, 0, 1))
         path, wrench = Reference(memory.home, still, still), Wrench(still, still > 0.0)
-        return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench)
+        return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
 
     def _listen(self, before: Believed, measurements: Measurements, dt: float) -> Believed:
         """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""

@@ -43,6 +43,11 @@ PHASE_COLOURS = {
     "paused": "#e3dcec",
     "finished": "#ececec",
     "aborted": "#f7cfc4",
+    "held": "#fbe3d0",
+    "returning": "#fbe3d0",
+    "returned": "#fbe3d0",
+    "surfacing": "#fbe3d0",
+    "surfaced": "#fbe3d0",
 }
 
 

@@ -46,6 +46,7 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
     "thruster_activity_n_per_s": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
 }  # fmt: skip
+_ACTED = ("aborted", "held", "returning", "returned", "surfacing", "surfaced")  # phases a fail-safe leads to
 _BESIDE = {
     "position_error_rms_m": ("bound_position_m", "bound (surge, sway)"),
     "nees_position_mean": ("nees_position_interval", "95 % range"),
@@ -57,7 +58,7 @@ def verdict(flight: Flight) -> Verdict:
     summary = flight.summary
     good = summary.get("completed")
     good = good if isinstance(good, bool) else _completed(flight)
-    sentences = [*_sentences(summary), *_about_supply(flight), *_about_place(flight)]
+    sentences = [*_about_decisions(summary), *_sentences(summary), *_about_supply(flight), *_about_place(flight)]
     return Verdict(good, _headline(flight, good), sentences, scores(summary))
 
 
@@ -94,8 +95,8 @@ def _headline(flight: Flight, good: bool | None) -> str:
         return f"Completed in {seconds:.0f} s"
     if good is None:
         return f"Recording of {seconds:.0f} s"
-    if phase == "aborted":
-        return f"Aborted after {seconds:.0f} s: {reason or 'no reason given'}"
+    if phase in _ACTED:
+        return f"{phase.capitalize()} after {seconds:.0f} s: {reason or 'no reason given'}"
     tail = f" in phase “{phase}”" if phase else ""
     return f"Not completed: stopped after {seconds:.0f} s{tail}" + (f" ({reason})" if reason else "")
 
@@ -103,6 +104,12 @@ def _headline(flight: Flight, good: bool | None) -> str:
 def _sentences(summary: Mapping[str, Any]) -> list[str]:
     found = (_about_path(summary), _about_position(summary), _about_nees(summary), _about_thrusters(summary))
     return [sentence for sentence in found if sentence]
+
+
+def _about_decisions(summary: Mapping[str, Any]) -> list[str]:
+    """What the autopilot decided on the way, one sentence each."""
+    known = [one for one in summary.get("decisions") or [] if {"t", "what", "cause"} <= set(one)]
+    return [f"At {one['t']:.1f} s: {one['what']} ({one['cause']})." for one in known]
 
 
 def _about_path(summary: Mapping[str, Any]) -> str:

@@ -70,6 +70,7 @@ def log_channels(
         ("autopilot/tau", TAU, TAU_UNITS, "b", "wrench that the controller wants"),
         ("autopilot/saturated", TAU, "1", "b", "whether a limit cut that wrench"),
         ("autopilot/command", thr, "1", "", "normalised command of each thruster"),
+        ("autopilot/health", thr, "1", "", "what the autopilot believes each thruster still gives, a share"),
         ("autopilot/nis", tuple(sorted(sensors)), "1", "", "normalised innovation squared, summed per sensor"),
         ("autopilot/nis_dof", tuple(sorted(sensors)), "1", "", "scalar innovations in each sum"),
         ("score/nees", ("position", "pose_velocity"), "1", "", "normalised estimation error squared, 2 and 12 dof"),
@@ -156,6 +157,7 @@ def autopilot_samples(record: Record) -> dict[str, np.ndarray]:
         "autopilot/tau": np.asarray(out.wrench.tau),
         "autopilot/saturated": np.asarray(out.wrench.saturated, dtype=float),
         "autopilot/command": np.asarray(out.command.u),
+        "autopilot/health": np.asarray(out.health),
     }
 
 

@@ -7,7 +7,9 @@ import numpy as np
 
 from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array, jnp
+from rovtwin.gnc.ability import Ability
 from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.ekf_tuning import SENSOR_STD
 from rovtwin.gnc.guidance import Guidance
 from rovtwin.gnc.navigation import tuning as navigation
@@ -16,37 +18,44 @@ from rovtwin.gnc.observer import Ekf, EkfTuning
 from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.gnc.thruster_health import ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
-from rovtwin.scenario.schema import ModelBasedSection, Scenario, SupervisorSection, ThesisSection
+from rovtwin.scenario.compose_supervisor import THESIS_RULES, rules_of, units
+from rovtwin.scenario.schema import ModelBasedSection, Scenario, ThesisSection
 from rovtwin.simulation.sensors import Sensor
 from rovtwin.vehicle import Model
+from rovtwin.vehicle.trim import afloat
 
+UP = 0.2  # depth to come up to in a world without a surface [m]
 DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
 
 
-def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:
-    """The autopilot that the scenario asks for, around a model."""
+def autopilot_of(
+    scenario: Scenario, model: Model, sensors: dict[str, Sensor], mission: Mission, thrusters: list[str]
+) -> Autopilot:
+    """The autopilot that the scenario asks for, around a model; names of thrusters say which fail together."""
     section = scenario.autopilot
+    contingency = Contingency(surface=afloat(model) if scenario.world.surface else UP)
     if isinstance(section, ThesisSection):
-        return _thesis(section, model, sensors, mission, scenario.control_dt)
-    return _model_based(section, model, sensors, mission)
-
-
-def _supervisor(section: SupervisorSection) -> Supervisor:
-    return Supervisor(
-        depth_limit=section.depth_limit,
-        attitude_limit=math.radians(section.attitude_limit_deg),
-        position_limit=section.position_std_limit,
-    )
+        made, rules = _thesis(section, model, sensors, mission, scenario.control_dt), THESIS_RULES
+    else:
+        made, rules = _model_based(section, model, sensors, mission), RULES
+    autopilot = replace(made, supervisor=Supervisor(rules_of(scenario, model, rules)), contingency=contingency)
+    if section.supervisor.thruster_failed.action == "ignore" or rules is THESIS_RULES:
+        return autopilot
+    together = units(thrusters)
+    return replace(autopilot, monitor=ThrusterHealth.of(model, together), ability=Ability.of(model, together))
 
 
 def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:
     control = section.control
     return Autopilot(
         observer=navigation_filter(section, model, sensors),
-        supervisor=_supervisor(section.supervisor),
+        supervisor=Supervisor(),
         guidance=PathGuidance.of(model),
+        contingency=Contingency(),
         reference=PathReference.of(dive=control.dive_speed, turn=math.radians(control.turn_rate_deg)),
         control=Tracking.of(model, control.bandwidth, control.damping_ratio, control.integral),
         allocation=PriorityAllocation.of(model),
@@ -77,7 +86,6 @@ def _thesis(
         Ekf(model, _tuning_of(section, sensors, control_dt)),
         mission,
         gains=section.controller.gains,
-        supervisor=_supervisor(section.supervisor),
     )
     damping, frequency = as_array([section.reference.damping] * 6), as_array([section.reference.frequency] * 6)
     return replace(

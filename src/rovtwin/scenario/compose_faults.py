@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.compose_topside import KINDS
 from rovtwin.scenario.schema import FaultSection, Scenario
 from rovtwin.simulation.faults import Faults, ThrusterFault
 
@@ -26,6 +27,8 @@ def faults_of(scenario: Scenario, thrusters: list[str], tethers: list[str]) -> F
     snags: dict[str, list[tuple[float, float]]] = {}
     for i, fault in enumerate(scenario.faults):
         end = np.inf if fault.until is None else fault.until
+        if fault.fault in KINDS:
+            continue  # above the water
         if fault.fault == "leak":
             leaks.append((fault.at, end))
         elif fault.tether is not None:

@@ -12,6 +12,7 @@ from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import as_array, jnp
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.gnc.trial import Timeline, Trial, mixing
+from rovtwin.scenario.compose_supervisor import THESIS_RULES, rules_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.trial import (
     AXES,
@@ -68,9 +69,9 @@ def trial_of(scenario: Scenario, model: Model, vehicle: Vehicle) -> Trial:
             f"{scenario.name}: duration: found {scenario.duration:g} s, but the test takes {seconds:.0f} s; "
             f"write duration: {math.ceil(seconds + 1)}"
         )
-    section = scenario.autopilot.supervisor
-    limits = Supervisor(section.depth_limit, math.radians(section.attitude_limit_deg), section.position_std_limit)
-    return Trial.of(model, _timeline(pieces), limits)
+    # A test has no filter that could hold station or come home: whatever ends it switches the thrusters off.
+    rules = rules_of(scenario, model, THESIS_RULES).only_stop()
+    return Trial.of(model, _timeline(pieces), Supervisor(rules))
 
 
 def hand_of(scenario: Scenario) -> Hand | None:

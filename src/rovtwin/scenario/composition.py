@@ -15,6 +15,7 @@ from rovtwin.scenario.compose_autopilot import DESIGN_FORCE_WALK, autopilot_of
 from rovtwin.scenario.compose_battery import battery_of
 from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
 from rovtwin.scenario.compose_tethers import tethers_of
+from rovtwin.scenario.compose_topside import topside_of
 from rovtwin.scenario.compose_trial import hand_of, trial_of
 from rovtwin.scenario.compose_world import plant_of, world_of
 from rovtwin.scenario.inside import require_inside
@@ -108,7 +109,7 @@ def compose(scenario: Scenario) -> Composed:
     loop = Loop(
         autopilot=trial_of(scenario, model, vehicle)
         if scenario.test
-        else autopilot_of(scenario, model, sensors, way_points(scenario, model)),
+        else autopilot_of(scenario, model, sensors, way_points(scenario, model), list(vehicle.thruster_names)),
         twin=Twin(
             plant,
             world_of(scenario.world),
@@ -119,6 +120,7 @@ def compose(scenario: Scenario) -> Composed:
             tethers=tethers,
             hand=hand_of(scenario) if scenario.test else None,
         ),
+        topside=topside_of(scenario),
     )
     return Composed(
         loop=loop,

@@ -27,6 +27,7 @@ from rovtwin.scenario.channels import (
 )
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.filming import Filming
 from rovtwin.scenario.interrupt import Interrupt
@@ -134,6 +135,7 @@ class Recorder:
             saturated=np.concatenate(self._saturated),
             control_dt=self._dt,
             duration=self.seconds,
+            health=whole["autopilot/health"],
             energy=self._energy[-1] - self._energy[0] if self._energy else None,
         )
 
@@ -256,6 +258,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
     return figures | {
         "reason": reason,
         "interrupted": interrupted,
+        "decisions": decisions(flown, composed.thruster_names),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,
         "speed_rms_m_s": speed,

@@ -9,10 +9,11 @@ import numpy as np
 from rovtwin.core.batch import batched
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flat import Layout
-from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
+from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Host, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.tether import Line
+from rovtwin.simulation.topside import Topside
 from rovtwin.simulation.twin import Twin, TwinInput
 from rovtwin.vehicle.dynamics import State
 
@@ -56,6 +57,7 @@ class Loop(eqx.Module):
 
     autopilot: Block
     twin: Twin
+    topside: Topside | None = None
 
     def init(self, key: Array, start: Start, control_dt: float) -> LoopMemory:
         """Memory before tick 0: no reading has come yet."""
@@ -75,8 +77,8 @@ class Loop(eqx.Module):
 
     def tick(self, memory: LoopMemory, k: Array, control_dt: float) -> tuple[LoopMemory, Record]:
         """One control period; k counts control ticks and is the same for all vehicles of a batch."""
-        request = jnp.asarray(NO_REQUEST)
-        inputs = AutopilotInput(memory.measurements, request)
+        host, request = self.topside.at(k * control_dt, control_dt) if self.topside else (Host(), NO_REQUEST)
+        inputs = AutopilotInput(memory.measurements, jnp.asarray(request), host)
         autopilot, decided = self.autopilot.step(memory.autopilot, inputs, control_dt)
         record = Record(
             memory.state,

@@ -172,7 +172,7 @@ def _depth(request: SurveyRequest, base: Scenario, model: Model) -> float:
         depth = floor - request.altitude
     else:
         depth = 3.0 if request.depth is None else request.depth
-    limit = base.autopilot.supervisor.depth_limit
+    limit = base.autopilot.supervisor.deepest
     if not 0 <= depth < limit:
         raise ConfigError(
             f"--depth: found {depth:g} m, expected from 0 to less than {limit:g} m, the supervisor's limit"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.block import Start
-from rovtwin.core.flow import ABORTED, FINISHED, Command, Measurement, Measurements
+from rovtwin.core.flow import ENDS, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
 from rovtwin.scenario.loop import HostLoop, Loop, Record, start_loop
@@ -41,7 +41,7 @@ def ticks_in(duration: float, control_dt: float) -> int:
 def until_the_end(record: Record, most: int) -> tuple[Record, bool]:
     """The record up to the tick that ends the mission, at most `most` ticks, and whether it ended."""
     phase = np.asarray(record.autopilot.setpoint.phase)
-    ended = np.flatnonzero((phase == FINISHED) | (phase == ABORTED))
+    ended = np.flatnonzero(np.isin(phase, ENDS))
     length = min(int(ended[0]) + 1 if ended.size else len(phase), most)
     return jax.tree.map(lambda leaf: leaf[:length], record), bool(ended.size) or length == most
 
@@ -95,7 +95,7 @@ def realtime_chunks(
             link.send(autopilot.step(readings))
             # The command is out; from here on there is time.
             rows.append((truth.now, autopilot.taken, autopilot.given))
-            if len(rows) == ticks or k == total - 1 or autopilot.phase in (FINISHED, ABORTED):
+            if len(rows) == ticks or k == total - 1 or autopilot.phase in ENDS:
                 kept, over = until_the_end(_recorded(autopilot, rows), len(rows) + 1)
                 rows = []
                 yield kept

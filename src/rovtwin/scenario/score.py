@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
-from rovtwin.core.flow import ABORTED, DIVE, FINISHED, GO, HOLD, PHASES, REASONS, TURN
+from rovtwin.core.flow import DIVE, FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
 STATION = 10.0  # holding counts as keeping a station from this long on [s]
@@ -29,6 +29,7 @@ class Flown:
         saturated: Every control tick, whether any thruster was at its limit, shape (m,).
         duration: From arming to the end [s].
         energy: Taken from the batteries [J]; None where none are simulated.
+        health: What the autopilot believes each thruster gives, shape (n, n_thrusters); None where nobody asked it.
     """
 
     t: np.ndarray
@@ -44,6 +45,7 @@ class Flown:
     control_dt: float
     duration: float
     energy: float | None = None
+    health: np.ndarray | None = None
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
@@ -139,7 +141,7 @@ def _ending(flown: Flown) -> dict[str, Any]:
     return {
         "completed": phase == FINISHED,
         "phase": PHASES[phase],
-        "reason": REASONS[int(flown.mode[-1, 1])] if phase == ABORTED else "",
+        "reason": REASONS[int(flown.mode[-1, 1])],
         "duration_s": flown.duration,
     }
 

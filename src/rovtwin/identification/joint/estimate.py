@@ -65,7 +65,7 @@ def estimate(
     here, noise = problem.start()
     damping, change, steps, settled, idle = 1.0, np.inf, 0, False, 0
     variances = Variances(problem)
-    fresh = True
+    fresh, going = True, None
     blocks = problem.blocks(here, noise)
     arrow = problem.assembled(blocks, here, noise)
     cost = problem.cost(here, noise)
@@ -73,7 +73,7 @@ def estimate(
         raise IdentificationError("the model cannot follow these readings at all: check units, frames and commands")
     while steps < max_steps and not (settled and (change < _SMALL or idle >= 2)):
         steps += 1
-        found = _better(problem, here, noise, arrow, cost, damping)
+        found = _better(problem, here, noise, arrow, cost, damping, going)
         if found is None:
             if fresh:
                 # No step lowers the sum of squares: at the edge of a dead band there is no slope to follow. That is an
@@ -85,7 +85,7 @@ def estimate(
             arrow = problem.assembled(blocks, here, noise)
             damping = 1.0
             continue
-        before, (here, cost, damping, change) = cost, found
+        before, (here, cost, damping, change, going) = cost, found
         here, cost = _rescaled(problem, here, noise, cost)
         idle = idle + 1 if before - cost < _GAIN else 0
         blocks = problem.blocks(here, noise)
@@ -101,11 +101,19 @@ def estimate(
 
 
 def _better(
-    problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, cost: float, damping: float
-) -> tuple[Unknowns, float, float, float] | None:
-    """Unknowns of lower cost, that cost, the damping to go on with, and the largest change in standard deviations.
+    problem: Problem,
+    here: Unknowns,
+    noise: Noise,
+    arrow: Arrow,
+    cost: float,
+    damping: float,
+    before: np.ndarray | None,
+) -> tuple[Unknowns, float, float, float, np.ndarray | None] | None:
+    """Unknowns of lower cost, that cost, damping to go on with, largest change in standard deviations, and the step.
 
-    Steps are damped in the measure of the prior: what the readings hardly see stays where it is.
+    Steps are damped in the measure of the prior: what the readings hardly see stays where it is. Undamped ones that
+    follow each other in a row of like ratio, or to and fro, say where they are going (Aitken): every second one is
+    taken that far, where that is better. `before` is the last step, None where it was damped or taken so far.
     """
     factored = arrow.factor()
     std = factored.border_std()
@@ -113,16 +121,28 @@ def _better(
         corner, held_back = _within_reach(problem, factored, damping)
         change = float(np.max(np.abs(corner) / std))
         # Nodes follow; where theta hardly moves any more, they may be what went too far.
-        for share in (1.0, _NODES / damping) if damping > _NODES else (1.0,):
-            trial = _stepped(here, share * factored.nodes(corner), corner)
+        shares = (1.0, _NODES / damping) if damping > _NODES else (1.0,)
+        tries = [(share, corner) for share in shares]
+        free = not held_back and damping <= 0.1  # small against the prior, which readings outweigh
+        if free and before is not None:
+            tries.insert(0, (1.0, _going(corner, before)))
+        for k, (share, step) in enumerate(tries):
+            trial = _stepped(here, share * factored.nodes(step), step)
             new = problem.cost(trial, noise)
             if np.isfinite(new) and new <= cost * (1 + 1e-9):
                 change = np.inf if held_back or damping > 1e-2 else change
-                return trial, new, damping / 10 if damping > 1e-3 else 0.0, change
+                plain = corner if free and (before is None or k > 0) else None
+                return trial, new, damping / 10 if damping > 1e-3 else 0.0, change, plain
         if damping == 0.0 and change < _SMALL:
-            return here, cost, 0.0, change  # nothing is left but rounding
+            return here, cost, 0.0, change, None  # nothing is left but rounding
         damping = max(10 * damping, 0.1)
     return None
+
+
+def _going(step: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Where a row of steps is going, shape (n,): the sum of a geometric series, each component by its own ratio."""
+    rate = np.where(before != 0.0, step / np.where(before != 0.0, before, 1.0), 0.0)
+    return step / (1.0 - np.clip(rate, -1.0, 0.8))
 
 
 def _within_reach(problem: Problem, factored: Factored, damping: float) -> tuple[np.ndarray, bool]:

@@ -10,6 +10,7 @@ Reference: Tierney and Kadane (1986), JASA 81, 82 (Laplace's method for posterio
 """
 
 import numpy as np
+from scipy.special import ndtr
 
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.parameters import DIRECTIONS
@@ -34,8 +35,16 @@ def moved_to_the_middle(problem: Problem, theta: np.ndarray, readings: np.ndarra
     except np.linalg.LinAlgError:
         pass  # an added mass at the end of what it can be does not scale
     covariance = np.linalg.inv(readings + problem.static_information(theta))
-    theta, covariance = _without_skewness(problem, theta, 0.5 * (covariance + covariance.T))
-    return theta, _with_unsure_units(problem, covariance)
+    covariance = 0.5 * (covariance + covariance.T)
+    shares = _shares_of_unsure_units(problem, theta, covariance)
+    theta, covariance = _without_skewness(problem, theta, covariance)
+    theta = theta.copy()
+    for i, (mean, variance) in shares.items():
+        theta[i] = mean
+        grown = np.sqrt(variance / covariance[i, i])
+        covariance[i] *= grown
+        covariance[:, i] *= grown
+    return theta, covariance
 
 
 def _along_the_scale(problem: Problem, theta: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,30 +102,59 @@ def _without_skewness(problem: Problem, theta: np.ndarray, covariance: np.ndarra
     return theta, covariance
 
 
-def _with_unsure_units(problem: Problem, covariance: np.ndarray) -> np.ndarray:
-    """Couplings of linear damping of which the damping itself is weakly known: shares of an unsure unit.
+def _shares_of_unsure_units(
+    problem: Problem, theta: np.ndarray, covariance: np.ndarray
+) -> dict[int, tuple[float, float]]:
+    """Mean and variance of couplings of linear damping of which the damping itself is weakly known, by their index.
 
-    The readings tell D_ji = share sqrt(D_ii D_jj), so the share by D_ji e^(-x/2), x = log D_ii being normal of variance
-    v: its variance is that at the maximum times E e^-x = e^(v/2), up to what was known of it before.
+    A coupling is a share c of its unit, D_ji = c sqrt(D_ii D_jj), and the readings tell D_ji. Where x = log D_ii is
+    this or that, about the maximum, they tell c with the information `told` e^x and the value e^(-x/2) times that at
+    the maximum; what was known of c before is the same for all x. Averaged over x that is skewed: the variance given
+    is that of the normal distribution whose 95 % interval reaches as far as the longer side's.
     """
     names = [p.name for p in problem.shooting.parameters.free]
-    before = np.linalg.inv(problem.information).diagonal()
-    grown = np.ones(len(names))
+    slope = problem.information @ (theta - problem.prior.mean)
+    found = {}
     for i, name in enumerate(names):
         family, _, _ = name.partition(".")
         at = place_of(name)
         if at is None or not family.startswith("linear_damping"):
             continue
         own = f"{family}.{DIRECTIONS[at[0]]}"
-        variance = covariance[names.index(own), names.index(own)] if own in names else 0.0
-        if variance > _WEAK**2:
-            most = np.sqrt(max(before[i] / covariance[i, i], 1.0))
-            grown[i] = min(np.exp(0.25 * variance), most)
-    return grown[:, None] * covariance * grown
+        k = names.index(own) if own in names else -1
+        if k < 0 or covariance[k, k] < _WEAK**2:
+            continue
+        along = covariance[:, k] / covariance[k, k]
+        x, p = _logarithm(np.sqrt(covariance[k, k]), along @ problem.information @ along, along @ slope)
+        before = problem.information[i, i]
+        alone = covariance[i, i] - covariance[i, k] ** 2 / covariance[k, k]  # where D_ii is what it is
+        told = max(1.0 / alone - before, 0.0)
+        total = before + told * np.exp(x)
+        seen = theta[i] * (before + told) - before * problem.prior.mean[i]  # told times what the readings say
+        given = (np.exp(0.5 * x) * seen + before * problem.prior.mean[i]) / total
+        mean = float(p @ given)
+        found[i] = (mean, _longer_side(p, given, total**-0.5, mean) ** 2)
+    return found
+
+
+def _longer_side(p: np.ndarray, centre: np.ndarray, std: np.ndarray, mean: float) -> float:
+    """Of a mixture of normal distributions: from the mean to the further end of its 95 % interval, over 1.96."""
+    width = np.sqrt(p @ (std**2 + (centre - mean) ** 2))
+    value = mean + width * np.linspace(-8.0, 8.0, 321)
+    below = ndtr((value[:, None] - centre) / std) @ p
+    low, high = np.interp([0.025, 0.975], below, value)
+    return float(max(high - mean, mean - low) / 1.96)
 
 
 def _moments(std: float, before: float, slope: float) -> tuple[float, float]:
-    """Mean and variance, about the maximum, of the logarithm of a value of which the readings are a normal variable.
+    """Mean and variance, about the maximum, of the logarithm of a value; arguments as of `_logarithm`."""
+    x, p = _logarithm(std, before, slope)
+    mean = float(p @ x)
+    return mean, float(p @ (x - mean) ** 2)
+
+
+def _logarithm(std: float, before: float, slope: float) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithm, about the maximum, of a value of which the readings are a normal variable: its grid and probabilities.
 
     Args:
         std: By curvature at the maximum.
@@ -125,11 +163,11 @@ def _moments(std: float, before: float, slope: float) -> tuple[float, float]:
     """
     told = std**-2.0 - before
     if told <= 1e-3 * std**-2.0:
-        return 0.0, std**2
+        x = std * _GRID
+        p = np.exp(-0.5 * _GRID**2)
+        return x, p / p.sum()
     x = min(before**-0.5, 10.0 * std) * _GRID
     best = 1.0 + slope / told  # where the readings alone would have put the value, in units of the maximum's
     log_p = -0.5 * told * (np.exp(x) - best) ** 2 - 0.5 * before * x**2 - slope * x
     p = np.exp(log_p - log_p.max())
-    p /= p.sum()
-    mean = float(p @ x)
-    return mean, float(p @ (x - mean) ** 2)
+    return x, p / p.sum()

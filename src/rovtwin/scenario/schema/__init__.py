@@ -7,14 +7,15 @@ from rovtwin.scenario.schema.autopilot import (
     PRESETS,
     AutopilotSection,
     ModelBasedSection,
-    SupervisorSection,
     ThesisSection,
 )
 from rovtwin.scenario.schema.datum import DatumSection
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
+from rovtwin.scenario.schema.operator import RequestSection
 from rovtwin.scenario.schema.scenario import Scenario
 from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
+from rovtwin.scenario.schema.supervisor import RuleSection, SupervisorSection
 from rovtwin.scenario.schema.tether import TetherSection, TethersSection
 from rovtwin.scenario.schema.trial import ReleaseSection, TrialSection
 from rovtwin.scenario.schema.water import WaterSection
@@ -39,6 +40,8 @@ __all__ = [
     "MissionSection",
     "ModelBasedSection",
     "ReleaseSection",
+    "RequestSection",
+    "RuleSection",
     "Scenario",
     "SensorSection",
     "ShearedCurrentSection",

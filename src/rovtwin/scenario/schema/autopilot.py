@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 
 from rovtwin.core.config import NonNegative, Number, Positive, Strict
+from rovtwin.scenario.schema.supervisor import SupervisorSection
 
 
 class ObserverSection(Strict):
@@ -38,16 +39,6 @@ class GuidanceSection(Strict):
     """2-D line of sight with the phases dive, turn, go, switch."""
 
     lookahead: Positive = Field(default=2.0, description="Delta of (2.45) [m]")
-
-
-class SupervisorSection(Strict):
-    """When to give up: thrusters off, reason in the log."""
-
-    depth_limit: Positive = Field(default=100.0, description="[m]")
-    attitude_limit_deg: Annotated[Number, Field(gt=0, le=85)] = Field(
-        default=60.0, description="roll or pitch; Euler angles fail at 90"
-    )
-    position_std_limit: Positive = Field(default=10.0, description="estimate counts as lost beyond it [m]")
 
 
 class ThesisSection(Strict):

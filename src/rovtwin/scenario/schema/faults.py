@@ -6,13 +6,28 @@ from pydantic import Field, model_validator
 
 from rovtwin.core.config import NonNegative, Number, Positive, Share, Strict
 
+_Kind = Literal[
+    "dead",
+    "weak",
+    "reversed",
+    "stuck",
+    "lost",
+    "silent",
+    "biased",
+    "frozen",
+    "snagged",
+    "leak",
+    "link_lost",
+    "operator_silent",
+    "deadline_missed",
+]
 # What each kind of thing can suffer; the empty word is the vehicle itself.
 _OF = {
     "thruster": ("dead", "weak", "reversed", "stuck"),
     "unit": ("lost",),
     "sensor": ("silent", "biased", "frozen"),
     "tether": ("snagged",),
-    "": ("leak",),
+    "": ("leak", "link_lost", "operator_silent", "deadline_missed"),
 }
 _KEYS = {"share": "weak", "command": "stuck", "value": "biased", "sensors": "lost"}
 
@@ -26,9 +41,7 @@ class FaultSection(Strict):
     unit: str | None = Field(default=None, description="lost: name of a part with thrusters; all of them are dead")
     sensor: str | None = Field(default=None, description="silent, biased or frozen: its name")
     tether: str | None = Field(default=None, description="snagged: its name, or that of the part that it is on")
-    fault: Literal["dead", "weak", "reversed", "stuck", "lost", "silent", "biased", "frozen", "snagged", "leak"] = (
-        Field(description="what is wrong")
-    )
+    fault: _Kind = Field(description="what is wrong")
     share: Share | None = Field(default=None, description="weak: share of the force that is left")
     command: Annotated[Number, Field(ge=-1, le=1)] | None = Field(
         default=None, description="stuck: at this command; default the one it had"

@@ -12,6 +12,7 @@ from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
 from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, StartSection, Waypoint
+from rovtwin.scenario.schema.operator import RequestSection
 from rovtwin.scenario.schema.sensors import SensorsSection
 from rovtwin.scenario.schema.trial import TrialSection
 from rovtwin.scenario.schema.world import WorldSection
@@ -62,6 +63,7 @@ class Scenario(Strict):
     test: TrialSection | None = Field(default=None, description="an identification test: manoeuvres")
     battery: BatterySection | None = None
     cameras: list[CameraSection] = Field(default_factory=list, description="recorded by fly --camera")
+    operator: list[RequestSection] = Field(default_factory=list, description="what the operator asks for, and when")
     faults: list[FaultSection] = Field(default_factory=list, description="what breaks, and when")
     log: LogSection = LogSection()
 
@@ -100,7 +102,7 @@ class Scenario(Strict):
     def _fits_together(self) -> "Scenario":
         if self.rates.control % self.log.rate:
             raise ValueError(f"log.rate {self.log.rate} Hz does not divide the control rate {self.rates.control} Hz")
-        limit = self.autopilot.supervisor.depth_limit
+        limit = self.autopilot.supervisor.deepest
         if (self.mission is None) == (self.test is None):
             found = "neither a mission nor a test" if self.mission is None else "both a mission and a test"
             raise ValueError(f"found {found}, expected one: where to go, or which manoeuvres to fly")

@@ -1,0 +1,52 @@
+"""Whether a mission can go on with the thrusters that are left: a table, computed once, of what may be lost."""
+
+from itertools import combinations
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.attainable import Remaining, remaining
+from rovtwin.vehicle.model import Model
+
+FINE, UNABLE, HEAVE_LOST = range(3)
+
+LEAST = 0.2  # of a sound vehicle's wrench along surge, sway, heave and yaw, either way, that has to be left
+AT_ONCE = 2  # thrusters lost together that the table knows; more are too many
+HEAVE = 2
+
+
+class Ability(eqx.Module):
+    """What the loss of thrusters leaves.
+
+    Attributes:
+        lost: Thrusters, 1 where lost, shape (k, n).
+        verdict: FINE: the mission can go on. UNABLE: it cannot, but the vehicle can come up. HEAVE_LOST: not even that.
+            Shape (k,), int.
+    """
+
+    lost: Array
+    verdict: Array
+
+    @classmethod
+    def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "Ability":
+        """Every thruster, every two of them, and every unit that fails as one (numbers of its thrusters)."""
+        n = model.thrusters.count
+        groups = [group for size in range(AT_ONCE + 1) for group in combinations(range(n), size)]
+        rows = sorted({*groups, *(tuple(sorted(unit)) for unit in units)}, key=lambda row: (len(row), row))
+        lost = np.array([np.isin(np.arange(n), row) for row in rows], dtype=float)
+        left: Remaining = _remaining(model.thrusters, as_array(1.0 - lost))
+        sound = left.either[0]
+        enough = np.asarray((left.either >= LEAST * sound) | (sound <= 0.0))
+        # Roll and pitch right themselves.
+        able = enough[:, [0, 1, 2, 5]].all(axis=1)
+        verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
+        return cls(as_array(lost), jnp.asarray(verdict))
+
+    def judged(self, health: Array) -> Array:
+        """FINE, UNABLE or HEAVE_LOST, int, for a health of 1 or 0 of each thruster, shape (n,)."""
+        known = jnp.all(self.lost == (health < 0.5), axis=1)
+        return jnp.where(jnp.any(known), jnp.max(jnp.where(known, self.verdict, FINE)), HEAVE_LOST)
+
+
+_remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))

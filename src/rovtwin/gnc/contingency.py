@@ -1,0 +1,135 @@
+"""Where a vehicle goes that no longer follows its mission: nowhere, home, or up.
+
+A point moves from where the vehicle is, with bounded speed and acceleration, as the supervisor says:
+
+    holding    it comes to rest                        until the operator arms again
+    returning  level, to where the mission began       returned, once the vehicle is there
+    surfacing  up, at the place where it was           surfaced, once the vehicle is there
+
+After that, and until the mission goes on, it stays there.
+"""
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import HELD, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.supervisor import MODE_HOLDING, MODE_PAUSED, MODE_RETURNING, MODE_SURFACING, Mode
+
+
+class ContingencyInput(eqx.Module):
+    """What guidance asks for, what the observer believes and what the supervisor decided."""
+
+    setpoint: Setpoint
+    estimate: Estimate
+    mode: Mode
+
+
+class ContingencyMemory(eqx.Module):
+    """What is remembered.
+
+    Attributes:
+        home: Where the mission began, n [m], shape (3,).
+        eta: Last set-point, shape (6,).
+        velocity: Of it, n [m/s], shape (3,).
+        away: Whether the vehicle was taken off its mission and has not gone on with it yet, bool.
+        there: Whether it has arrived, bool.
+    """
+
+    home: Array
+    eta: Array
+    velocity: Array
+    away: Array
+    there: Array
+
+
+class Contingency(Block):
+    """Passes guidance's set-point on, unless the supervisor wants something else.
+
+    Attributes:
+        speed: Largest, level and upwards [m/s].
+        acceleration: Largest [m/s2].
+        surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
+        near: How close to home, or to the surface, is there [m].
+    """
+
+    speed: Array = eqx.field(converter=as_array, default=0.2)
+    acceleration: Array = eqx.field(converter=as_array, default=0.05)
+    surface: Array = eqx.field(converter=as_array, default=0.2)
+    near: Array = eqx.field(converter=as_array, default=0.5)
+
+    def init(self, key: Array, start: Start) -> ContingencyMemory:
+        heading = euler_from_quaternion(start.attitude)[2]
+        eta = jnp.concatenate([start.position, jnp.zeros(2), heading[None]])
+        no = jnp.asarray(False)
+        return ContingencyMemory(start.position, eta, jnp.zeros(3), no, no)
+
+    def step(self, memory: ContingencyMemory, input: ContingencyInput, dt: float) -> tuple[ContingencyMemory, Setpoint]:
+        mode, asked = input.mode.mode, input.setpoint
+        holding, returning, surfacing = (mode == m for m in (MODE_HOLDING, MODE_RETURNING, MODE_SURFACING))
+        takes = holding | returning | surfacing
+        away = takes | (memory.away & (mode == MODE_PAUSED))
+
+        velocity = self._velocity(memory, returning, surfacing, dt)
+        eta = memory.eta.at[:3].add(dt * velocity)
+        eta = eta.at[5].set(jnp.where(returning, self._homeward(memory), eta[5]))
+        there = self._there(memory, input.estimate, returning, surfacing)
+        moved = ContingencyMemory(memory.home, eta, velocity, away, there & takes)
+        after = jax.tree.map(lambda new, old: jnp.where(away, new, old), moved, self._beside(memory, input.estimate))
+
+        phase = jnp.where(surfacing, jnp.where(there, SURFACED, SURFACING), HELD)
+        phase = jnp.where(returning, jnp.where(there, RETURNED, RETURNING), phase)
+        own = Setpoint(
+            eta=eta,
+            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(3)]),
+            leg_start=asked.leg_start,
+            leg_end=asked.leg_end,
+            on_leg=jnp.asarray(False),
+            waypoint=asked.waypoint,
+            phase=jnp.where(takes, phase, asked.phase),
+            reason=input.mode.reason,
+        )
+        return after, jax.tree.map(lambda new, old: jnp.where(away, new, old), own, asked)
+
+    def _beside(self, memory: ContingencyMemory, estimate: Estimate) -> ContingencyMemory:
+        """Where a contingency would begin: with the vehicle, as fast as it moves but for the waves.
+
+        Not with guidance's set-point, which may be a way-point far off, or at the bottom of a dive.
+        """
+        place = estimate.eta[:3] - estimate.wave[:3]
+        velocity = rotation_from_euler(estimate.eta[3:]) @ estimate.nu[:3] - estimate.wave[3:]
+        speed = jnp.sqrt(velocity @ velocity + 1e-12)
+        velocity = velocity * jnp.minimum(1.0, self.speed / speed)
+        eta = jnp.concatenate([place, jnp.zeros(2), estimate.eta[5:]])
+        no = jnp.asarray(False)
+        return ContingencyMemory(memory.home, eta, velocity, no, no)
+
+    def _velocity(self, memory: ContingencyMemory, returning: Array, surfacing: Array, dt: float) -> Array:
+        """Of the point, n [m/s], shape (3,): towards the goal, as fast as it can still be stopped there."""
+        level = jnp.where(returning, memory.home[:2] - memory.eta[:2], 0.0)
+        up = jnp.where(surfacing, jnp.minimum(self.surface - memory.eta[2], 0.0), 0.0)
+        goal = jnp.append(level, up)
+        distance = jnp.sqrt(goal @ goal + 1e-12)
+        # The square root alone would ask for a jerk at the end; half a second's way keeps it finite.
+        speed = jnp.minimum(self.speed, jnp.minimum(jnp.sqrt(2.0 * self.acceleration * distance), 2.0 * distance))
+        change = goal / distance * speed - memory.velocity
+        size = jnp.sqrt(change @ change + 1e-12)
+        return memory.velocity + change * jnp.minimum(1.0, 2.0 * self.acceleration * dt / size)
+
+    def _homeward(self, memory: ContingencyMemory) -> Array:
+        """Heading towards home, or as it is once home is near."""
+        level = memory.home[:2] - memory.eta[:2]
+        far = level @ level > (2.0 * self.near) ** 2
+        return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.eta[5])
+
+    def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Array, surfacing: Array) -> Array:
+        place = estimate.eta[:3] - estimate.wave[:3]
+        level = place[:2] - memory.home[:2]
+        home = returning & (level @ level < self.near**2)
+        return (memory.there & (returning | surfacing)) | home | (surfacing & (place[2] < self.surface + self.near))
+
+
+def _turned(heading: Array) -> Array:
+    """R_nb of a level vehicle, shape (3, 3)."""
+    return rotation_from_euler(jnp.array([0.0, 0.0, 1.0]) * heading)

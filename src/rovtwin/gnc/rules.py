@@ -1,0 +1,212 @@
+"""What a supervisor watches, how long it has to last, what is done about it: a row for each of core.flow.REASONS."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core import flow
+from rovtwin.core.flow import REASONS, Estimate, Host, Measurements
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.ability import FINE
+
+ACTIONS = ("ignore", "hold", "return", "surface", "stop")
+IGNORE, HOLD_STATION, RETURN_HOME, SURFACE, STOP = range(len(ACTIONS))
+
+NIS_WINDOW = 20.0  # over which positions are compared with what the filter says of itself [s]
+FAR = 1e6  # from the floor, as long as no altimeter says [m]
+FEW = 8.0  # innovations in it, below which nothing is said
+
+
+class Rule(NamedTuple):
+    """A limit, how long it has to be passed [s], and one of ACTIONS. What the limit is of: see `RULES`."""
+
+    limit: float
+    after: float
+    action: str
+
+
+RULES: dict[str, Rule] = {
+    "not a number": Rule(np.nan, 0.0, "stop"),
+    "operator": Rule(np.nan, 0.0, "stop"),
+    "depth limit": Rule(100.0, 0.0, "stop"),  # [m]
+    "attitude limit": Rule(np.radians(60.0), 0.0, "stop"),  # roll or pitch [rad]; Euler angles fail at 90 degrees
+    "estimate lost": Rule(10.0, 0.0, "stop"),  # standard deviation of any axis of the position [m]
+    "leak": Rule(np.nan, 0.2, "surface"),
+    "battery critical": Rule(0.10, 5.0, "surface"),  # charge of the emptiest battery, share
+    "filter diverged": Rule(6.0, 10.0, "surface"),  # mean squared normalised innovation of a position, by axis
+    "positions lost": Rule(120.0, 0.0, "surface"),  # since the last one that the filter believed [s]
+    "thruster failed": Rule(np.nan, 0.0, "surface"),  # and what is left is too little to go on
+    "saturated": Rule(np.nan, 30.0, "surface"),  # wrench short of what the controller wants
+    "link lost": Rule(5.0, 0.0, "surface"),  # since the vehicle was last heard [s]
+    "deadline missed": Rule(1.0, 1.0, "surface"),  # lateness of ticks, in control periods
+    "battery low": Rule(0.20, 5.0, "return"),
+    "geofence": Rule(np.inf, 1.0, "return"),  # distance from the start [m]
+    "altitude limit": Rule(0.0, 0.5, "hold"),  # least distance to the floor [m]
+    "time out": Rule(np.inf, 0.0, "return"),  # since the mission began [s]
+    "operator silent": Rule(60.0, 0.0, "hold"),  # since the operator's last sign of life [s]
+}
+
+
+class Rules(eqx.Module):
+    """The table as arrays, a row for each of REASONS.
+
+    Attributes:
+        limit: Shape (r,).
+        after: Shape (r,) [s].
+        action: Index of ACTIONS, shape (r,), int.
+        fence: Corners of a polygon in which the vehicle has to stay, n [m], shape (m, 2), or None.
+        allowance: Part of each axis's wrench that may be short without counting as saturated [N, N m], shape (6,).
+    """
+
+    limit: Array
+    after: Array
+    action: Array
+    fence: Array | None
+    allowance: Array
+
+    @classmethod
+    def of(cls, changes: Mapping[str, Rule] = {}, fence: Any = None, allowance: Any = np.inf) -> "Rules":
+        """`RULES` with changes by name."""
+        rows = [Rule(np.nan, 0.0, "ignore"), *(changes.get(name, RULES[name]) for name in REASONS[1:])]
+        return cls(
+            limit=as_array([row.limit for row in rows]),
+            after=as_array([row.after for row in rows]),
+            action=jnp.asarray([ACTIONS.index(row.action) for row in rows]),
+            fence=None if fence is None else as_array(fence),
+            allowance=as_array(np.broadcast_to(allowance, 6)),
+        )
+
+    def only_stop(self) -> "Rules":
+        """The same where nothing but switching thrusters off can be done: tests of a vehicle without a filter."""
+        return eqx.tree_at(lambda r: r.action, self, jnp.where(self.action > IGNORE, STOP, IGNORE))
+
+
+class Watched(eqx.Module):
+    """What there is to judge: see `supervisor.SupervisorInput`."""
+
+    estimate: Estimate
+    request: Array
+    measurements: Measurements = eqx.field(default_factory=dict)
+    host: Host = eqx.field(default_factory=Host)
+    shortfall: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
+    ability: Array = eqx.field(default_factory=lambda: jnp.asarray(FINE))
+
+
+class Watch(eqx.Module):
+    """What is remembered to judge by.
+
+    Attributes:
+        lasting: How long each row's condition has held [s], shape (r,).
+        home: Where it began, n [m], shape (2,).
+        elapsed: Since the mission began [s].
+        leak: Whether water was last said to come in, bool.
+        charge: As last said, share.
+        altitude: As last said [m].
+        silence: Since a position was believed [s].
+        nis: Fading sum of the positions' squared normalised innovations, and of their number.
+        dof: See `nis`.
+    """
+
+    lasting: Array
+    home: Array
+    elapsed: Array
+    leak: Array
+    charge: Array
+    altitude: Array
+    silence: Array
+    nis: Array
+    dof: Array
+
+    @classmethod
+    def at(cls, home: Array) -> "Watch":
+        """Nothing seen yet."""
+        zero = jnp.zeros(())
+        return cls(jnp.zeros(len(REASONS)), home, zero, jnp.asarray(False), zero + 1.0, zero + FAR, zero, zero, zero)
+
+    def step(self, rules: Rules, input: Watched, begun: Array, dt: float) -> "Watch":
+        """A tick later; `begun`: whether the mission has begun, bool."""
+        measurements, estimate = input.measurements, input.estimate
+        heard, squares = jnp.zeros(()), jnp.zeros(())
+        if "position" in measurements:
+            k = sorted(measurements).index("position")
+            heard, squares = estimate.nis_dof[k], estimate.nis[k]
+        fade = jnp.exp(-dt / NIS_WINDOW)
+        seen = Watch(
+            lasting=self.lasting,
+            home=self.home,
+            # Who arms again winds the mission's clock up again.
+            elapsed=jnp.where(input.request == flow.ARM, 0.0, self.elapsed + jnp.where(begun, dt, 0.0)),
+            leak=_last(measurements, "leak", 1.0 * self.leak) > 0.5,
+            charge=_last(measurements, "battery", self.charge),
+            altitude=_last(measurements, "altimeter", self.altitude),
+            silence=jnp.where(heard > 0.0, 0.0, self.silence + dt) if "position" in measurements else self.silence,
+            nis=fade * self.nis + squares,
+            dof=fade * self.dof + heard,
+        )
+        lasting = jnp.where(seen._conditions(rules, input), self.lasting + dt, 0.0)
+        return eqx.tree_at(lambda w: w.lasting, seen, lasting)
+
+    def triggered(self, rules: Rules) -> Array:
+        """Action that each row asks for now, shape (r,), int."""
+        return jnp.where((self.lasting > 0.0) & (self.lasting > rules.after), rules.action, IGNORE)
+
+    def _conditions(self, rules: Rules, input: Watched) -> Array:
+        """Which rows hold now, shape (r,), bool. A comparison with NaN is false: that row asks for it by name."""
+        estimate, host = input.estimate, input.host
+        spread = jnp.sqrt(jnp.max(jnp.diagonal(estimate.covariance)[:3]))
+        place = estimate.eta[:2]
+        off = place - self.home
+        short = jnp.any(jnp.abs(input.shortfall) > rules.allowance)
+        outside = jnp.sqrt(off @ off) > rules.limit[flow.GEOFENCE]
+        if rules.fence is not None:
+            outside = outside | ~inside(rules.fence, place)
+        found: dict[int, Any] = {
+            flow.NO_REASON: False,
+            flow.NOT_A_NUMBER: ~is_finite(estimate),
+            flow.OPERATOR: input.request == flow.ABORT,
+            flow.DEPTH_LIMIT: estimate.eta[2] > rules.limit[flow.DEPTH_LIMIT],
+            flow.ATTITUDE_LIMIT: jnp.max(jnp.abs(estimate.eta[3:5])) > rules.limit[flow.ATTITUDE_LIMIT],
+            flow.ESTIMATE_LOST: spread > rules.limit[flow.ESTIMATE_LOST],
+            flow.LEAK: self.leak,
+            flow.BATTERY_CRITICAL: self.charge < rules.limit[flow.BATTERY_CRITICAL],
+            flow.FILTER_DIVERGED: (self.dof > FEW) & (self.nis > rules.limit[flow.FILTER_DIVERGED] * self.dof),
+            flow.POSITIONS_LOST: self.silence > rules.limit[flow.POSITIONS_LOST],
+            flow.THRUSTER_FAILED: input.ability != FINE,
+            flow.SATURATED: short,
+            flow.LINK_LOST: host.link_age > rules.limit[flow.LINK_LOST],
+            flow.DEADLINE_MISSED: host.lateness > rules.limit[flow.DEADLINE_MISSED],
+            flow.BATTERY_LOW: self.charge < rules.limit[flow.BATTERY_LOW],
+            flow.GEOFENCE: outside,
+            flow.ALTITUDE_LIMIT: self.altitude < rules.limit[flow.ALTITUDE_LIMIT],
+            flow.TIME_OUT: self.elapsed > rules.limit[flow.TIME_OUT],
+            flow.OPERATOR_SILENT: host.operator_age > rules.limit[flow.OPERATOR_SILENT],
+        }
+        return jnp.stack([jnp.asarray(found[row]) for row in range(len(REASONS))])
+
+
+def inside(corners: Array, place: Array) -> Array:
+    """Whether a place (2,) is within a polygon (m, 2), bool: does a ray to the east cross an odd number of edges."""
+    ahead = jnp.roll(corners, -1, axis=0)
+    crosses = (corners[:, 0] > place[0]) != (ahead[:, 0] > place[0])
+    rise = jnp.where(crosses, ahead[:, 0] - corners[:, 0], 1.0)
+    east = corners[:, 1] + (place[0] - corners[:, 0]) / rise * (ahead[:, 1] - corners[:, 1])
+    return jnp.sum(crosses & (east > place[1])) % 2 == 1
+
+
+def is_finite(estimate: Estimate) -> Array:
+    """Whether pose, velocity, disturbance and covariance are all numbers, bool."""
+    parts = (estimate.eta, estimate.nu, estimate.bias, estimate.covariance)
+    return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in parts]))
+
+
+def _last(measurements: Measurements, name: str, before: Array) -> Array:
+    """First value of a sensor's newest reading that is a number; what it was before where none came."""
+    if name not in measurements:
+        return before
+    slot, now = measurements[name], before
+    for row in range(slot.value.shape[0]):
+        value = slot.value[row, 0]
+        now = jnp.where(slot.valid[row] & jnp.isfinite(value), value, now)
+    return now

@@ -1,0 +1,56 @@
+"""From the supervisor's section to its rules, and which thrusters fail together."""
+
+import math
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.rules import RULES, Rule, Rules
+from rovtwin.scenario.compose_faults import units_of
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.schema.supervisor import AngleRuleSection, RuleSection
+from rovtwin.vehicle import Model
+from rovtwin.vehicle.reach import wrench_limits
+
+_NAMES = {"attitude limit": "attitude_limit_deg", "estimate lost": "position_std_limit"}
+_CARRIED = np.array([False, False, False, True, True, False])  # roll and pitch right themselves
+SHORT = 0.1  # of an axis's largest wrench, by which the controller may be short of what it wants
+# The thesis's autopilot has no fail-safes; those that its own weaknesses would call are off unless asked for.
+WEAK = ("filter diverged", "positions lost", "thruster failed", "saturated")
+THESIS_RULES = RULES | {name: RULES[name]._replace(action="ignore") for name in WEAK}
+
+
+def rules_of(scenario: Scenario, model: Model, defaults: dict[str, Rule] = RULES) -> Rules:
+    """The rules of a scenario's supervisor.
+
+    Raises:
+        ConfigError: A rule about what no sensor on board tells.
+    """
+    section = scenario.autopilot.supervisor
+    changes = {
+        name: _rule(getattr(section, key), default)
+        for name, default in defaults.items()
+        if hasattr(section, key := _NAMES.get(name, name.replace(" ", "_")))
+    }
+    if section.altitude_limit.limit and not scenario.sensors.altimeter.on_board:
+        raise ConfigError(
+            f"{scenario.name}: autopilot.supervisor.altitude_limit: no altimeter is on board; "
+            "set sensors.altimeter.on_board to true"
+        )
+    lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+    allowance = np.where(_CARRIED, np.inf, SHORT * np.maximum(-lower, upper))
+    return Rules.of(defaults | changes, section.geofence.polygon, allowance)
+
+
+def _rule(given: RuleSection, default: Rule) -> Rule:
+    limit = default.limit if given.limit is None else given.limit
+    if given.limit is not None and isinstance(given, AngleRuleSection):
+        limit = math.radians(limit)
+    return Rule(limit, default.after if given.after is None else given.after, given.action or default.action)
+
+
+def units(names: list[str]) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the thrusters of each part of several that have some: they fail together."""
+    parts = units_of(names)
+    groups = [tuple(i for i, name in enumerate(names) if name.startswith(f"{part}.")) for part in parts]
+    return tuple(groups) if len(groups) > 1 else ()

@@ -1,0 +1,46 @@
+"""What the autopilot decided during a run, when and why, in words: for the summary and the report."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
+from rovtwin.scenario.score import Flown
+
+_OWN = (PAUSED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
+
+
+def decisions(flown: Flown, thrusters: Sequence[str]) -> list[dict[str, Any]]:
+    """Each with its time t [s], `what` and `cause`, in order of time; thrusters by name."""
+    found = _courses(flown.t, flown.mode[:, 0].astype(int), flown.mode[:, 1].astype(int))
+    if flown.health is not None:
+        found += _losses(flown.t, flown.health, thrusters)
+    return sorted(found, key=lambda one: one["t"])
+
+
+def _courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:
+    """Changes to and from what is not the mission's own course."""
+    found = []
+    for k in np.flatnonzero((np.diff(phase) != 0) | (np.diff(reason) != 0)) + 1:
+        if phase[k] in _OWN:
+            found.append(_one(t[k], PHASES[phase[k]], REASONS[reason[k]] or "operator"))
+        elif phase[k - 1] in _OWN:
+            found.append(_one(t[k], f"goes on ({PHASES[phase[k]]})", "operator"))
+    return found
+
+
+def _losses(t: np.ndarray, health: np.ndarray, thrusters: Sequence[str]) -> list[dict[str, Any]]:
+    """Thrusters no longer used, and those used again."""
+    lost = health < 0.5
+    found = []
+    for k in np.flatnonzero(np.any(lost[1:] != lost[:-1], axis=1)) + 1:
+        for gone, what in ((lost[k] & ~lost[k - 1], "no longer used"), (~lost[k] & lost[k - 1], "used again")):
+            if gone.any():
+                names = ", ".join(name for name, one in zip(thrusters, gone, strict=True) if one)
+                found.append(_one(t[k], f"{names} {what}", "the force that should be there is missing"))
+    return found
+
+
+def _one(t: float, what: str, cause: str) -> dict[str, Any]:
+    return {"t": round(float(t), 2), "what": what, "cause": cause}

@@ -1,0 +1,59 @@
+"""What happens above the water: a line that falls silent, an operator who does or asks something, a late computer."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.flow import NO_REQUEST, Host
+from rovtwin.core.numerics import Array, as_array, jnp
+
+Spans = Sequence[tuple[float, float]]
+LATE = 10.0  # control periods by which a late computer is late
+
+
+class Topside(eqx.Module):
+    """A time-line of it; m spans each.
+
+    Attributes:
+        link: Without a word from the vehicle, shape (m, 2) [s].
+        operator: Without one from the operator, shape (m, 2) [s].
+        late: In which ticks come late, shape (m, 2) [s].
+        times: Of the operator's requests, shape (k,) [s].
+        requests: Those of core.flow, shape (k,), int.
+    """
+
+    link: Array
+    operator: Array
+    late: Array
+    times: Array
+    requests: Array
+
+    @classmethod
+    def of(
+        cls, link: Spans = (), operator: Spans = (), late: Spans = (), requests: Sequence[tuple[float, int]] = ()
+    ) -> "Topside":
+        """From lists; of two requests in one control tick the later one counts."""
+        ordered = sorted(requests)
+        return cls(
+            link=as_array(np.reshape(link, (-1, 2))),
+            operator=as_array(np.reshape(operator, (-1, 2))),
+            late=as_array(np.reshape(late, (-1, 2))),
+            times=as_array([t for t, _ in ordered]),
+            requests=jnp.asarray([r for _, r in ordered], dtype=int),
+        )
+
+    def at(self, t: Array, dt: float) -> tuple[Host, Array]:
+        """What the host knows at time t [s], and the request of a tick of dt seconds, int."""
+        host = Host(_age(self.link, t), _age(self.operator, t), jnp.where(_age(self.late, t) > 0.0, LATE, 0.0))
+        now = (self.times > t - 0.5 * dt) & (self.times <= t + 0.5 * dt)
+        request = jnp.asarray(NO_REQUEST)
+        for i in range(self.times.shape[0]):
+            request = jnp.where(now[i], self.requests[i], request)
+        return host, request
+
+
+def _age(spans: Array, t: Array) -> Array:
+    """How long one of the spans has lasted [s]; 0 outside."""
+    within = (spans[:, 0] <= t) & (t < spans[:, 1])
+    return jnp.max(jnp.where(within, t - spans[:, 0], 0.0), initial=0.0)

@@ -1,0 +1,117 @@
+"""Holding, coming home and coming up: where the set-point goes, how fast, and when it is there."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.gnc.flying import estimate_of
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import GO, HELD, LEAK, RETURNED, RETURNING, SURFACED, SURFACING, Setpoint
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.gnc.contingency import Contingency, ContingencyInput
+from rovtwin.gnc.supervisor import (
+    MODE_HOLDING,
+    MODE_PAUSED,
+    MODE_RETURNING,
+    MODE_RUNNING,
+    MODE_SURFACING,
+    Mode,
+)
+
+DT = 0.1
+BLOCK = Contingency(speed=0.3, acceleration=0.05, surface=0.2, near=0.5)
+START = Start.at([1.0, -1.0, 0.5], 0.0)
+AT = [6.0, 3.0, 4.0, 0.0, 0.0, np.pi / 2]
+ON_LEG = Setpoint(
+    as_array(AT),
+    as_array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]),
+    jnp.zeros(3),
+    jnp.ones(3),
+    jnp.asarray(True),
+    jnp.asarray(2),
+    jnp.asarray(GO),
+    jnp.asarray(0),
+)
+
+# Where guidance wants it in the end; a contingency begins where the vehicle is.
+FAR_AHEAD = dataclasses.replace(ON_LEG, eta=as_array([6.0, 9.0, 8.0, 0.0, 0.0, np.pi / 2]))
+
+
+@jax.jit
+def follow(memory, modes):
+    """Memory and set-points; the vehicle stays until a contingency begins, then it is where asked, a tick late."""
+
+    def one(carry, mode):
+        memory, at = carry
+        here = estimate_of(at, ON_LEG.nu)
+        given = ContingencyInput(FAR_AHEAD, here, Mode(mode, jnp.where(mode > MODE_PAUSED, LEAK, 0)))
+        memory, asked = BLOCK.step(memory, given, DT)
+        return (memory, jnp.where(mode > MODE_RUNNING, asked.eta, at)), asked
+
+    (memory, _), asked = jax.lax.scan(one, (memory, as_array(AT)), modes)
+    return memory, asked
+
+
+def flown(*spans):
+    """Set-points of (mode, seconds) one after the other."""
+    modes = np.concatenate([np.full(round(seconds / DT), mode) for mode, seconds in spans])
+    return follow(BLOCK.init(jax.random.key(0), START), jnp.asarray(modes))[1]
+
+
+def test_the_mission_passes_through():
+    asked = flown((MODE_RUNNING, 1.0))
+    assert np.all(np.asarray(asked.eta) == np.asarray(FAR_AHEAD.eta)) and np.all(np.asarray(asked.phase) == GO)
+    assert np.all(np.asarray(asked.on_leg))
+
+
+@pytest.mark.parametrize("mode", [MODE_HOLDING, MODE_RETURNING, MODE_SURFACING])
+def test_it_moves_without_a_jump_and_no_faster_than_allowed(mode):
+    place = np.asarray(flown((MODE_RUNNING, 1.0), (mode, 60.0)).eta)[10:, :3]
+    speed = np.diff(np.vstack([AT[:3], place]), axis=0) / DT
+    assert np.linalg.norm(speed[0] - [0.0, 0.3, 0.0]) < 0.02, "it begins as fast as guidance moved"
+    assert np.linalg.norm(speed, axis=1).max() <= 0.3 + 1e-9
+    assert np.linalg.norm(np.diff(speed, axis=0), axis=1).max() <= 2 * 0.05 * DT + 1e-9
+
+
+def test_holding_comes_to_rest_within_its_stopping_distance():
+    asked = flown((MODE_RUNNING, 1.0), (MODE_HOLDING, 30.0))
+    place = np.asarray(asked.eta)[-1]
+    assert np.allclose(place[[0, 2, 5]], np.array(AT)[[0, 2, 5]]) and 0.0 < place[1] - AT[1] < 0.6
+    assert np.allclose(np.asarray(asked.nu)[-1], 0.0) and int(asked.phase[-1]) == HELD
+    assert int(asked.reason[-1]) == LEAK and not bool(asked.on_leg[-1])
+
+
+def test_returning_goes_home_level_and_bow_first():
+    asked = flown((MODE_RUNNING, 1.0), (MODE_RETURNING, 60.0))
+    eta, phase = np.asarray(asked.eta), np.asarray(asked.phase)
+    assert np.allclose(eta[-1, :2], [1.0, -1.0], atol=1e-3) and np.all(eta[10:, 2] == 4.0)
+    ahead = np.asarray(asked.nu)[150]
+    assert ahead[0] > 0.25 and abs(ahead[1]) < 0.02, "sailing ahead on its way"
+    there = np.argmax(phase == RETURNED)
+    assert np.all(phase[10:there] == RETURNING) and np.all(phase[there:] == RETURNED)
+    assert np.hypot(*(eta[there - 1, :2] - [1.0, -1.0])) < 0.5
+
+
+def test_surfacing_goes_straight_up_and_stays():
+    asked = flown((MODE_RUNNING, 1.0), (MODE_SURFACING, 60.0))
+    eta, phase = np.asarray(asked.eta), np.asarray(asked.phase)
+    assert eta[-1, 2] == pytest.approx(0.2, abs=1e-3) and abs(eta[-1, 1] - AT[1]) < 0.7
+    assert {int(p) for p in phase[10:]} == {SURFACING, SURFACED} and phase[-1] == SURFACED
+
+
+def test_a_vehicle_already_at_the_surface_is_not_sent_down():
+    memory = BLOCK.init(jax.random.key(0), START)
+    up = ON_LEG.eta.at[2].set(0.05)
+    given = ContingencyInput(ON_LEG, estimate_of(up), Mode(jnp.asarray(MODE_SURFACING), jnp.asarray(LEAK)))
+    memory = jax.tree.map(lambda x: x, memory)
+    memory, asked = BLOCK.step(memory, given, DT)
+    assert float(asked.eta[2]) <= 0.5 and int(asked.phase) == SURFACED
+
+
+def test_paused_after_a_fail_safe_it_stays_and_running_it_goes_back_to_guidance():
+    asked = flown((MODE_RUNNING, 1.0), (MODE_RETURNING, 10.0), (MODE_PAUSED, 20.0), (MODE_RUNNING, 1.0))
+    eta = np.asarray(asked.eta)
+    assert np.linalg.norm(eta[-12, :2] - eta[-15, :2]) < 1e-3, "at rest while paused"
+    assert np.linalg.norm(eta[-12, :2] - np.array(AT)[:2]) > 0.5, "not back where guidance waits"
+    assert np.all(eta[-1] == np.asarray(FAR_AHEAD.eta))

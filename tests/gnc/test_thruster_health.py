@@ -1,0 +1,137 @@
+"""Thrusters that are lost are found, and only those; what cannot be told is not claimed."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from tests.gnc.flying import DT, estimate_of, thirty_kg, truth_of
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Environment
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.gnc.ability import FINE, HEAVE_LOST, UNABLE, Ability
+from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.dynamics import State, plant_step
+from rovtwin.vehicle.thrusters import command_for_force
+
+SECONDS = 40.0
+PORT, STARBOARD = (0, 1, 2), (3, 4, 5)
+MODEL = thirty_kg()
+MONITOR = ThrusterHealth.of(MODEL, (PORT, STARBOARD))
+FAULT_AT = 20.0
+T = np.arange(round(SECONDS / DT)) * DT
+
+
+def commands():
+    """Ahead and back, with turns, dives and a little sway: forces of each thruster that differ, shape (ticks, 6)."""
+    surge = 4.0 + 2.0 * np.sin(0.5 * T)
+    turn, heave = 1.5 * np.sin(0.8 * T + 1.0), 2.0 + np.sin(0.6 * T)
+    force = np.stack([surge + turn, np.sin(0.4 * T), heave, surge - turn, np.sin(0.4 * T), heave], axis=1)
+    return jax.vmap(lambda f: command_for_force(MODEL.thrusters, f))(jnp.asarray(force))
+
+
+COMMANDS = commands()
+
+
+@jax.jit
+def flown(plant, share, push, commands):
+    """Health that the monitor believes in, (ticks, n): thrusters lose their share, and a wrench begins at FAULT_AT."""
+    start = Start.at([0, 0, 3])
+
+    def one(carry, given):
+        state, memory, before = carry
+        t, u = given
+        estimate = estimate_of(truth_of(state)[:6], state.nu)
+        memory, health = MONITOR.step(memory, HealthInput(estimate, Command(before)), DT)
+        late = t >= FAULT_AT
+        weak = eqx.tree_at(lambda m: m.thrusters.health, plant, jnp.where(late, share, jnp.ones(6)))
+        wrench = Environment.calm(wrench=jnp.where(late, push, jnp.zeros(6)))
+        return (plant_step(weak, state, Command(u), wrench, DT), memory, u), health
+
+    begin = State.at(plant, start), MONITOR.init(jax.random.key(0), start), jnp.zeros(6)
+    return jax.lax.scan(one, begin, (jnp.asarray(T), commands))[1]
+
+
+def believed(share=(1,) * 6, push=np.zeros(6), plant=MODEL):
+    return np.asarray(flown(plant, as_array(share), as_array(push), COMMANDS))
+
+
+def without(*lost, left=0.0):
+    share = np.ones(6)
+    share[list(lost)] = left
+    return share
+
+
+@pytest.mark.parametrize("lost", [0, 2, 3, 5])
+@pytest.mark.parametrize("left", [0.0, 0.1, -1.0], ids=["dead", "weak", "reversed"])
+def test_a_lost_thruster_is_found_within_ten_seconds_and_no_other(lost, left):
+    health = believed(without(lost, left=left))
+    assert np.all(health[T < FAULT_AT] == 1.0), "before it was lost"
+    assert np.array_equal(health[T > FAULT_AT + 10.0][0], without(lost)), "within ten seconds"
+    assert np.array_equal(health[-1], without(lost))
+
+
+def test_a_unit_is_found():
+    health = believed(without(*PORT))[-1]
+    # Its sway thruster makes no moment: whether it is lost with the others, only the unit's hypothesis says.
+    assert health[0] == 0.0 and health[2] == 0.0 and np.all(health[3:] == 1.0)
+
+
+@pytest.mark.parametrize("lost", [1, 4])
+def test_a_thruster_without_a_moment_is_not_claimed_lost(lost):
+    assert np.all(believed(without(lost)) == 1.0)
+
+
+PUSHES = {
+    "caught tether": [-8.0, 3.0, -4.0, 0.0, 0.0, 0.0],
+    "crooked current": [-3.0, 2.0, 0.0, 0.0, 0.0, 0.5],
+    "shifted ballast": [0.0, 0.0, 1.0, 0.4, 0.3, 0.0],
+    "nothing": [0.0] * 6,
+}
+
+
+@pytest.mark.parametrize("push", list(PUSHES))
+def test_what_pushes_from_outside_is_no_lost_thruster(push):
+    assert np.all(believed(push=PUSHES[push]) == 1.0)
+
+
+@pytest.mark.parametrize("drag", [0.75, 1.25])
+def test_a_model_that_is_wrong_is_no_lost_thruster(drag):
+    names = ("linear_damping_ahead", "quadratic_damping_ahead")
+    heavier = {name: 1.1 * getattr(MODEL, name) for name in ("rigid_body_mass", "added_mass")}
+    plant = thirty_kg(**heavier, **{name: drag * getattr(MODEL, name) for name in names})
+    assert np.all(believed(0.9 * np.ones(6), plant=plant) == 1.0)
+
+
+def test_weak_by_a_third_is_not_lost():
+    assert np.all(believed(without(0, left=0.67)) == 1.0)
+
+
+def test_an_estimate_that_is_not_a_number_leaves_the_memory_usable():
+    memory = MONITOR.init(jax.random.key(0), Start.at())
+    broken = HealthInput(estimate_of(np.full(6, np.nan), np.full(6, np.nan)), Command(jnp.zeros(6)))
+    memory, health = MONITOR.step(memory, broken, DT)
+    assert np.all(np.asarray(health) == 1.0)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(memory))
+
+
+def test_what_a_double_blueye_can_do_without():
+    model = load_vehicle("double_blueye").model()
+    ability = Ability.of(model, (PORT, STARBOARD))
+    can = {
+        (): FINE,
+        (0,): UNABLE,  # the other surge thruster alone turns it
+        (3,): UNABLE,
+        (1,): FINE,
+        (2,): FINE,
+        (1, 4): UNABLE,  # no sway
+        (2, 5): HEAVE_LOST,
+        (0, 1, 2): UNABLE,
+        (0, 1, 2, 3): HEAVE_LOST,  # more than the table knows
+    }
+    assert {lost: int(ability.judged(as_array(without(*lost)))) for lost in can} == can
+
+
+def test_a_bluerov2_heavy_goes_on_without_any_one_thruster():
+    ability = Ability.of(load_vehicle("bluerov2_heavy").model())
+    assert {int(ability.judged(as_array(1.0 - np.eye(8)[k]))) for k in range(8)} == {FINE}
