@@ -1,5 +1,6 @@
 """The joint estimate: a known vehicle is found again, what cannot be known is named, the result flies."""
 
+from copy import copy
 from dataclasses import replace
 
 import jax
@@ -12,9 +13,14 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
+from rovtwin.identification.joint.estimate import estimate
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.joint.payload import predicted_change
 from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.scale import scale_response, with_scale
+from rovtwin.identification.joint.segments import cut
+from rovtwin.identification.judgement.remarks import about_scale
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION = 30.0
@@ -141,6 +147,38 @@ def test_gradients_agree_with_differences(found):
     h = 1e-4
     assert abs(slope) > 100.0
     assert slope == pytest.approx((cost(h) - cost(-h)) / (2 * h), rel=1e-3)
+
+
+def test_an_error_of_scale_moves_the_estimate_as_foretold(found):
+    """All positions 0.5 % longer: what an estimate from them says otherwise is what the widened covariance knows of.
+
+    As a whole: each parameter moves by a tenth of a width anyway, as steps end where little is gained.
+    """
+    problem, share = found.problem, 0.005
+    (record,) = problem.segments.records
+    unsure, shooting = copy(problem), copy(problem.shooting)
+    unsure.segments = replace(problem.segments, records=(replace(record, scale_std=share),))
+    response = scale_response(unsure, found.solution)
+    place = record.signals["horizontal"]
+    longer = record.signals | {"horizontal": replace(place, value=(1 + share) * place.value)}
+    shooting.segments = cut([replace(record, signals=longer)], problem.segments.grid)
+    moved = (estimate(Problem(shooting, problem.prior)).unknowns.theta - found.theta) / found.std
+    foretold = response / found.std
+    assert np.abs(foretold).max() > 0.2
+    assert moved @ foretold / (foretold @ foretold) == pytest.approx(1.0, abs=0.15)
+    assert np.corrcoef(moved, foretold)[0, 1] > 0.85
+    wider = with_scale(found.solution, response)
+    np.testing.assert_allclose(np.diag(wider.covariance), found.std**2 + response**2)
+    assert not scale_response(problem, found.solution).any()
+
+
+def test_what_rests_on_the_scale_is_told(found):
+    solution, response = found.solution, 0.1 * found.std
+    records = [replace(r, scale_std=0.005) for r in found.problem.segments.records]
+    assert about_scale(found.parameters, records, solution, response) == []
+    response[0] = 3.0 * found.std[0]
+    (said,) = about_scale(found.parameters, records, with_scale(solution, response), response)
+    assert "known to 0.5 %" in said and found.parameters.names[0] in said and found.parameters.names[1] not in said
 
 
 def test_records_of_another_vehicle_are_refused(vehicle, found):

@@ -148,7 +148,7 @@ def flight(seed: int) -> Drive:
     return replace(drive, position=drive.position + [2.0, 0.0, 0.0])
 
 
-def run_square(seed: int, keep: Path | None, **tuning: float) -> Run:
+def run_square(seed: int, keep: Path | None, **tuning: Any) -> Run:
     """The square, the markers' places unknown; keep: None for projected corners."""
     scene, camera, drive = load_scene("mclab"), eye_of_square(), flight(seed)
     if keep is None:
@@ -168,7 +168,7 @@ def run_square(seed: int, keep: Path | None, **tuning: float) -> Run:
     return Run(drive, results, step_time(filter, frames, start))
 
 
-def track_square(seeds: int, keep: Path | None, jobs: int = 2, **tuning: float) -> None:
+def track_square(seeds: int, keep: Path | None, jobs: int = 2, **tuning: Any) -> None:
     """On-line and smoothed errors on the square of thesis 6.3, each seed with a flight and pictures of its own."""
     if keep is not None:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
@@ -188,20 +188,23 @@ def track_square(seeds: int, keep: Path | None, jobs: int = 2, **tuning: float) 
 
 
 def squares(drive: Drive, result: Any) -> np.ndarray:
-    """Normalised errors squared of position (3 degrees of freedom) and of position and velocity (6), shape (n, 2)."""
+    """Normalised errors squared of position, of velocity (3 degrees of freedom each) and of both (6), shape (n, 3)."""
     e = np.concatenate([result.position - drive.position, result.velocity - drive.velocity], axis=1)
     covariance, tiny = result.covariance, 1e-14 * np.eye(6)  # the start is known exactly
     six = np.einsum("ki,ki->k", e, np.linalg.solve(covariance + tiny, e[..., None])[..., 0])
-    three = np.linalg.solve((covariance + tiny)[:, :3, :3], e[:, :3, None])[..., 0]
-    return np.stack([np.einsum("ki,ki->k", e[:, :3], three), six], axis=1)
+    halves = []
+    for part in (slice(0, 3), slice(3, 6)):
+        three = np.linalg.solve((covariance + tiny)[:, part, part], e[:, part, None])[..., 0]
+        halves.append(np.einsum("ki,ki->k", e[:, part], three))
+    return np.stack([*halves, six], axis=1)
 
 
 def report_nees(nees: np.ndarray, seeds: int) -> None:
-    """Means of seeds against the 95 % bounds of a mean of so many; nees: shape (seeds, methods, n, 2)."""
+    """Means of seeds against the 95 % bounds of a mean of so many; nees: shape (seeds, methods, n, 3)."""
     from scipy.stats import chi2
 
     for m, method in enumerate(("filter", "smoother")):
-        for d, (what, dof) in enumerate((("position", 3), ("position and velocity", 6))):
+        for d, (what, dof) in enumerate((("position", 3), ("velocity", 3), ("both", 6))):
             low, high = chi2.ppf([0.025, 0.975], dof * seeds) / seeds
             mean = nees[:, m, 10:, d].mean(axis=0)
             inside = ((mean > low) & (mean < high)).mean()
@@ -227,13 +230,16 @@ def main() -> None:
     parser.add_argument("what", choices=["detection", "square"], nargs="*", default=["detection", "square"])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--acceleration", type=float, default=0.1, help="that the filter believes in [m/s2]")
+    parser.add_argument(
+        "--acceleration", type=float, nargs="+", default=[0.1], help="that is believed in, 1 or 3 [m/s2]"
+    )
     parser.add_argument("--keep", type=Path, default=Path("runs/square"))
     given = parser.parse_args()
     if "detection" in given.what:
         detection()
     if "square" in given.what:
-        track_square(given.seeds, None if given.quick else given.keep, acceleration=given.acceleration)
+        acceleration = np.broadcast_to(given.acceleration, 3)
+        track_square(given.seeds, None if given.quick else given.keep, acceleration=acceleration)
 
 
 if __name__ == "__main__":

@@ -67,9 +67,11 @@ def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
     from tests.positioning.test_video import LAYOUT
 
     (recorded / "layout.yaml").write_text(yaml.safe_dump(LAYOUT.model_dump()))
-    more = "--layout", recorded / "layout.yaml", "--no-layout", "--size", "300mm"
+    more = "--layout", recorded / "layout.yaml", "--no-layout", "--size", "300mm", "--marker-scale-std", "0.01"
+    more += "--acceleration", "0.05,0.05,0.01"
     result = run(*arguments(recorded, *more))
     assert "8 of 8 sightings used" in result.stdout, result.output
+    assert Log.read(recorded / "track.mcap").metadata["track_scale_std"] == "0.01"
 
 
 @pytest.mark.parametrize(
@@ -78,6 +80,7 @@ def test_without_the_layout_its_sizes_hold_all_the_same(recorded):
         (["--method", "kalman"], "--method: found 'kalman', expected one of ekf, luenberger, smoother"),
         (["--camera", "starboard"], "found 1 lens files for 2 cameras"),
         (["--heading-offset", "5"], "--heading-offset: without --layout north is the compass's"),
+        (["--acceleration", "0.1,0"], "--acceleration: found '0.1,0', expected one or three figures above 0"),
         (["--size", "3kg"], "--size: found the unit 'kg'"),
         (["--dictionary", "DICT_9X9"], "found 'DICT_9X9', expected one of"),
     ],

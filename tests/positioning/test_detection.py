@@ -72,6 +72,24 @@ def test_a_tone_curve_that_is_not_undone_makes_markers_smaller():
     assert shrunk(1.0) > 0.1 > 0.07 > abs(shrunk(2.2))
 
 
+def test_what_opencv_overlooks_is_read_from_its_square():
+    """Near, a black cell that stands alone is a square in a square to the threshold, and OpenCV may stop at it."""
+    detector, image = Detector(), np.full((300, 300), 180, np.uint8)
+    cells = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    image[70:230, 60:220] = cv2.aruco.generateImageMarker(cells, 0, 160) // 2 + 50
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    corners = np.array([[59.5, 69.5], [219.5, 69.5], [219.5, 229.5], [59.5, 229.5]])
+    for turned in range(4):
+        ((number, found),) = detector._overlooked(image, [np.roll(corners, turned, axis=0)], [])
+        assert number == 0 and np.array_equal(found, corners)
+    assert detector._overlooked(image, [corners], [(0, corners + 1.0)]) == []  # found already
+    paper, cell = corners + [[-25, -25], [25, -25], [25, 25], [-25, 25]], 0.2 * corners + [100, 100]
+    assert detector._overlooked(image, [paper, cell, corners[::-1]], []) == []
+    image[110, 80:200] = 10
+    image[100:120, 140:180] = 60  # a bit that is wrong
+    assert detector._overlooked(image, [corners], []) == []
+
+
 def test_an_empty_image_and_one_without_markers_give_none():
     noise = np.random.default_rng(0).integers(0, 255, (120, 160), dtype=np.uint8)
     for image in (np.zeros((120, 160), np.uint8), noise):

@@ -15,6 +15,7 @@ from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_steps import (
     FULL,
     NEW,
+    NOISE,
     OFFSET,
     POSITION,
     REJECTED,
@@ -23,6 +24,7 @@ from rovtwin.positioning.ekf_steps import (
     Given,
     State,
     take_position,
+    update,
     vote,
 )
 from rovtwin.positioning.ekf_tuning import SlamTuning
@@ -151,6 +153,30 @@ def test_a_marker_read_as_another_is_rejected():
     assert ((out.status[bad] == REJECTED).sum(axis=1) == 2).all()
     assert errors(out, d).max() < 0.02
     assert not out.moved.any()
+
+
+def test_an_update_that_lost_its_way_is_not_believed():
+    """An innovation whose covariance is not positive, as rounding made it on a film, is negative: it passes any gate.
+
+    There derivatives next to the camera did it, 1.4 m in one update; here a covariance of east and yaw that are more
+    than fully correlated. Where it is positive the same sighting is believed.
+    """
+    layout = wall([(0.0, 0.75)])
+    block = MarkerEkf.of([EYE], SlamTuning.of(start_position=0.003), layout, capacity=1)
+    p = np.array([1.0, 0.0, 0.75])
+    state = block.init(jax.random.key(0), Start.at(p)).state
+    given = Given(block.tuning, block.eyes, block.sizes, jnp.eye(3))
+    found = corners_seen(layout, EYE, p + [0.0, 0.0005, 0.0], np.eye(3), np.random.default_rng(0), pixel=0.0)
+    slot = jax.tree.map(lambda leaf: jnp.asarray(leaf)[0], sightings([found], [EYE], SIZES, slots=1))
+    east, yaw = POSITION.start + 1, NOISE.start + 2
+    moved = []
+    for correlation in (-0.5, -1.05):
+        both = correlation * 0.003 * 0.001
+        P = state.P.at[east, yaw].set(both).at[yaw, east].set(both)
+        after, (status, _) = update(given, State(state.x, P, state.map), slot)
+        moved.append((int(status), float(jnp.abs(after.x - state.x).max())))
+    assert moved[0][0] == USED and 0.0 < moved[0][1] < 0.003
+    assert moved[1] == (REJECTED, 0.0)
 
 
 def test_an_id_twice_in_the_image_makes_no_landmark_and_the_copy_of_a_known_marker_is_rejected():

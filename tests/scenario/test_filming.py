@@ -79,19 +79,25 @@ def test_a_run_without_pictures_is_named(tmp_path, run):
 
 
 def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
-    from rovtwin.cli.identify import _tracked
+    from rovtwin.cli.identify import _share, _tracked
     from rovtwin.cli.output import console
 
     pytest.importorskip("gtsam")
     vehicle = load_vehicle("double_blueye_thesis")
-    (path,) = _tracked(console(False), vehicle, "aruco", [run.folder / "log.mcap"])
+    ((path, is_test),) = _tracked(console(False), vehicle, "aruco", [run.folder / "log.mcap"]).items()
     assert path.name == "log_aruco.mcap"
     assert "wrote" in capsys.readouterr().out
     (record,) = read_records(path, vehicle)
+    assert is_test and record.scale_std == 0.005  # the layout's own: a printer and a tape
     positions = record.signals["horizontal"].value
     assert len(positions) > 15 and np.ptp(positions[:, 0]) > 0.2
     with pytest.raises(ConfigError, match="--track: found 'qr', expected aruco"):
         _tracked(console(False), vehicle, "qr", [])
+    # Of a test, whose last pull is the strongest, nothing is held out unless that is asked for.
+    assert _share(console(False), None, {path: is_test}, False) == 1.0
+    assert "nothing is held out" in capsys.readouterr().out
+    others = ((0.7, {path: True}, False), (None, {path: True}, True), (None, {path: False}, False), (None, {}, False))
+    assert [_share(console(False), *one) for one in others] == [0.7, None, None, None]
 
 
 def test_two_scenes_one_camera_twice_and_the_wall_clock_are_named(tmp_path):

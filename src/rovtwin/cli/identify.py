@@ -31,7 +31,10 @@ def identify(
         list[Path] | None, typer.Option(metavar="LOG", help="A log to predict, never to fit. Repeatable.")
     ] = None,
     fit_share: Annotated[
-        float | None, typer.Option(help="First share of each log that is fitted; default 0.8 without --validate.")
+        float | None,
+        typer.Option(
+            help="First share of each log that is fitted; default 0.8 without --validate, 1 for tests with --track."
+        ),
     ] = None,
     free: Annotated[
         list[str] | None, typer.Option(metavar="PATTERN", help="Parameters to estimate: added_mass.*. Repeatable.")
@@ -79,8 +82,11 @@ def identify(
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)
+    tests: dict[Path, bool] = {}
     if track is not None:
-        logs, validate = (_tracked(screen, wanted, track, paths or []) for paths in (logs, validate))
+        tests, held = (_tracked(screen, wanted, track, paths or []) for paths in (logs, validate))
+        logs, validate = list(tests), list(held)
+    fit_share = _share(screen, fit_share, tests, bool(validate))
     fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
     _warn(screen, wanted, whole, trust_logs)
     with _progress(screen) as told:
@@ -111,23 +117,44 @@ def identify(
     raise typer.Exit(DONE if settled else FAILED)
 
 
-def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> list[Path]:
-    """Logs of the tracks, `<log>_aruco.mcap` beside the logs given, made anew each time; says how good they are."""
+def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict[Path, bool]:
+    """Logs of the tracks, `<log>_aruco.mcap` beside the logs given, made anew each time; says how good they are.
+
+    Each with whether it is a test, a programme of manoeuvres.
+    """
     from rovtwin.cli.track import looking_for_markers, summary
     from rovtwin.scenario.tracking import track_run
 
     if kind != "aruco":
         raise ConfigError(f"--track: found '{kind}', expected aruco")
-    tracks = []
+    tracks = {}
     for path in _files(logs):
         with looking_for_markers() as told:
             found, log = track_run(path, vehicle, "smoother", progress=told)
-        tracks.append(path.with_name(f"{path.stem}_aruco.mcap"))
-        log.write(tracks[-1], overwrite=True)
+        out = path.with_name(f"{path.stem}_aruco.mcap")
+        log.write(out, overwrite=True)
+        tracks[out] = bool(log.metadata.get("test"))
         for line in [*summary(found), *found.notes]:
             screen.print(f"{_short(path)}: {line}", style="dim", markup=False, soft_wrap=True)
-        screen.print(f"wrote {tracks[-1]}", markup=False, soft_wrap=True)
+        screen.print(f"wrote {out}", markup=False, soft_wrap=True)
     return tracks
+
+
+def _share(screen: Console, given: float | None, tests: dict[Path, bool], validated: bool) -> float | None:
+    """The share of each log that is fitted; None: as usual.
+
+    The pulls of a test are each of their own strength: its last part is no sample of what was fitted, it is the
+    strongest pull, which then would be missing where it tells most.
+    """
+    if given is not None or validated or not tests or not all(tests.values()):
+        return given
+    screen.print(
+        "nothing is held out: the last part of a test is a pull of its own. Give another run with --validate, or "
+        "--fit-share 0.8",
+        style="dim",
+        markup=False,
+    )
+    return 1.0
 
 
 def _records(

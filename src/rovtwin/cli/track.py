@@ -40,6 +40,13 @@ def track(
     size: Annotated[str, typer.Option(help="Side of markers that are not in the layout.")] = "150mm",
     start: Annotated[str, typer.Option(help="Place at the first frame, x,y,z in n [m].")] = "0,0,0",
     attitude_noise: Annotated[float, typer.Option(min=1e-5, help="Of one reading of an angle [rad].")] = 1e-3,
+    acceleration: Annotated[
+        str, typer.Option(help="Of the vehicle, rms, or x,y,z along north, east and down [m/s2].")
+    ] = "0.1",
+    marker_scale_std: Annotated[
+        float | None,
+        typer.Option(min=0, max=0.2, help="How well lengths of prints and layout are known, a share; else as it says."),
+    ] = None,
     heading_offset: Annotated[
         float, typer.Option(min=0, max=20, help="How far the compass's north may be off the layout's, std [deg].")
     ] = 0.0,
@@ -74,6 +81,8 @@ def track(
         size=positive(size, LENGTH, "--size"),
         start=point(start, "--start"),
         attitude_noise=attitude_noise,
+        acceleration=_acceleration(acceleration),
+        scale_std=marker_scale_std,
         heading_offset=radians(heading_offset),
     )
     with looking_for_markers() as told:
@@ -83,6 +92,19 @@ def track(
         emit(_as_data(found) | {"log": str(out)})
     else:
         _print(found, out)
+
+
+def _acceleration(text: str) -> list[float]:
+    """Three figures, or one for all axes."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 3) or not all(0.0 < value < 10.0 for value in values):
+        raise ConfigError(
+            f"--acceleration: found {text!r}, expected one or three figures above 0, such as 0.03,0.03,0.01"
+        )
+    return values * 3 if len(values) == 1 else values
 
 
 @contextmanager

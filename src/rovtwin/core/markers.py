@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from rovtwin.core.config import Degrees, Positive, Strict, Vector3, parse
+from rovtwin.core.config import Degrees, Number, Positive, Strict, Vector3, parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.vision import opencv
 from rovtwin.core.yamlfile import read_yaml
@@ -56,6 +56,9 @@ class Layout(Strict):
 
     dictionary: str = Field("DICT_4X4_50", description="of OpenCV's, " + ", ".join(DICTIONARIES[:4]) + " ..")
     markers: list[Marker] = []
+    scale_std: Annotated[Number, Field(ge=0, lt=0.2)] = Field(
+        0.005, description="how well its lengths are known, sides and places alike: one standard deviation, a share"
+    )
 
     @model_validator(mode="after")
     def _each_once(self) -> "Layout":

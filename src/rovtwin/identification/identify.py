@@ -19,9 +19,10 @@ from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
-from rovtwin.identification.judgement.remarks import about_parts, about_solution, about_tether, about_water
+from rovtwin.identification.judgement.remarks import about_parts, about_scale, about_solution, about_tether, about_water
 from rovtwin.identification.judgement.tested import Range, tested_ranges
 from rovtwin.identification.judgement.validation import Prediction, predict
 from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
@@ -182,6 +183,8 @@ def identify(
             f"step {k}, largest change {change:.2g} standard deviations", 0.9 * k / settings.max_steps
         ),
     )
+    response = scale_response(problem, solution)
+    solution = with_scale(solution, response)
     theta = solution.unknowns.theta
     told("validating", 0.9)
     offsets = _offsets(problem, solution)
@@ -191,6 +194,7 @@ def identify(
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
+    findings += about_scale(parameters, records, solution, response)
     findings += about_solution(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
     )

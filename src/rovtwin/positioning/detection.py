@@ -30,7 +30,9 @@ CORNER_WINDOW, CORNER_SHARE = 12, 0.7  # half width of the corner search: at mos
 ROUNDED = 1  # [px] on either side of a corner that its sides say nothing about; kept in windows too small to lose it
 TONE = 2.2  # exponent of the tone curve that cameras put on their images
 SMALL = 40.0  # sides below this are found by the whole print [px]; beyond it single corners are as good, and quicker
+LARGE = 60.0  # sides from which a marker's cells may be wider than the threshold's window [px]
 SMALLEST = 0.02  # perimeter over the longer side of the image; 0.03 loses a marker of 0.15 m beyond 8 m
+_FLAT = 5.0  # standard deviation of grey levels below which there is no print; OpenCV's own limit
 _BATCH = 8  # poses are computed so many at a time, so that they are compiled once
 _REFINE = 6  # Gauss-Newton steps; a pose from straight rays is off by little
 _SAME = 0.05  # poses that differ by less are one solution [rad]
@@ -82,6 +84,7 @@ class Detector:
             setattr(parameters, name, value)
         cells = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
         self._detector, self._cells = aruco.ArucoDetector(cells, parameters), cells.markerSize + 2
+        self._dictionary_cells = cells
         self._dictionary = dictionary
         self._linear = np.round(255.0 * (np.arange(256) / 255.0) ** tone).astype(np.uint8)
 
@@ -90,14 +93,47 @@ class Detector:
         cv2 = opencv()
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         grey = np.ascontiguousarray(grey)
-        corners, ids, _ = self._detector.detectMarkers(grey)
-        if ids is None or not len(ids):
+        corners, ids, others = self._detector.detectMarkers(grey)
+        numbers = [] if ids is None else np.asarray(ids).ravel().astype(int).tolist()
+        found = [(n, np.asarray(one).reshape(4, 2)) for n, one in zip(numbers, corners, strict=True)]
+        found += self._overlooked(grey, [np.asarray(quad).reshape(4, 2) for quad in others], found)
+        if not found:
             return Detections.none()
         linear = cv2.LUT(grey, self._linear)
-        numbers = np.asarray(ids).ravel().astype(int)
-        both = zip(numbers.tolist(), corners, strict=True)
-        exact = [self._refined(linear, number, np.asarray(one).reshape(4, 2)) for number, one in both]
-        return Detections(numbers, np.array(exact, dtype=float))
+        exact = [self._refined(linear, number, one) for number, one in found]
+        return Detections(np.array([number for number, _ in found]), np.array(exact, dtype=float))
+
+    def _overlooked(self, grey: np.ndarray, quads: list[np.ndarray], found: list[Any]) -> list[tuple[int, np.ndarray]]:
+        """Markers among the large squares that OpenCV has not read.
+
+        A black cell that stands alone in white is a square with a square in it once it is wider than the threshold's
+        window; OpenCV then reads the inner squares and not the marker around them. Every bit must be right.
+        """
+        more: list[tuple[int, np.ndarray]] = []
+        for quad in quads:
+            side = np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1).min()
+            if side < LARGE or any(np.linalg.norm(quad.mean(axis=0) - c.mean(axis=0)) < side / 2 for _, c in found):
+                continue
+            if (read := self._read(grey, quad)) is not None:
+                more.append(read)
+        return more
+
+    def _read(self, grey: np.ndarray, quad: np.ndarray) -> tuple[int, np.ndarray] | None:
+        """Id of the print in a square and its corners from the top left one of the print; None where it is no print."""
+        cv2, wide, n = opencv(), 8, self._cells
+        end = wide * n - 0.5
+        flat = np.array([[-0.5, -0.5], [end, -0.5], [end, end], [-0.5, end]], np.float32)
+        H = cv2.getPerspectiveTransform(quad.astype(np.float32), flat)
+        seen = cv2.warpPerspective(grey, H, (wide * n, wide * n))
+        if seen.std() < _FLAT:
+            return None
+        level, _ = cv2.threshold(seen, 0, 255, cv2.THRESH_OTSU)
+        middle = slice(wide // 4, wide - wide // 4)
+        bits = seen.reshape(n, wide, n, wide)[:, middle, :, middle].mean(axis=(1, 3)) > level
+        if bits.sum() > bits[1:-1, 1:-1].sum():  # the border is black
+            return None
+        known, number, turns = self._dictionary_cells.identify(bits[1:-1, 1:-1].astype(np.uint8), 0.0)
+        return (int(number), np.roll(quad, turns, axis=0)) if known else None
 
     def _refined(self, linear: np.ndarray, number: int, corners: np.ndarray) -> np.ndarray:
         """Corners of one marker to a fraction of a pixel, shape (4, 2)."""

@@ -98,8 +98,9 @@ def update(given: Given, state: State, slot: Sightings) -> tuple[State, tuple[Ar
     start = jnp.zeros(n), jnp.ones(8), jnp.zeros((8, n + 1)), jnp.asarray(True)
     dx, pivots, rows, visible = jax.lax.fori_loop(0, _ROUNDS, again, start)
     nis = (rows[:, 0] ** 2 / pivots).sum()
-    # Of a linear step dx' P^-1 dx is at most nis. What goes further has lost its way between linearisations.
-    straight = (dx**2 <= given.tuning.gate * jnp.diagonal(state.P) + _NOTHING).all()
+    # Of a linear step dx' P^-1 dx is at most nis. What goes further has lost its way between linearisations: next to
+    # the camera derivatives are so large that S, rounded, is not positive any more (a nis of -3e8 has been seen).
+    straight = (dx**2 <= given.tuning.gate * jnp.diagonal(state.P) + _NOTHING).all() & (pivots > 0.0).all()
     fits = slot.valid & known & visible & (nis < given.tuning.gate) & straight
     gain = rows[:, 1:] / pivots[:, None]
     P = state.P - jnp.where(fits, (rows[:, 1:, None] * gain[:, None, :]).sum(axis=0), 0.0)

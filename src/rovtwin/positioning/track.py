@@ -33,7 +33,7 @@ _NO_FIXES = (
 )
 _NO_SCALE = (
     "no marker's place is known: the scale of the track rests on the sides of the prints as given. A side that is 1 % "
-    "off makes all ways and speeds 1 % wrong, and intervals of rovtwin identify do not know of it; give --layout"
+    "off makes all ways and speeds 1 % wrong; measure them, say how well (--marker-scale-std), or give --layout"
 )
 _rotations = jax.jit(jax.vmap(rotation_from_quaternion))
 

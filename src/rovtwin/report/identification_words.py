@@ -50,7 +50,10 @@ def doubts_about(result: Any) -> list[str]:
     # Rates and velocities where there are any: positions and headings drift in open loop, however good the model.
     fits = [p.scores[c].fit for p in result.held_out if p.window is None for c in _judged(p)]
     if fits and np.median(fits) < 0:
-        said.append("it predicts held-out tests worse than their mean does")
+        said.append(
+            "it predicts held-out tests worse than their mean does (where the end of a log is a test of its own, hold "
+            "out another run: --validate LOG)"
+        )
     return said
 
 

@@ -10,6 +10,7 @@ import yaml
 
 from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.meshes import found_beside
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario
 
 _ROOT = Path(str(files("rovtwin.scenario")))
@@ -56,7 +57,7 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
     Args:
         data: As `read_yaml` returned it.
         where: Name of the file, for messages.
-        base: Folder in which mission and vehicle are looked for first.
+        base: Folder in which mission, vehicle and mesh files are looked for first.
 
     Raises:
         ConfigError: It cannot be used; the message says where and why.
@@ -66,6 +67,8 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
         data["mission"] = load_mission(data["mission"], base).model_dump()
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
+    if base is not None and isinstance(data.get("vehicle"), dict):
+        data["vehicle"] = found_beside(data["vehicle"], base)
     return parse(Scenario, data, where)
 
 

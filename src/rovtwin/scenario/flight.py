@@ -32,6 +32,7 @@ from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.filming import Filming
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.loop import Record
+from rovtwin.scenario.meshes import kept_beside
 from rovtwin.scenario.run import chunks, realtime_chunks, until_the_end
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, score, score_test
@@ -196,7 +197,8 @@ def fly(
         return Flight(scenario, None, Log.from_arrays(channels, data, metadata | _closing(summary)), summary)
 
     folder = _new_folder(folder)
-    (folder / "scenario.yaml").write_text(dump_scenario(scenario_to_replay(scenario, composed)), encoding="utf-8")
+    metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
+    (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
     with ExitStack() as stack:
         log = stack.enter_context(LogWriter(folder / "log.mcap", channels, metadata))
         recorder = Recorder(scenario, log.write_many)
@@ -296,9 +298,13 @@ def _datasheet(sensor: Sensor) -> dict[str, Any]:
     return {name: np.asarray(value).tolist() for name, value in told.items()}
 
 
-def scenario_to_replay(scenario: Scenario, composed: Composed) -> Scenario:
-    """The scenario with its vehicle written out, so that it does not depend on files that may change or move."""
-    return scenario.model_copy(update={"vehicle": composed.vehicle.to_dict()})
+def scenario_to_replay(scenario: Scenario, composed: Composed, folder: Path | None = None) -> Scenario:
+    """The scenario with its vehicle written out, so that it does not depend on files that may change or move.
+
+    Mesh files are copied into `folder`, relative to which they are named; without one they stay where they are.
+    """
+    vehicle = composed.vehicle.to_dict()
+    return scenario.model_copy(update={"vehicle": kept_beside(vehicle, folder) if folder else vehicle})
 
 
 def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.ndarray]]:

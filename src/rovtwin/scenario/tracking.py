@@ -45,6 +45,8 @@ class Wanted:
         size: Side of markers that are not in the layout [m].
         start: Place at the first frame, n [m].
         attitude_noise: Of one reading of an angle [rad].
+        acceleration: Of the vehicle along n's axes, rms, as filter and smoother believe [m/s2]; None: the tuning's.
+        scale_std: How well lengths of prints and layout are known, a share; None: as the layout says.
         heading_offset: How far the compass's north may be off the layout's, standard deviation [rad].
     """
 
@@ -58,6 +60,8 @@ class Wanted:
     size: float = 0.15
     start: Sequence[float] = field(default=(0.0, 0.0, 0.0))
     attitude_noise: float = 1e-3
+    acceleration: Sequence[float] | None = None
+    scale_std: float | None = None
     heading_offset: float = 0.0
 
 
@@ -96,9 +100,13 @@ def track_run(
         attitude=wanted.attitude_noise,
         start_position=SOMEWHERE if known else 0.0,
         offset=[0.0, 0.0, wanted.heading_offset],
+        **({} if wanted.acceleration is None else {"acceleration": wanted.acceleration}),
     )
     found = track(seen, cameras, method, layout if known else None, tuning, sizes, wanted.start)
-    return found, track_log(found, source, {"cameras": [camera.name for camera in cameras]})
+    scale = layout.scale_std if wanted.scale_std is None else wanted.scale_std
+    return found, track_log(
+        found, source, {"cameras": [camera.name for camera in cameras], "track_scale_std": str(scale)}
+    )
 
 
 def _layout(log: Path, wanted: Wanted) -> Layout:

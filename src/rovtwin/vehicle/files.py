@@ -1,6 +1,7 @@
 """Vehicle files: found, read, their parts put in place."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,24 @@ def _with_mesh_found(visual: Any, path: Path, here: str) -> Any:
     if not target.is_file():
         raise ConfigError(f"{path.name}: {here}.mesh: found {visual.mesh}, but there is no file {target}")
     return visual.model_copy(update={"mesh": str(target.resolve())})
+
+
+def with_meshes(body: dict[str, Any], renamed: Callable[[str], str]) -> dict[str, Any]:
+    """Plain data of a vehicle or part in which each mesh file, at any depth, has the name that `renamed` gives it.
+
+    What is not as it should be is left as it is, for whoever checks it.
+    """
+
+    def visual(item: Any) -> Any:
+        named = isinstance(item, dict) and isinstance(item.get("mesh"), str)
+        return item | {"mesh": renamed(item["mesh"])} if named else item
+
+    def part(item: Any) -> Any:
+        return with_meshes(item, renamed) if isinstance(item, dict) else item
+
+    kinds = {"visuals": visual, "parts": part}
+    lists = {key: [one(i) for i in body[key]] for key, one in kinds.items() if isinstance(body.get(key), list)}
+    return body | lists
 
 
 def _with_table_read(thruster: Any, path: Path, here: str) -> Any:

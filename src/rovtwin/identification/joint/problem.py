@@ -15,7 +15,7 @@ from rovtwin.identification.joint.balance import balanced
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.nodes import NODE, Nodes, difference
 from rovtwin.identification.joint.readings import HUBER
-from rovtwin.identification.joint.segments import nodes_from_data
+from rovtwin.identification.joint.segments import Segments, nodes_from_data
 from rovtwin.identification.joint.shooting import Blocks, Shooting
 
 # Where nobody declared it: noise of a reading to start from, and how far a sensor may be off throughout.
@@ -108,11 +108,10 @@ class Problem:
         unknowns = Unknowns(theta, np.zeros(len(self.groups)), self.guess)
         return unknowns, Noise(sigma, _DEFECT.copy())
 
-    def blocks(self, unknowns: Unknowns, noise: Noise) -> Blocks:
-        """Of the readings and defects, as NumPy arrays."""
-        found = self.shooting.blocks(
-            unknowns.theta, unknowns.offsets, unknowns.nodes, noise.sigma, self.segments.arrays
-        )
+    def blocks(self, unknowns: Unknowns, noise: Noise, segments: Segments | None = None) -> Blocks:
+        """Of the readings and defects, as NumPy arrays; segments: with other readings than the problem's own."""
+        arrays = (segments or self.segments).arrays
+        found = self.shooting.blocks(unknowns.theta, unknowns.offsets, unknowns.nodes, noise.sigma, arrays)
         return jax.tree.map(np.asarray, found)
 
     def assembled(self, blocks: Blocks, unknowns: Unknowns, noise: Noise) -> Arrow:

@@ -20,6 +20,7 @@ _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 3
 # Relative width below which the form of the model is in doubt before the readings are: couplings that were off by a few
 # parts in a thousand moved estimates of clean tests by several widths (tests.identification.swap).
 _FORM = 0.003
+_BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is told
 
 
 def about_parts(vehicle: Vehicle, old: Vehicle | None) -> list[str]:
@@ -56,6 +57,22 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
         "repeat one of them with another, two lengths are enough"
         if lengths
         else "drag of the tether: no test says how much was paid out, the value is the prior's"
+    ]
+
+
+def about_scale(
+    parameters: Parameters, records: Sequence[Record], solution: Solution, response: np.ndarray
+) -> list[str]:
+    """How far the intervals rest on the scale of positions; response: see `scale_response`, shape (n,)."""
+    share = response**2 / np.maximum(np.diag(solution.covariance), 1e-300)
+    moved = [p.name for p, part in zip(parameters.free, share, strict=True) if part > _BY_SCALE]
+    if not moved:
+        return []
+    most = max(record.scale_std for record in records)
+    return [
+        f"lengths of the track are known to {100 * most:.2g} % (one standard deviation): that is most of the intervals "
+        f"of {', '.join(moved)}. More tests do not help; measure the printed markers and say how well (scale_std in "
+        "layout.yaml, or rovtwin track --marker-scale-std)"
     ]
 
 

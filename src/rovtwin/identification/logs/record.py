@@ -62,6 +62,7 @@ class Record:
         water_density: [kg/m3], or None where nobody said.
         tether_length: Paid out during the test [m], or None where nobody said.
         ballast: Known pieces added for this test.
+        scale_std: How well the scale of its positions is known, one standard deviation as a share; common to all.
         current: Water velocity over ground, n [m/s], if the water moved steadily.
         source: File it came from, for messages.
         notes: What was left out or put right while reading, one line each.
@@ -75,6 +76,7 @@ class Record:
     water_density: float | None = None
     tether_length: float | None = None
     ballast: tuple[Ballast, ...] = ()
+    scale_std: float = 0.0
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     source: str = "record"
     notes: tuple[str, ...] = ()

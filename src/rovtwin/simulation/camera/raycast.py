@@ -14,36 +14,17 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.simulation.camera.faces import Faces, faces_in_view
 from rovtwin.simulation.camera.lighting import Lighting
 from rovtwin.simulation.camera.rays import Rays
 from rovtwin.simulation.camera.shading import albedo, bend, mottled, net, ripple, shade
 from rovtwin.simulation.scene.scene import Scene
-from rovtwin.simulation.scene.surfaces import Rectangle
 
 BLOCK = 1 << 14  # rays at a time: what fits into the processor's cache
 ACROSS = 4  # rays along a side of a pixel that an edge crosses
-_MOST_CELLS = 11  # 7 x 7 bits with border and rim
 _NEAR = 0.02  # nothing is seen closer to the camera [m]
 _ENDLESS = 1e3  # where nothing is seen [m]
 DARK, DARKNESS = 0.25, 0.45  # of the corners of a basin: how far they reach [m], how dark they are
-
-
-class _Faces(eqx.Module):
-    """Rectangles in c at one instant, float32; first axis: faces."""
-
-    corner: Array
-    normal: Array
-    normal_n: Array  # in n
-    right: Array  # unit
-    up: Array  # unit
-    size: Array
-    origin: Array
-    material: Array
-    indoor: Array
-    below: Array  # 1 where only what is below the surface counts, -1 above it (mirrored), 0 all
-    print: Array  # 1 where it is a marker
-    cells: Array  # along a side of its print
-    bits: Array
 
 
 class _Light(eqx.Module):
@@ -76,7 +57,7 @@ class Raycaster:
 
     def draw(self, light: Lighting, R_nc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Brightness, shape (H, W, 3), linear, and way to what is seen [m], shape (H, W), inf where nothing is."""
-        faces = _seen(self._rectangles, light.eye, R_nc, self.rays)
+        faces = faces_in_view(self._rectangles, light.eye, R_nc, self.rays)
         cast = partial(self._cast, faces, _light_arrays(light), jnp.asarray(R_nc, jnp.float32))
         height, width = self.rays.direction.shape[:2]
         point = np.broadcast_to(self.rays.point, self.rays.direction.shape).reshape(-1, 3)
@@ -104,7 +85,7 @@ class Raycaster:
         colour, _, _ = cast(point, direction)
         return np.clip(colour, 0.0, 1.0).reshape(len(pixels), ACROSS**2, 3).mean(axis=1)
 
-    def _cast(self, faces: _Faces, light: _Light, R_nc: Array, point: np.ndarray, direction: np.ndarray) -> Any:
+    def _cast(self, faces: Faces, light: _Light, R_nc: Array, point: np.ndarray, direction: np.ndarray) -> Any:
         """Of any number of rays, a block at a time."""
         n = len(direction)
         colour, way, code = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.int32)
@@ -140,7 +121,7 @@ def _edges(code: np.ndarray) -> np.ndarray:
     return edge
 
 
-def _block(faces: _Faces, light: _Light, R_nc: Array, o: Any, d: Any, pixel: float) -> tuple[Array, Array, Array]:
+def _block(faces: Faces, light: _Light, R_nc: Array, o: Any, d: Any, pixel: float) -> tuple[Array, Array, Array]:
     """Colour (n, 3), way (n,) and a code of what is seen (n,) of rays in c, shapes (3, n).
 
     In steps, each a program of its own: in one, XLA computes the noise anew for every band.
@@ -165,7 +146,7 @@ class _Place(eqx.Module):
 
 
 @jax.jit
-def _trace(faces: _Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: float) -> _Place:
+def _trace(faces: Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: float) -> _Place:
     zero = jnp.zeros_like(d[0])
 
     def nearer(k: Array, best: Any) -> Any:
@@ -193,7 +174,7 @@ def _trace(faces: _Faces, R_nc: Array, eye: Array, o: Array, d: Array, pixel: fl
 
 
 @jax.jit
-def _noises(faces: _Faces, light: _Light, place: _Place) -> tuple[Array, Array, Array]:
+def _noises(faces: Faces, light: _Light, place: _Place) -> tuple[Array, Array, Array]:
     face = jnp.maximum(place.face, 0)
     u, v = faces.origin[face, 0] + place.u, faces.origin[face, 1] + place.v
     rough = mottled(u, v, place.wide, faces.material[face, 7])
@@ -207,7 +188,7 @@ def _lines(place: _Place, bent: Array) -> Array:
 
 @jax.jit
 def _colours(
-    faces: _Faces, light: _Light, place: _Place, rough: Array, lines: Array, rippled: Array
+    faces: Faces, light: _Light, place: _Place, rough: Array, lines: Array, rippled: Array
 ) -> tuple[Array, Array, Array]:
     none, face = place.face < 0, jnp.maximum(place.face, 0)
     u, v = place.u, place.v
@@ -244,7 +225,7 @@ def _turned(R: Array, p: Any) -> list[Array]:
     return [R[i, 0] * p[0] + R[i, 1] * p[1] + R[i, 2] * p[2] for i in range(3)]
 
 
-def _corner(faces: _Faces, face: Array, u: Array, v: Array) -> Array:
+def _corner(faces: Faces, face: Array, u: Array, v: Array) -> Array:
     """How much light reaches a place on a wall or a floor: less towards the edges that others adjoin."""
     size = faces.size[face]
     indoor = faces.indoor[face]  # bit 1: left and right, 2: below, 4: above
@@ -258,50 +239,3 @@ def _corner(faces: _Faces, face: Array, u: Array, v: Array) -> Array:
 def _light_arrays(light: Lighting) -> _Light:
     fields = {name: jnp.asarray(getattr(light, name), jnp.float32) for name in _Light.__dataclass_fields__}
     return _Light(**fields)
-
-
-def _seen(rectangles: list[tuple[Rectangle, bool]], eye: np.ndarray, R_nc: np.ndarray, rays: Rays) -> _Faces:
-    """Rectangles that may be in the picture, in c; how many there are is rounded up, so that little is compiled."""
-    border = np.concatenate([rays.direction[i] for i in (0, -1)] + [rays.direction[:, i] for i in (0, -1)])
-    tangent = border[:, :2] / np.maximum(border[:, 2:], 1e-3)
-    low, high = tangent.min(axis=0), tangent.max(axis=0)
-    rows, tank = [], any(mirrored for _, mirrored in rectangles)
-    for rectangle, mirrored in rectangles:
-        flip = np.array([1.0, 1.0, -1.0 if mirrored else 1.0])
-        corners = (rectangle.corners * flip - eye) @ R_nc
-        normal = R_nc.T @ (rectangle.normal * flip)
-        in_front = corners[0] @ normal < 0
-        if not (in_front or rectangle.both) or (corners[:, 2] < 0).all():
-            continue
-        margin = 0.1  # a port moves rays aside by less than this
-        outside = [(corners[:, i] > high[i] * corners[:, 2] + margin).all() for i in range(2)]
-        outside += [(corners[:, i] < low[i] * corners[:, 2] - margin).all() for i in range(2)]
-        if not any(outside):
-            rows.append((rectangle, corners, normal, -1.0 if mirrored else float(tank)))
-    return _as_faces(rows, R_nc)
-
-
-_SHAPES: dict[str, tuple[int, ...]] = {
-    "corner": (3,), "normal": (3,), "normal_n": (3,), "right": (3,), "up": (3,), "size": (2,), "origin": (2,),
-    "material": (11,), "indoor": (), "below": (), "print": (), "cells": (), "bits": (_MOST_CELLS, _MOST_CELLS),
-}  # fmt: skip
-
-
-def _as_faces(rows: list[tuple[Rectangle, np.ndarray, np.ndarray, float]], R_nc: np.ndarray) -> _Faces:
-    count = max(-(-len(rows) // 8) * 8, 8)
-    table = {name: np.zeros((count, *shape)) for name, shape in _SHAPES.items()}
-    table["size"] -= 1.0  # of those that are not there: nothing is inside of them
-    table["material"] += 1.0
-    table["cells"] += 1.0
-    for k, (rectangle, corners, normal, below) in enumerate(rows):
-        right, up = corners[1] - corners[0], corners[3] - corners[0]
-        table["size"][k] = np.linalg.norm(right), np.linalg.norm(up)
-        table["corner"][k], table["normal"][k], table["normal_n"][k] = corners[0], normal, R_nc @ normal
-        table["right"][k], table["up"][k] = right / table["size"][k, 0], up / table["size"][k, 1]
-        table["origin"][k], table["material"][k] = rectangle.origin, rectangle.material.numbers
-        table["indoor"][k], table["below"][k] = rectangle.indoor, below
-        if rectangle.print is not None:
-            cells = len(rectangle.print)
-            table["print"][k], table["cells"][k] = 1.0, cells
-            table["bits"][k, :cells, :cells] = rectangle.print
-    return _Faces(**{k: jnp.asarray(v, jnp.int32 if k == "indoor" else jnp.float32) for k, v in table.items()})

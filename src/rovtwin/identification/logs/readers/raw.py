@@ -57,6 +57,7 @@ class Raw:
         commands: Likewise; None where the format does not know.
         water_density: Where the file says it [kg/m3].
         tether_length: Paid out, where the file says it [m].
+        scale_std: Of its positions, a share: how well their scale is known.
         notes: What was left out while reading.
         touched: From and to [s], by the file's clock: somebody held the vehicle, which no model knows of.
     """
@@ -67,6 +68,7 @@ class Raw:
     commands: CommandSpec | None = None
     water_density: float | None = None
     tether_length: float | None = None
+    scale_std: float = 0.0
     notes: tuple[str, ...] = ()
     touched: tuple[tuple[float, float], ...] = ()
 

@@ -134,6 +134,7 @@ def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Rec
     merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
     origin = merged.first
     record = _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
+    record = replace(record, scale_std=max(raw.scale_std for raw in raws))
     return record, [(a - origin, b - origin) for a, b in raws[0].touched]
 
 

@@ -57,7 +57,9 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
     if not signals:
         raise IdentificationError(f"{path}: no readings; fly with log.sensors: true")
     told = CommandSpec.model_validate({"from": COMMANDS})
-    return Raw(path, tables, signals, told, _density(log), _tether_length(log), log.notes, _touched(log))
+    scale = _number(log, "track_scale_std") or 0.0
+    length = _tether_length(log)
+    return Raw(path, tables, signals, told, _number(log, "water_density"), length, scale, log.notes, _touched(log))
 
 
 def _check_thrusters(path: Path, found: tuple[str, ...], vehicle: Vehicle) -> None:
@@ -83,9 +85,10 @@ def _datasheets(log: Log) -> dict[str, dict[str, Any]]:
     return sheets
 
 
-def _density(log: Log) -> float | None:
+def _number(log: Log, name: str) -> float | None:
+    """Of the metadata, or None where they do not say it."""
     try:
-        return float(log.metadata.get("water_density", ""))
+        return float(log.metadata.get(name, ""))
     except ValueError:
         return None
 
@@ -95,10 +98,7 @@ def _tether_length(log: Log) -> float | None:
     lengths = [log[name]["paid_out"] for name in log if name.startswith("truth/tether/")]
     if lengths:
         return float(sum(np.mean(length) for length in lengths))
-    try:
-        return float(log.metadata.get("tether_length", ""))
-    except ValueError:
-        return None
+    return _number(log, "tether_length")
 
 
 def _touched(log: Log) -> tuple[tuple[float, float], ...]:
