@@ -57,7 +57,8 @@ class Layout(Strict):
     dictionary: str = Field("DICT_4X4_50", description="of OpenCV's, " + ", ".join(DICTIONARIES[:4]) + " ..")
     markers: list[Marker] = []
     scale_std: Annotated[Number, Field(ge=0, lt=0.2)] = Field(
-        0.005, description="how well its lengths are known, sides and places alike: one standard deviation, a share"
+        default=0.005,
+        description="how well its lengths are known, sides and places alike: one standard deviation, a share",
     )
 
     @model_validator(mode="after")

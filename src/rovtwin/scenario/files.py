@@ -67,8 +67,8 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
         data["mission"] = load_mission(data["mission"], base).model_dump()
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
-    if base is not None and isinstance(data.get("vehicle"), dict):
-        data["vehicle"] = found_beside(data["vehicle"], base)
+    if base is not None and isinstance(vehicle := data.get("vehicle"), dict):
+        data["vehicle"] = found_beside(vehicle, base)
     return parse(Scenario, data, where)
 
 

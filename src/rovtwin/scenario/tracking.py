@@ -8,6 +8,7 @@ there, or names others.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -96,11 +97,12 @@ def track_run(
     cameras, videos = _videos(log, vehicle, wanted)
     sizes = np.asarray(sizes_of({marker.id: marker.size for marker in layout.markers}, default=wanted.size))
     seen = record(source, videos, cameras, Detector(layout.dictionary), sizes, progress=progress)
+    chosen: dict[str, Any] = {} if wanted.acceleration is None else {"acceleration": wanted.acceleration}
     tuning = SlamTuning.of(
         attitude=wanted.attitude_noise,
         start_position=SOMEWHERE if known else 0.0,
         offset=[0.0, 0.0, wanted.heading_offset],
-        **({} if wanted.acceleration is None else {"acceleration": wanted.acceleration}),
+        **chosen,
     )
     found = track(seen, cameras, method, layout if known else None, tuning, sizes, wanted.start)
     scale = layout.scale_std if wanted.scale_std is None else wanted.scale_std
