@@ -135,6 +135,7 @@ class Recorder:
             control_dt=self._dt,
             duration=self.seconds,
             energy=self._energy[-1] - self._energy[0] if self._energy else None,
+            reference=whole["autopilot/reference"],
         )
 
 

@@ -9,6 +9,8 @@ from rovtwin.scenario.schema.autopilot import (
     ModelBasedSection,
     SupervisorSection,
     ThesisSection,
+    TrackingSection,
+    TunedSection,
 )
 from rovtwin.scenario.schema.datum import DatumSection
 from rovtwin.scenario.schema.faults import FaultSection
@@ -47,7 +49,9 @@ __all__ = [
     "TethersSection",
     "ThesisSection",
     "ThesisWavesSection",
+    "TrackingSection",
     "TrialSection",
+    "TunedSection",
     "WaterSection",
     "Waypoint",
     "WorldSection",
