@@ -14,6 +14,7 @@ from rovtwin.campaign.tune_result import Judged, Tuned, Wish, paired
 from rovtwin.campaign.tune_search import Search, search
 from rovtwin.campaign.tune_writing import as_data, write_tuned
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.compose_autopilot import tuned_for_another
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import ModelBasedSection
 from rovtwin.vehicle import load_vehicle
@@ -157,6 +158,7 @@ def test_what_is_refused(call, said):
         ({"budget": 0.0}, "--budget-s: found 0, expected more than 0"),
         ({"plants": 0}, "--plants"),
         ({"held_out": 1}, "--held-out"),
+        ({"evaluations": 0}, "--evaluations: found 0, expected at least 1"),
         ({"scenario": load_scenario("lawnmower_calm")}, "found thesis, expected model_based"),
         ({"scenario": load_scenario("test_steps_thesis")}, "is a test, not a mission"),
     ],
@@ -234,6 +236,8 @@ def test_file_flies_and_says_where_it_comes_from(scenario, tmp_path):
     assert again.tuned is not None and again.tuned.vehicle == "double_blueye" and again.tuned.plants == "a hat"
     changed = load_scenario("lawnmower_hard", [f"autopilot={files['autopilot']}", "autopilot.control.integral=0.2"])
     assert changed.autopilot.control.integral == 0.2 and changed.autopilot.control.damping_ratio == 1.3
+    assert tuned_for_another(again, load_vehicle("double_blueye")) is None
+    assert "tuned for double_blueye" in (tuned_for_another(again, load_vehicle("bluerov2")) or "")
     page = files["report"].read_text()
     assert "Better than hand-tuned" in page and "control.bandwidth.surge" in page
     assert {path.stem for path in (tmp_path / "out" / "figures").iterdir()} == {"held_out", "parameters", "search"}

@@ -44,7 +44,8 @@ def _checked(wish: Wish) -> ModelBasedSection:
     section = model_based(wish.scenario.autopilot, wish.scenario.name)
     if not wish.budget > 0:
         raise ConfigError(f"--budget-s: found {wish.budget:g}, expected more than 0 seconds; the usual is 170")
-    for name, least, number in (("--plants", 1, wish.plants), ("--held-out", 2, wish.held_out)):
+    numbers = (("--plants", 1, wish.plants), ("--held-out", 2, wish.held_out), ("--evaluations", 1, wish.evaluations))
+    for name, least, number in numbers:
         if number < least:
             raise ConfigError(f"{name}: found {number}, expected at least {least}")
     return section
@@ -113,9 +114,8 @@ class _Tuning:
 
     def _compiled(self) -> list[Figures]:
         """The hand-tuned autopilot's held-out flights; what has to be compiled is compiled first, by one thread."""
-        short = self.fleets[TUNING]
         self._step("compiling", 0.0)
-        self.crew.compile(short.programs)
+        self.crew.compile([run for fleet in self.fleets.values() for run in fleet.runs])
         began = time.monotonic()
         before = self._flown(HELD_OUT, [self.space.section], "hand-tuned, held-out plants")[0]
         self.judging = time.monotonic() - began

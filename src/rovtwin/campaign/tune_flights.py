@@ -16,6 +16,7 @@ import numpy as np
 from rovtwin.campaign.tune_plants import Plants
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.batch import same_program
 from rovtwin.scenario.compose_autopilot import autopilot_of
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.files import find_scenario
@@ -26,6 +27,8 @@ from rovtwin.scenario.score import score
 
 TUNING, CHOOSING, HELD_OUT = range(3)  # streams of random numbers, so that no plant of one is met in another
 SEAS = {"waves": "lawnmower_waves", "sea": "lawnmower_sea"}
+# So calm that nothing moves, but flown by the program of `waves`: half a minute of compiling less.
+CALM = {"model": "thesis", "significant_height": 1e-6, "zero_crossing_period": 8.7, "drift": 0.0}
 USUAL_SEAS = ("calm", "waves", "sea")
 LONGEST = 300.0  # of a held-out flight [s]
 Figures = dict[str, Any]
@@ -60,11 +63,6 @@ class Fleet:
         late = [self.cut and not one["completed"] and one["phase"] != "aborted" for one in hand_tuned]
         return [one | {"cut": so} for one, so in zip(figures, late, strict=True)]
 
-    @property
-    def programs(self) -> list[Composed]:
-        """A run of each sea: what has to be compiled."""
-        return list(dict(zip(reversed(self.seas), reversed(self.runs), strict=True)).values())
-
 
 def seas_of(names: Sequence[str], scenario: Scenario) -> dict[str, Any]:
     """The `world.waves` of seas by name: `calm`, `waves`, `sea`, `own`, or those of another scenario.
@@ -77,7 +75,7 @@ def seas_of(names: Sequence[str], scenario: Scenario) -> dict[str, Any]:
         if name == "own":
             found[name] = scenario.world.waves.model_dump() if scenario.world.waves else None
         elif name == "calm":
-            found[name] = None
+            found[name] = CALM
         else:
             try:
                 found[name] = (find_scenario(SEAS.get(name, name))[0].get("world") or {}).get("waves")
@@ -153,12 +151,12 @@ class Crew:
         self._pool, self.workers = pool, workers
 
     def compile(self, runs: Sequence[Composed]) -> None:
-        """Fly a second of each, so that threads find its program compiled and don't all compile it."""
+        """Fly a second with each program of these runs, so that threads find it compiled and don't all compile it."""
 
         def second(run: Composed) -> None:
             list(chunks(run.loop, run.key, run.start, run.scenario.control_dt, CHUNK))
 
-        list(self._pool.map(second, runs))
+        list(self._pool.map(second, [runs[group[0]] for group in same_program(runs)]))
 
     def fly(
         self, fleet: Fleet, sections: Sequence[ModelBasedSection], tell: Callable[[], None] = lambda: None

@@ -18,9 +18,10 @@ from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.gnc.tracking import PathReference, Tracking
-from rovtwin.scenario.schema import ModelBasedSection, Scenario, SupervisorSection, ThesisSection
+from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario, SupervisorSection, ThesisSection
 from rovtwin.simulation.sensors import Sensor
-from rovtwin.vehicle import Model
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.identified import fingerprint
 
 DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
 
@@ -31,6 +32,18 @@ def autopilot_of(scenario: Scenario, model: Model, sensors: dict[str, Sensor], m
     if isinstance(section, ThesisSection):
         return _thesis(section, model, sensors, mission, scenario.control_dt)
     return _model_based(section, model, sensors, mission)
+
+
+def tuned_for_another(section: AutopilotSection, vehicle: Vehicle) -> str | None:
+    """One line where `rovtwin tune` found these values for other parts than the vehicle has; None else."""
+    note = section.tuned if isinstance(section, ModelBasedSection) else None
+    now = fingerprint(vehicle.file)
+    if note is None or note.made_with == now:
+        return None
+    return (
+        f"the autopilot was tuned for {note.vehicle} with the parts {note.made_with}, but {vehicle.name} has {now}: it "
+        "flies, with the new vehicle's model, but run rovtwin tune again"
+    )
 
 
 def _supervisor(section: SupervisorSection) -> Supervisor:
