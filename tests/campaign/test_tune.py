@@ -183,6 +183,13 @@ def test_fleets_share_no_plant_and_no_noise_and_are_drawn_again_alike(scenario):
     assert "was not identified" in plants.said
 
 
+def test_a_short_mission_that_does_not_fit_is_said_to_be_one():
+    shallow = load_scenario("lawnmower_calm", ["autopilot=model_based", "autopilot.supervisor.depth_limit=1.2",
+                                               "mission={waypoints: [{position: [1, 0, 0.6]}]}"])  # fmt: skip
+    with pytest.raises(ConfigError, match="short mission of the search .or give --own-mission.*where the supervisor"):
+        fleet_of(shallow, plants_of(shallow), seas_of(("calm",), shallow), TUNING, 1, 1, short=True)
+
+
 def test_own_mismatch_is_what_plants_are_drawn_from():
     hard = load_scenario("lawnmower_hard", ["autopilot=model_based"])
     plants = plants_of(hard)

@@ -11,7 +11,7 @@ from rovtwin.campaign.tune_parameters import Space, model_based, value_of, with_
 from rovtwin.campaign.tune_plants import Plants, plants_of
 from rovtwin.campaign.tune_result import Judged, Tuned, Wish
 from rovtwin.campaign.tune_search import Search, search
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.schema import ModelBasedSection
 
@@ -32,6 +32,7 @@ def tune(wish: Wish, progress: Progress = lambda *_: None) -> Tuned:
     Raises:
         ConfigError: The autopilot is not `model_based`, a number is out of range, the scenario cannot be composed, the
             hand-tuned autopilot fails throughout, or the budget is too short for a single generation.
+        RovtwinError: Ctrl-C came before the first generation.
     """
     section = _checked(wish)
     with crew_of(wish.workers) as crew, Interrupt() as interrupt:
@@ -64,6 +65,7 @@ class _Tuning:
         self.said = plants.said
         self.fleets = self._fleets(plants)
         self.hand: dict[int, list[Figures]] = {}  # scores of the hand-tuned autopilot
+        self.judging = 0.0  # wall time of one autopilot over the held-out plants [s]
         self.pace = 0.0  # wall time of one autopilot over the plants of the search [s]
 
     def _fleets(self, plants: Plants) -> dict[int, Fleet]:
@@ -163,6 +165,8 @@ class _Tuning:
             evaluations=self.wish.evaluations,
             out_of_time=out_of_time,
         )
+        if not found.points and self.interrupted():
+            raise RovtwinError("interrupted before anything was tried: nothing to write")
         if not found.points:
             raise ConfigError(
                 f"--budget-s: found {self.wish.budget:g}, expected more: compiling, flying the hand-tuned autopilot "

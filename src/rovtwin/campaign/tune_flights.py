@@ -15,6 +15,7 @@ import numpy as np
 
 from rovtwin.campaign.tune_plants import Plants
 from rovtwin.core.block import Block
+from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.batch import same_program
 from rovtwin.scenario.compose_autopilot import autopilot_of
@@ -124,12 +125,16 @@ def fleet_of(
     cut = not short and scenario.duration > LONGEST
     data["duration"] = min(data["duration"], LONGEST)
     runs, names = [], []
+    where = f"{scenario.name}{': short mission of the search (or give --own-mission)' if short else ''}"
     for i in range(count):
         rng = np.random.default_rng([seed, stream, i])
         name = list(seas)[i % len(seas)]
         data["seed"] = int(rng.integers(2**31))
         data["world"]["waves"] = seas[name]
-        runs.append(compose(Scenario.model_validate(data), plants.drawn(rng)))
+        try:
+            runs.append(compose(parse(Scenario, data, scenario.name), plants.drawn(rng)))
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error}") from None
         names.append(name)
     return Fleet(runs, names, cut)
 

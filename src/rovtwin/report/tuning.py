@@ -154,7 +154,7 @@ def draw_search(result: TuningResult) -> Figure:
 def draw_parameters(result: TuningResult) -> Figure:
     """Old and new values between their bounds, and what each is worth."""
     shown = sorted(result.parameters, key=lambda p: p.influence)
-    figure = new_figure(0.7 + 0.3 * len(shown))
+    figure = new_figure(0.7 + 0.34 * len(shown))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2, 1))
     for axes in (left, right):
         dress(axes)
@@ -165,8 +165,9 @@ def draw_parameters(result: TuningResult) -> Figure:
         left.annotate("", (place[1], i), (place[0], i), arrowprops={"arrowstyle": "-", "color": BLUE, "lw": 1.4})
         left.plot(place[0], i, "o", ms=6, mfc="white", mec=BLACK, mew=0.9)
         left.plot(place[1], i, "o", ms=5, color=BLUE)
-        for x, text in zip(place, (f"{p.before:.3g}", f"{p.after:.3g}"), strict=True):
-            left.annotate(text, (x, i), (0, 5), textcoords="offset points", ha="center", fontsize=TINY)
+        # One below, one above: what hardly moved stays readable.
+        for x, value, away in zip(place, (p.before, p.after), (-11, 5), strict=True):
+            left.annotate(f"{value:.3g}", (x, i), (0, away), textcoords="offset points", ha="center", fontsize=TINY)
     left.set(xlim=(-0.05, 1.05), xticks=[0, 0.5, 1], ylim=(-0.6, len(shown) - 0.3))
     left.set_xticklabels(["lower bound", "(logarithmic)", "upper bound"], fontsize=SMALL)
     right.barh(range(len(shown)), [p.influence for p in shown], color=BLUE, height=0.5)
