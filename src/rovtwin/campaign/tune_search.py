@@ -56,7 +56,7 @@ def search(
         start: Middle of the first generation, shape (d,).
         bounds: Least and largest, shape (d, 2).
         seed: Of its random numbers: the same seed and costs give the same points.
-        evaluations: Most points to be tried, start not counted; whole generations only.
+        evaluations: Most points to be tried, in whole generations; the first is tried in any case.
         out_of_time: Told how many points come next; True ends the search.
         width: Standard deviation of the first generation.
 
