@@ -20,6 +20,7 @@ from rovtwin.cli.sea import sea
 from rovtwin.cli.smooth import smooth
 from rovtwin.cli.thesis import thesis
 from rovtwin.cli.track import track
+from rovtwin.cli.tune import tune
 from rovtwin.cli.vehicles import vehicle_app
 from rovtwin.core.errors import RovtwinError
 
@@ -40,6 +41,7 @@ app.command()(fly)
 app.command()(demo)
 app.command()(score)
 app.command()(campaign)
+app.command()(tune)
 app.command()(sea)
 app.command()(identify)
 app.command()(report)

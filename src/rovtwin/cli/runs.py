@@ -87,15 +87,19 @@ def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tup
 
 
 def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
-    """One line before a flight in moving water, and one before one on empty batteries."""
+    """A line before a flight in moving water, one before one on empty batteries, or tuned for other parts."""
+    from rovtwin.scenario.compose_autopilot import tuned_for_another
     from rovtwin.scenario.compose_battery import empty_at_start
-    from rovtwin.scenario.composition import compose
+    from rovtwin.scenario.composition import compose, vehicle_of
     from rovtwin.scenario.sea import moves, verdict
 
     if moves(scenario):
         screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
-    if said := empty_at_start(scenario):
-        screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
+    noted = getattr(scenario.autopilot, "tuned", None)
+    other = tuned_for_another(scenario.autopilot, vehicle_of(scenario)) if noted else None
+    for said in (empty_at_start(scenario), other):
+        if said:
+            screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
 
 
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **cameras: bool) -> Any:

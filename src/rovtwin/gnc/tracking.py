@@ -3,7 +3,9 @@
     tau = M nu_dot_d + C(nu_d) nu_d + D(nu_d) nu_d + g(eta) - b,     nu_dot_d = nu_ref_dot + K_d (nu_ref - nu) + K_p e
 
 with drag and Coriolis at the reference's velocity and the estimated disturbance b cancelled. Errors are those of the
-slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment.
+slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment. The
+restoring moment is that of a level vehicle: what rights it is not cancelled, and what a flow from the side does to turn
+it further (Munk's moment), which grows with the square of the speed, sets the least stiffness.
 
 Reference: Fossen (2021), sec. 15.2 and 16.3 (inverse dynamics with acceleration feed-forward).
 """
@@ -23,7 +25,11 @@ from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.trim import steady_speed
 
+DOWN = jnp.array([0.0, 0.0, 1.0])
+MARGIN = 1.5  # of stiffness against Munk's moment at top speed
+LAGGED = 0.5  # largest frequency times the thrusters' lag
 _HORIZONTAL = jnp.arange(6) < 2
 
 
@@ -93,19 +99,20 @@ class Tracking(Block):
 
         Args:
             model: The vehicle.
-            bandwidth: w, shape (6,).
+            bandwidth: w, shape (6,); in roll, pitch and yaw at least what keeps the vehicle straight at its top speed.
             damping_ratio: zeta, scalar or shape (6,).
             integral: Share of w that the moments' integral's rate is.
             reach: Largest position error that counts [m]: a filter that jumps must not throw the vehicle about.
         """
-        w = np.asarray(bandwidth, dtype=float)
+        w = np.maximum(np.asarray(bandwidth, dtype=float), _least_frequency(model))
+        righting = np.maximum(_righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5
         lower, upper = wrench_limits(model.thrusters)
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
             model=model,
             K_p=able * w**2,
-            K_d=able * 2.0 * np.asarray(damping_ratio) * w,
+            K_d=able * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + righting),
             K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
             reach=reach,
             lower=lower,
@@ -137,7 +144,7 @@ class Tracking(Block):
             model.mass @ nu_dot
             + coriolis_wrench(model.mass, nu_ref)
             + damping_wrench(model, nu_ref)
-            + restoring_wrench(model, R_nb[2])
+            + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, DOWN)[3:]])
             - disturbance
             + jnp.concatenate([jnp.zeros(3), memory])
         )
@@ -147,3 +154,27 @@ class Tracking(Block):
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
+
+
+def _righting(model: Model) -> np.ndarray:
+    """Moment per angle that rights the vehicle in roll and pitch [N m/rad], shape (6,)."""
+    stiffness = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
+    return np.array([0.0, 0.0, 0.0, stiffness, stiffness, 0.0])
+
+
+def _least_frequency(model: Model) -> np.ndarray:
+    """Frequency of roll, pitch and yaw that holds the vehicle straight at its top speed, shape (6,).
+
+    Munk's moment on a body that is turned by a small angle from its motion at speed U is the difference of its two
+    added masses times U^2 and the angle (Fossen 2021, sec. 6.3.3). Thrusters' lag is what limits the frequency.
+    """
+    _, upper = wrench_limits(model.thrusters)
+    ahead, aside = (steady_speed(model, axis, float(upper[axis])) for axis in range(2))
+    ahead, aside = (speed if np.isfinite(speed) else 0.0 for speed in (ahead, aside))
+    added = np.diagonal(np.asarray(model.added_mass))
+    turning = np.zeros(6)
+    turning[3:] = (added[2] - added[1]) * aside**2, (added[2] - added[0]) * ahead**2, (added[1] - added[0]) * ahead**2
+    stiffness = np.maximum(MARGIN * np.maximum(turning, 0.0) - _righting(model), 0.0)
+    slowest = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
+    most = LAGGED / slowest if slowest > 0.0 else np.inf
+    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.mass))), most)

@@ -23,9 +23,10 @@ from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.gnc.thruster_health import ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
 from rovtwin.scenario.compose_supervisor import THESIS_RULES, rules_of, units
-from rovtwin.scenario.schema import ModelBasedSection, Scenario, ThesisSection
+from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario, ThesisSection
 from rovtwin.simulation.sensors import Sensor
-from rovtwin.vehicle import Model
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.trim import afloat
 
 UP = 0.2  # depth to come up to in a world without a surface [m]
@@ -47,6 +48,18 @@ def autopilot_of(
         return autopilot
     together = units(thrusters)
     return replace(autopilot, monitor=ThrusterHealth.of(model, together), ability=Ability.of(model, together))
+
+
+def tuned_for_another(section: AutopilotSection, vehicle: Vehicle) -> str | None:
+    """One line where `rovtwin tune` found these values for other parts than the vehicle has; None else."""
+    note = section.tuned if isinstance(section, ModelBasedSection) else None
+    now = fingerprint(vehicle.file)
+    if note is None or note.made_with == now:
+        return None
+    return (
+        f"the autopilot was tuned for {note.vehicle} with the parts {note.made_with}, but {vehicle.name} has {now}: it "
+        "flies, with the new vehicle's model, but run rovtwin tune again"
+    )
 
 
 def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:

@@ -16,13 +16,14 @@ from rovtwin.simulation.world import World, walls_of
 from rovtwin.vehicle import Model, Vehicle
 
 
-def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) -> Model:
+def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array, truth: Model | None = None) -> Model:
     """The true vehicle: the model, put into the world's water, perturbed, lifted, with its faults.
 
-    Water and net buoyancy are the plant's alone, as when a vehicle trimmed in a pool goes to sea.
+    Water and net buoyancy are the plant's alone, as when a vehicle trimmed in a pool goes to sea. A given `truth`
+    stands for the model in its water, perturbed.
     """
-    plant = model if world.water is None else vehicle.model(water_density=world.water.kg_per_m3)
-    if world.mismatch:
+    plant = in_water(world, vehicle, model) if truth is None else truth
+    if world.mismatch and truth is None:
         plant = perturbed(plant, key, world.mismatch.damping, world.mismatch.mass, world.mismatch.thrust)
     if world.thruster_health:
         names = list(vehicle.thruster_names)
@@ -38,6 +39,11 @@ def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array) ->
             f"{vehicle.name} has no more buoyancy to lose"
         )
     return plant
+
+
+def in_water(world: WorldSection, vehicle: Vehicle, model: Model) -> Model:
+    """The vehicle's model in the world's water."""
+    return model if world.water is None else vehicle.model(water_density=world.water.kg_per_m3)
 
 
 def world_of(world: WorldSection) -> World:

@@ -90,8 +90,13 @@ class Composed:
         return [float(value) for value in result]
 
 
-def compose(scenario: Scenario) -> Composed:
+def compose(scenario: Scenario, truth: Model | None = None) -> Composed:
     """Blocks of a scenario.
+
+    Args:
+        scenario: What to fly.
+        truth: The vehicle as it truly is, before what the world does to it (`thruster_health`, `net_buoyancy`); None:
+            as the world's `water` and `mismatch` make it.
 
     Raises:
         ConfigError: The vehicle cannot be used, or does not fit the scenario.
@@ -102,7 +107,7 @@ def compose(scenario: Scenario) -> Composed:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
     key_plant, key_run = keys_of(scenario.seed)
     sensors = sensors_of(scenario)
-    plant = plant_of(scenario.world, vehicle, model, key_plant)
+    plant = plant_of(scenario.world, vehicle, model, key_plant, truth)
     require_inside(scenario, model)
     start = start_of(scenario, plant)
     tethers = tethers_of(scenario.world, vehicle, start)

@@ -57,7 +57,7 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
     Args:
         data: As `read_yaml` returned it.
         where: Name of the file, for messages.
-        base: Folder in which mission, vehicle and mesh files are looked for first.
+        base: Folder in which mission, vehicle, autopilot and mesh files are looked for first.
 
     Raises:
         ConfigError: It cannot be used; the message says where and why.
@@ -65,6 +65,8 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
     data = dict(data)
     if isinstance(data.get("mission"), str):
         data["mission"] = load_mission(data["mission"], base).model_dump()
+    if isinstance(data.get("autopilot"), str):
+        data["autopilot"] = _autopilot(data["autopilot"], base)
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
     if base is not None and isinstance(vehicle := data.get("vehicle"), dict):
@@ -84,6 +86,15 @@ def load_mission(name: str, base: Path | None = None) -> MissionSection:
         if path.is_file():
             return parse(MissionSection, read_yaml(path), path.name)
     raise ConfigError(_no_such("mission", name, list_missions()))
+
+
+def _autopilot(name: str, base: Path | None = None) -> str | dict[str, Any]:
+    """What stands in the file of an autopilot; the name itself where it is a preset, or nothing that is there."""
+    if name not in PRESETS:
+        for path in (*([base / name] if base else []), Path(name)):
+            if path.is_file():
+                return read_yaml(path)
+    return name
 
 
 def find_scenario(name: str) -> tuple[dict[str, Any], str, Path | None]:
@@ -162,7 +173,8 @@ def _opened(step: str, value: Any) -> dict[str, Any]:
     if step in ("tethers", "mismatch") and value is True:
         return {}
     if step == "autopilot" and isinstance(value, str):
-        return dict(PRESETS.get(value, {}))
+        found = _autopilot(value)
+        return dict(PRESETS.get(value, {})) if isinstance(found, str) else found
     return {}
 
 

@@ -138,6 +138,7 @@ class Recorder:
             duration=self.seconds,
             health=whole["autopilot/health"],
             energy=self._energy[-1] - self._energy[0] if self._energy else None,
+            reference=whole["autopilot/reference"],
         )
 
 

@@ -30,6 +30,7 @@ class Flown:
         duration: From arming to the end [s].
         energy: Taken from the batteries [J]; None where none are simulated.
         health: What the autopilot believes each thruster gives, shape (n, n_thrusters); None where nobody asked it.
+        reference: Pose that the controller was given, shape (n, 6); None where nobody kept it.
     """
 
     t: np.ndarray
@@ -46,6 +47,7 @@ class Flown:
     duration: float
     energy: float | None = None
     health: np.ndarray | None = None
+    reference: np.ndarray | None = None
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
@@ -122,6 +124,7 @@ def score(flown: Flown) -> dict[str, Any]:
         **_pair("station", np.hypot(*(flown.eta[station, :2] - flown.leg[station, 3:5]).T)),
         # On its way to another depth a vehicle is not at the depth it goes to: that is no error.
         "depth_rms_m": _rms((flown.eta[:, DEPTH] - flown.leg[:, 5])[settled & (phase_of != DIVE)]),
+        "heading_rms_deg": _heading(flown, settled),
         "position_error_rms_m": [_rms(error[:, 0]), _rms(error[:, 1])],
         "nees_position_mean": _mean(position_nees[late]),
         "nees_effective_samples": effective_samples(position_nees[late]) if late.any() else None,
@@ -132,7 +135,7 @@ def score(flown: Flown) -> dict[str, Any]:
 def score_test(flown: Flown) -> dict[str, Any]:
     """Figures of an identification test, by the same names: it has no path to follow and no filter; those are None."""
     missing = ("cross_track_rms_m", "cross_track_max_m", "station_rms_m", "station_max_m", "depth_rms_m",
-               "position_error_rms_m", "nees_position_mean", "nees_effective_samples")  # fmt: skip
+               "heading_rms_deg", "position_error_rms_m", "nees_position_mean", "nees_effective_samples")  # fmt: skip
     return {"test": True, **_ending(flown), **dict.fromkeys(missing), **_exertion(flown)}
 
 
@@ -154,6 +157,13 @@ def _exertion(flown: Flown) -> dict[str, Any]:
         "saturated_share": _mean(flown.saturated.astype(float)),
         "thruster_activity_n_per_s": _rms(rate),
     }
+
+
+def _heading(flown: Flown, settled: np.ndarray) -> float | None:
+    if flown.reference is None:
+        return None
+    error = flown.eta[settled, 5] - flown.reference[settled, 5]
+    return _rms(np.degrees((error + np.pi) % (2 * np.pi) - np.pi))
 
 
 def _pair(name: str, distance: np.ndarray) -> dict[str, float | None]:

@@ -8,6 +8,8 @@ from rovtwin.scenario.schema.autopilot import (
     AutopilotSection,
     ModelBasedSection,
     ThesisSection,
+    TrackingSection,
+    TunedSection,
 )
 from rovtwin.scenario.schema.datum import DatumSection
 from rovtwin.scenario.schema.faults import FaultSection
@@ -50,7 +52,9 @@ __all__ = [
     "TethersSection",
     "ThesisSection",
     "ThesisWavesSection",
+    "TrackingSection",
     "TrialSection",
+    "TunedSection",
     "WaterSection",
     "Waypoint",
     "WorldSection",

@@ -80,6 +80,24 @@ class TrackingSection(Strict):
     turn_rate_deg: Positive = Field(default=30.0, description="largest [deg/s]")
 
 
+class TunedSection(Strict):
+    """How `rovtwin tune` found the values beside it; nothing flies by it."""
+
+    vehicle: str
+    made_with: str = Field(description="fingerprint of the vehicle's parts")
+    scenario: str
+    plants: str = Field(description="what they were drawn from, in words")
+    seas: list[str]
+    seed: int
+    evaluations: int = Field(description="autopilots that were tried")
+    cost: list[Number] = Field(description="of the values before and after, on plants that chose among candidates")
+    held_out: list[Number] = Field(
+        description="mean change of the cost on plants that nobody tuned on, and its 95 % interval"
+    )
+    held_out_plants: int
+    rovtwin: str = Field(description="version")
+
+
 class ModelBasedSection(Strict):
     """Error-state filter, guidance along a smooth path, model-based tracking."""
 
@@ -87,6 +105,7 @@ class ModelBasedSection(Strict):
     navigation: NavigationSection = NavigationSection()
     control: TrackingSection = TrackingSection()
     supervisor: SupervisorSection = SupervisorSection()
+    tuned: TunedSection | None = Field(default=None, description="note of `rovtwin tune`")
 
 
 def _kind(section: Any) -> str:

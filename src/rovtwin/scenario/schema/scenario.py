@@ -77,7 +77,7 @@ class Scenario(Strict):
     def _autopilot_by_name(cls, value: Any) -> Any:
         if isinstance(value, str):
             if value not in PRESETS:
-                raise ValueError(f"no autopilot {value!r}; there are {', '.join(PRESETS)}")
+                raise ValueError(f"no autopilot {value!r}; there are {', '.join(PRESETS)}, or files of `rovtwin tune`")
             return PRESETS[value]
         return value
 

@@ -1,0 +1,214 @@
+"""Tuning from beginning to end: search on drawn plants, choose on others, and judge on plants that neither has seen."""
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rovtwin.campaign.tune_cost import FAILED, Cost
+from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, Crew, Figures, Fleet, crew_of, fleet_of, seas_of
+from rovtwin.campaign.tune_parameters import Space, model_based, value_of, with_values
+from rovtwin.campaign.tune_plants import Plants, plants_of
+from rovtwin.campaign.tune_result import Judged, Tuned, Wish
+from rovtwin.campaign.tune_search import Search, search
+from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.scenario.schema import ModelBasedSection
+
+Progress = Callable[[str, float], None]  # what is going on, share of it, 0 to 1
+WRITING = 6.0  # what files and report take [s]
+
+
+def tune(wish: Wish, progress: Progress = lambda *_: None) -> Tuned:
+    """Search, choose, judge.
+
+    Args:
+        wish: What is wanted.
+        progress: Told what is going on.
+
+    Returns:
+        The tuned autopilot with its verdict. Ctrl-C ends the search, and what was found is judged.
+
+    Raises:
+        ConfigError: The autopilot is not `model_based`, a number is out of range, the scenario cannot be composed, the
+            hand-tuned autopilot fails throughout, or the budget is too short for a single generation.
+        RovtwinError: Ctrl-C came before the first generation.
+    """
+    section = _checked(wish)
+    with crew_of(wish.workers) as crew, Interrupt() as interrupt:
+        return _Tuning(wish, section, crew, progress, lambda: interrupt.asked).run()
+
+
+def _checked(wish: Wish) -> ModelBasedSection:
+    if wish.scenario.mission is None:
+        raise ConfigError(f"{wish.scenario.name}: is a test, not a mission: it has no scores to tune for")
+    section = model_based(wish.scenario.autopilot, wish.scenario.name)
+    if not wish.budget > 0:
+        raise ConfigError(f"--budget-s: found {wish.budget:g}, expected more than 0 seconds; the usual is 170")
+    numbers = (("--plants", 1, wish.plants), ("--held-out", 2, wish.held_out), ("--evaluations", 1, wish.evaluations))
+    for name, least, number in numbers:
+        if number < least:
+            raise ConfigError(f"{name}: found {number}, expected at least {least}")
+    return section
+
+
+class _Tuning:
+    """One tuning under way."""
+
+    def __init__(
+        self, wish: Wish, section: ModelBasedSection, crew: Crew, progress: Progress, interrupted: Callable[[], bool]
+    ):
+        self.wish, self.crew, self.progress, self.interrupted = wish, crew, progress, interrupted
+        self.began, self.marks = time.monotonic(), {}
+        self.space = Space(wish.tunables, section.model_copy(update={"tuned": None}))
+        plants = plants_of(wish.scenario)
+        self.said = plants.said
+        self.fleets = self._fleets(plants)
+        self.hand: dict[int, list[Figures]] = {}  # scores of the hand-tuned autopilot
+        self.judging = 0.0  # wall time of one autopilot over the held-out plants [s]
+        self.pace = 0.0  # wall time of one autopilot over the plants of the search [s]
+
+    def _fleets(self, plants: Plants) -> dict[int, Fleet]:
+        wish = self.wish
+        seas = seas_of(wish.seas, wish.scenario)
+        self._step("composing", 0.0)
+        counts = {TUNING: wish.plants, CHOOSING: wish.plants, HELD_OUT: wish.held_out}
+        return {
+            stream: fleet_of(
+                wish.scenario, plants, seas, stream, n, wish.seed, short=stream != HELD_OUT and not wish.own
+            )
+            for stream, n in counts.items()
+        }
+
+    def _step(self, what: str, share: float) -> None:
+        self.marks.setdefault(what, time.monotonic() - self.began)
+        self.progress(what, share)
+
+    def _flown(
+        self, stream: int, sections: Sequence[ModelBasedSection], what: str, share: float | None = None
+    ) -> list[list[Figures]]:
+        """Scores by autopilot and plant; the first autopilot that a stream's plants fly is the hand-tuned one."""
+        total, done = len(sections) * len(self.fleets[stream].runs), 0
+        self._step(what, share or 0.0)
+
+        def tell() -> None:
+            nonlocal done
+            done += 1
+            self.progress(what, done / total if share is None else share)
+
+        fleet = self.fleets[stream]
+        flown = self.crew.fly(fleet, sections, tell)
+        hand = self.hand.setdefault(stream, flown[0])
+        return [fleet.excused(one, hand) for one in flown]
+
+    def run(self) -> Tuned:
+        """All steps."""
+        held_out_before = self._compiled()
+        cost, start_cost = self._scaled()
+        found = self._searched(cost)
+        section, chosen = self._choose(cost, found)
+        influence = self._influences(cost, section)
+        held_out = self._judged(section, held_out_before)
+        self._step("writing", 0.0)
+        return Tuned(
+            self.wish, self.said, section, cost, found, start_cost, chosen, influence, held_out, self._seconds()
+        )
+
+    def _compiled(self) -> list[Figures]:
+        """The hand-tuned autopilot's held-out flights; what has to be compiled is compiled first, by one thread."""
+        self._step("compiling", 0.0)
+        self.crew.compile([run for fleet in self.fleets.values() for run in fleet.runs])
+        began = time.monotonic()
+        before = self._flown(HELD_OUT, [self.space.section], "hand-tuned, held-out plants")[0]
+        self.judging = time.monotonic() - began
+        return before
+
+    def _scaled(self) -> tuple[Cost, float]:
+        """The cost in units of the hand-tuned autopilot, and what that costs."""
+        fleet = self.fleets[TUNING]
+        began = time.monotonic()
+        figures = self._flown(TUNING, [self.space.section], "hand-tuned")[0]
+        self.pace = time.monotonic() - began
+        cost = Cost.against(self.wish.weights, fleet.seas, figures)
+        start = float(np.mean(cost.all_of(fleet.seas, figures)))
+        if start >= FAILED:
+            raise ConfigError(
+                f"{self.wish.scenario.name}: no flight of the hand-tuned autopilot arrives, so there is nothing to "
+                "measure against; check the scenario with rovtwin fly, or try calmer seas (--sea calm)"
+            )
+        return cost, start
+
+    def _left(self) -> float:
+        """Time for the search [s]: the budget less what comes after."""
+        after = self.judging + (3 + len(self.space.tunables)) * self.pace + WRITING
+        return self.wish.budget - (time.monotonic() - self.began) - after
+
+    def _searched(self, cost: Cost) -> Search:
+        fleet, tried, began = self.fleets[TUNING], 0, time.monotonic()
+
+        def out_of_time(points: int) -> bool:
+            each = (time.monotonic() - began) / tried if tried else self.pace
+            return self.interrupted() or self._left() < each * points
+
+        def of(points: list[np.ndarray]) -> list[float]:
+            nonlocal tried
+            share = min(tried / self.wish.evaluations, 1.0)
+            flown = self._flown(TUNING, [self.space.at(x) for x in points], "searching", share)
+            tried += len(points)
+            return [float(np.mean(cost.all_of(fleet.seas, one))) for one in flown]
+
+        found = search(
+            of,
+            self.space.start,
+            self.space.bounds,
+            seed=self.wish.seed,
+            evaluations=self.wish.evaluations,
+            out_of_time=out_of_time,
+        )
+        if not found.points and self.interrupted():
+            raise RovtwinError("interrupted before anything was tried: nothing to write")
+        if not found.points:
+            raise ConfigError(
+                f"--budget-s: found {self.wish.budget:g}, expected more: compiling, flying the hand-tuned autopilot "
+                f"({time.monotonic() - self.began:.0f} s so far) and judging leave no time for a single generation"
+            )
+        return found
+
+    def _choose(self, cost: Cost, found: Search) -> tuple[ModelBasedSection, tuple[str, float, float]]:
+        """The cheapest of hand-tuned, best point and middle of the last generation, on plants of their own.
+
+        The best point of a search was also lucky with its plants; the middle is less so.
+        """
+        fleet = self.fleets[CHOOSING]
+        offered = {
+            "the hand-tuned values": self.space.section,
+            "the best point of the search": self.space.at(found.best),
+            "the middle of the last generation": self.space.at(found.mean),
+        }
+        flown = self._flown(CHOOSING, list(offered.values()), "choosing")
+        own = Cost.against(cost.weights, fleet.seas, flown[0])
+        costs = [float(np.mean(own.all_of(fleet.seas, one))) for one in flown]
+        i = int(np.argmin(costs))
+        return list(offered.values())[i], (list(offered)[i], costs[0], costs[i])
+
+    def _influences(self, cost: Cost, section: ModelBasedSection) -> dict[str, float]:
+        """What each parameter is worth: the cost with it put back, less the cost of the tuned ones."""
+        fleet, start, names = self.fleets[TUNING], self.space.section, self.space.names
+        if section == start:
+            return dict.fromkeys(names, 0.0)
+        back = [with_values(section, {name: value_of(start, name)}) for name in names]
+        flown = self._flown(TUNING, [section, *back], "putting one back at a time")
+        costs = [float(np.mean(cost.all_of(fleet.seas, one))) for one in flown]
+        return {name: value - costs[0] for name, value in zip(names, costs[1:], strict=True)}
+
+    def _judged(self, section: ModelBasedSection, before: list[Figures]) -> Judged:
+        fleet = self.fleets[HELD_OUT]
+        after = self._flown(HELD_OUT, [section], "tuned, held-out plants")[0]
+        cost = Cost.against(self.wish.weights, fleet.seas, before)
+        return Judged(fleet.seas, before, after, cost.all_of(fleet.seas, before), cost.all_of(fleet.seas, after))
+
+    def _seconds(self) -> dict[str, float]:
+        """How long each step took, and all of it."""
+        names, ends = list(self.marks), [*list(self.marks.values())[1:], time.monotonic() - self.began]
+        steps = {name: end - self.marks[name] for name, end in zip(names, ends, strict=True)}
+        return steps | {"all": time.monotonic() - self.began}

@@ -1,0 +1,190 @@
+"""Flights that judge an autopilot: the same plants, seas and noise for each, by loops that are compiled once.
+
+What is tuned are arrays of the composed loop, so that one compiled program flies all autopilots and all plants of a
+sea. It computes outside of Python's lock: threads fill the cores, and share what is compiled.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rovtwin.campaign.tune_plants import Plants
+from rovtwin.core.block import Block
+from rovtwin.core.config import parse
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.batch import same_program
+from rovtwin.scenario.compose_autopilot import autopilot_of
+from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.files import find_scenario
+from rovtwin.scenario.flight import Recorder
+from rovtwin.scenario.run import CHUNK, chunks
+from rovtwin.scenario.schema import ModelBasedSection, Scenario
+from rovtwin.scenario.score import score
+
+TUNING, CHOOSING, HELD_OUT = range(3)  # streams of random numbers, so that no plant of one is met in another
+SEAS = {"waves": "lawnmower_waves", "sea": "lawnmower_sea"}
+# So calm that nothing moves, but flown by the program of `waves`: half a minute of compiling less.
+CALM = {"model": "thesis", "significant_height": 1e-6, "zero_crossing_period": 8.7, "drift": 0.0}
+USUAL_SEAS = ("calm", "waves", "sea")
+LONGEST = 300.0  # of a held-out flight [s]
+Figures = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Plants, each in its sea, ready to be flown by any autopilot.
+
+    Attributes:
+        runs: Composed, one for each plant.
+        seas: Name of each one's sea.
+        cut: Whether flights are shorter than the scenario allows them to be.
+    """
+
+    runs: list[Composed]
+    seas: list[str]
+    cut: bool
+
+    def autopilot(self, section: ModelBasedSection) -> Block:
+        """The blocks of a section; the same for all plants, which it cannot know."""
+        one = self.runs[0]
+        scenario = one.scenario.model_copy(update={"autopilot": section})
+        return autopilot_of(scenario, one.model, one.loop.twin.sensors, one.loop.autopilot.mission)  # type: ignore[attr-defined]
+
+    def flights(self, sections: Sequence[ModelBasedSection]) -> list[tuple[Composed, Block]]:
+        """Every plant with every autopilot, all plants of the first autopilot first."""
+        return [(run, autopilot) for autopilot in map(self.autopilot, sections) for run in self.runs]
+
+    def excused(self, figures: Sequence[Figures], hand_tuned: Sequence[Figures]) -> list[Figures]:
+        """Scores with the note `cut` where a flight that was cut short did not arrive, nor did the hand-tuned one."""
+        late = [self.cut and not one["completed"] and one["phase"] != "aborted" for one in hand_tuned]
+        return [one | {"cut": so} for one, so in zip(figures, late, strict=True)]
+
+
+def seas_of(names: Sequence[str], scenario: Scenario) -> dict[str, Any]:
+    """The `world.waves` of seas by name: `calm`, `waves`, `sea`, `own`, or those of another scenario.
+
+    Raises:
+        ConfigError: A name is no scenario's.
+    """
+    found: dict[str, Any] = {}
+    for name in names or USUAL_SEAS:
+        if name == "own":
+            found[name] = scenario.world.waves.model_dump() if scenario.world.waves else None
+        elif name == "calm":
+            found[name] = CALM
+        else:
+            try:
+                found[name] = (find_scenario(SEAS.get(name, name))[0].get("world") or {}).get("waves")
+            except ConfigError as error:
+                raise ConfigError(f"--sea: {error} Expected calm, waves, sea, own, or a scenario with waves") from None
+    return found
+
+
+def short_mission(scenario: Scenario) -> dict[str, Any]:
+    """Two legs with a corner, a dive and a hold, from where the scenario starts, at its fastest leg's speed."""
+    north, east, depth = scenario.start.position
+    psi, speed = scenario.heading, max(w.speed for w in scenario.waypoints)
+    long, short = 15.0 * speed, 10.0 * speed
+    ahead, right = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
+    places = [long * ahead, long * ahead + short * right, long * ahead + short * right]
+    rows: list[dict[str, Any]] = [
+        {"position": [north + float(p[0]), east + float(p[1]), depth + dive], "speed": speed, "acceptance": 0.2}
+        for p, dive in zip(places, (0.5, 0.5, 1.0), strict=True)
+    ]
+    # A hold begins wherever the filter was when it came: how near is for the cost to say.
+    rows[-1] |= {"hold_time": 10.0, "acceptance": 2.0}
+    return {"name": "tuning", "description": "two legs, a corner, a dive, a hold", "waypoints": rows}
+
+
+def fleet_of(
+    scenario: Scenario, plants: Plants, seas: dict[str, Any], stream: int, count: int, seed: int, short: bool
+) -> Fleet:
+    """Plants of a stream, in the seas by turns.
+
+    Args:
+        scenario: What is to be flown.
+        plants: What they are drawn from.
+        seas: `world.waves` by name.
+        stream: TUNING, CHOOSING or HELD_OUT.
+        count: How many plants.
+        seed: Master seed.
+        short: Fly the short mission; else the scenario's own, for at most LONGEST seconds.
+
+    Raises:
+        ConfigError: The scenario cannot be composed in a sea.
+    """
+    data = scenario.model_dump()
+    data["world"]["mismatch"] = None
+    if short:
+        data |= {"mission": short_mission(scenario), "duration": 75.0, "faults": [], "battery": None}
+    cut = not short and scenario.duration > LONGEST
+    data["duration"] = min(data["duration"], LONGEST)
+    runs, names = [], []
+    where = f"{scenario.name}{': short mission of the search (or give --own-mission)' if short else ''}"
+    for i in range(count):
+        rng = np.random.default_rng([seed, stream, i])
+        name = list(seas)[i % len(seas)]
+        data["seed"] = int(rng.integers(2**31))
+        data["world"]["waves"] = seas[name]
+        try:
+            runs.append(compose(parse(Scenario, data, scenario.name), plants.drawn(rng)))
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error}") from None
+        names.append(name)
+    return Fleet(runs, names, cut)
+
+
+def fly_one(run: Composed, autopilot: Block) -> Figures:
+    """Scores of one flight, from the truth; those of `rovtwin fly`."""
+    scenario = run.scenario
+    recorder = Recorder(scenario)
+    loop = replace(run.loop, autopilot=autopilot)
+    for record in chunks(loop, run.key, run.start, scenario.control_dt, scenario.duration):
+        recorder.take(record)
+    return score(recorder.flown())
+
+
+class Crew:
+    """Threads that fly, as many as asked for."""
+
+    def __init__(self, pool: ThreadPoolExecutor, workers: int):
+        self._pool, self.workers = pool, workers
+
+    def compile(self, runs: Sequence[Composed]) -> None:
+        """Fly a second with each program of these runs, so that threads find it compiled and don't all compile it."""
+
+        def second(run: Composed) -> None:
+            list(chunks(run.loop, run.key, run.start, run.scenario.control_dt, CHUNK))
+
+        list(self._pool.map(second, [runs[group[0]] for group in same_program(runs)]))
+
+    def fly(
+        self, fleet: Fleet, sections: Sequence[ModelBasedSection], tell: Callable[[], None] = lambda: None
+    ) -> list[list[Figures]]:
+        """Scores of every plant under every autopilot, the plants of one autopilot in a list.
+
+        Args:
+            fleet: Who is flown.
+            sections: The autopilots.
+            tell: Called after each flight.
+        """
+        flights = fleet.flights(sections)
+        figures = []
+        for one in self._pool.map(lambda pair: fly_one(*pair), flights):
+            figures.append(one)
+            tell()
+        n = len(fleet.runs)
+        return [figures[i : i + n] for i in range(0, len(figures), n)]
+
+
+@contextmanager
+def crew_of(workers: int | None = None) -> Iterator[Crew]:
+    """Threads for as many cores as this process may use, or as said."""
+    count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    with ThreadPoolExecutor(count) as pool:
+        yield Crew(pool, count)

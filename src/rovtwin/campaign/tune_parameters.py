@@ -1,0 +1,139 @@
+"""What may be tuned of the model-based autopilot: names, bounds, and the way to a section of a scenario and back."""
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.config import near, parse
+from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.navigation.tuning import Tuning
+from rovtwin.scenario.compose_autopilot import DESIGN_FORCE_WALK
+from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A positive number, searched by its logarithm.
+
+    Attributes:
+        name: Its place in the autopilot's section; an axis by its name.
+        unit: Of the number.
+        low, high: Bounds of the search.
+        usual: Whether it is searched when nobody says what to search.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    usual: bool = True
+
+
+TUNABLES = (
+    Tunable("control.bandwidth.surge", "rad/s", 0.15, 2.0),
+    Tunable("control.bandwidth.sway", "rad/s", 0.15, 2.0),
+    Tunable("control.bandwidth.heave", "rad/s", 0.25, 3.0),
+    Tunable("control.bandwidth.roll", "rad/s", 0.3, 4.0, usual=False),
+    Tunable("control.bandwidth.yaw", "rad/s", 0.3, 4.0),
+    Tunable("control.damping_ratio", "1", 0.5, 2.5),
+    Tunable("control.integral", "1", 0.01, 0.5),
+    Tunable("navigation.force_walk", "N/sqrt(s)", 0.003, 0.5),
+    Tunable("navigation.drag_std", "1", 0.02, 0.6),
+    Tunable("navigation.acceleration_share", "1", 0.01, 0.6),
+    # What is known before the start: a flight of a minute would overdo what a mission of an hour forgets.
+    Tunable("navigation.force_std", "N", 0.1, 10.0, usual=False),
+    Tunable("navigation.current_std", "m/s", 0.01, 0.5, usual=False),
+)
+"""All that can be tuned. Roll is left out unless asked for: no term of the cost sees it."""
+
+
+def chosen(names: Sequence[str] = ()) -> tuple[Tunable, ...]:
+    """The parameters of these names; the usual ones if there is none.
+
+    Raises:
+        ConfigError: A name is unknown, or given twice.
+    """
+    known = {one.name: one for one in TUNABLES}
+    for name in names:
+        if name not in known:
+            raise ConfigError(f"--only: found {name!r}, expected names of {', '.join(known)}.{near(name, list(known))}")
+        if list(names).count(name) > 1:
+            raise ConfigError(f"--only: found {name} twice, expected each name once")
+    return tuple(known[name] for name in names) or tuple(one for one in TUNABLES if one.usual)
+
+
+def model_based(section: AutopilotSection, where: str) -> ModelBasedSection:
+    """The section itself, if it is one that can be tuned.
+
+    Raises:
+        ConfigError: It is another autopilot's.
+    """
+    if not isinstance(section, ModelBasedSection):
+        raise ConfigError(
+            f"{where}: autopilot: found {section.type}, expected model_based, whose gains are what tune searches; "
+            "add --set autopilot=model_based"
+        )
+    return section
+
+
+def value_of(section: ModelBasedSection, name: str) -> float:
+    """A parameter's value in a section, the default where the section leaves it to that."""
+    part, key, *axis = name.split(".")
+    if part == "control":
+        found = getattr(section.control, key)
+        return float(found[AXES.index(axis[0])] if axis else found)
+    found = getattr(section.navigation, key)
+    if found is None:
+        found = DESIGN_FORCE_WALK if key == "force_walk" else inspect.signature(Tuning.of).parameters[key].default
+    return float(found)
+
+
+def with_values(section: ModelBasedSection, values: Mapping[str, float]) -> ModelBasedSection:
+    """The section with other values by name, rounded to four digits as its file has them."""
+    data = section.model_dump()
+    for name, value in values.items():
+        part, key, *axis = name.split(".")
+        rounded = float(f"{value:.4g}")
+        if axis:
+            data[part][key][AXES.index(axis[0])] = rounded
+        else:
+            data[part][key] = rounded
+    return parse(ModelBasedSection, data, "autopilot")
+
+
+@dataclass(frozen=True)
+class Space:
+    """The space that is searched: logarithms of the parameters.
+
+    Attributes:
+        tunables: In the order of its coordinates.
+        section: Where the search begins, and everything that is not searched.
+    """
+
+    tunables: tuple[Tunable, ...]
+    section: ModelBasedSection
+
+    @property
+    def names(self) -> list[str]:
+        """Of the coordinates."""
+        return [one.name for one in self.tunables]
+
+    @property
+    def start(self) -> np.ndarray:
+        """Coordinates of the section, shape (n,); a value of 0 begins at its lower bound."""
+        found = [max(value_of(self.section, one.name), 1e-3 * one.low) for one in self.tunables]
+        return np.log(found)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Least and largest coordinates, shape (n, 2); the start is always within."""
+        edges = np.log([[one.low, one.high] for one in self.tunables])
+        return np.stack([np.minimum(edges[:, 0], self.start), np.maximum(edges[:, 1], self.start)], axis=1)
+
+    def at(self, x: np.ndarray) -> ModelBasedSection:
+        """The section at coordinates x, shape (n,)."""
+        return with_values(self.section, dict(zip(self.names, np.exp(x).tolist(), strict=True)))

@@ -1,0 +1,139 @@
+"""What is wanted of a tuning, and what came out of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.special import stdtrit
+
+from rovtwin.campaign.tune_cost import TERMS, Cost, terms_of
+from rovtwin.campaign.tune_flights import Figures
+from rovtwin.campaign.tune_parameters import Tunable, value_of
+from rovtwin.campaign.tune_search import Search
+from rovtwin.scenario.schema import ModelBasedSection, Scenario
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What somebody wants tuned.
+
+    Attributes:
+        scenario: Its autopilot is where the search begins, its mission that of the held-out flights.
+        tunables: What is searched.
+        seas: Names, see `seas_of`.
+        weights: Of the cost's terms, their sum 1.
+        plants, held_out: How many are tuned on (and chosen on), and how many judge.
+        seed: Master seed.
+        evaluations: Most autopilots that the search tries.
+        budget: Wall time of everything [s].
+        own: Tune on the scenario's own mission, at most 300 s of it.
+        workers: Threads; None: one for each core.
+    """
+
+    scenario: Scenario
+    tunables: tuple[Tunable, ...]
+    seas: Sequence[str]
+    weights: dict[str, float]
+    plants: int = 8
+    held_out: int = 20
+    seed: int = 1
+    evaluations: int = 150
+    budget: float = 170.0
+    own: bool = False
+    workers: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Flights of two autopilots with the same plants, seas and noise.
+
+    Attributes:
+        seas: Of each flight.
+        before, after: Scores of the hand-tuned and of the tuned autopilot.
+        cost_before, cost_after: Costs, shape (n,).
+    """
+
+    seas: list[str]
+    before: list[Figures]
+    after: list[Figures]
+    cost_before: np.ndarray
+    cost_after: np.ndarray
+
+    @property
+    def change(self) -> tuple[float, float, float]:
+        """Mean of the paired differences of the cost, tuned less hand-tuned, and its 95 % interval (Student)."""
+        return paired(self.cost_after - self.cost_before)
+
+    @property
+    def better(self) -> bool:
+        """Whether the whole interval is a gain."""
+        return self.change[2] < 0
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """What came out.
+
+    Attributes:
+        wish: What was asked for.
+        plants: What plants were drawn from, in words.
+        section: The tuned autopilot; that of the scenario where nothing better was found.
+        cost: What is minimised.
+        search: All that was tried.
+        start_cost: Of the scenario's autopilot on the plants of the search.
+        chosen: What was chosen, in words, and costs on the choosing plants: hand-tuned, then chosen.
+        influence: By parameter: cost on the search's plants with this one put back, less that of the tuned one.
+        held_out: The verdict.
+        seconds: Wall time by step [s].
+    """
+
+    wish: Wish
+    plants: str
+    section: ModelBasedSection
+    cost: Cost
+    search: Search
+    start_cost: float
+    chosen: tuple[str, float, float]
+    influence: dict[str, float]
+    held_out: Judged
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def values(self) -> dict[str, tuple[float, float]]:
+        """Parameters by name: before and after."""
+        start = self.search_start
+        return {one.name: (value_of(start, one.name), value_of(self.section, one.name)) for one in self.wish.tunables}
+
+    @property
+    def search_start(self) -> ModelBasedSection:
+        """The scenario's own autopilot."""
+        start = self.wish.scenario.autopilot
+        assert isinstance(start, ModelBasedSection)  # else nothing was tuned
+        return start.model_copy(update={"tuned": None})
+
+
+def paired(differences: np.ndarray) -> tuple[float, float, float]:
+    """Mean of paired differences (n,) and its 95 % interval by Student's t; infinite with a single pair."""
+    n, mean = len(differences), float(np.mean(differences))
+    if n < 2:
+        return mean, -np.inf, np.inf
+    half = float(stdtrit(n - 1, 0.975) * np.std(differences, ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half
+
+
+def terms_table(judged: Judged) -> dict[str, dict[str, Any]]:
+    """Held-out terms by name: means before and after, and the relative change of the mean with its interval."""
+    out = {}
+    pairs = [(terms_of(a), terms_of(b)) for a, b in zip(judged.before, judged.after, strict=True)]
+    for name in TERMS:
+        both = np.array([(a[name], b[name]) for a, b in pairs if a and b and name in a and name in b])
+        if len(both):
+            base = float(both[:, 0].mean())
+            mean, low, high = paired(both[:, 1] - both[:, 0])
+            out[name] = {
+                "before": base,
+                "after": float(both[:, 1].mean()),
+                "change": [mean, low, high],
+                "pairs": len(both),
+            }
+    return out
