@@ -20,6 +20,7 @@ from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance import GuidanceInput
 from rovtwin.gnc.path import Piece, piece_of
+from rovtwin.gnc.steering import Steering, SteeringInput
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, Mode
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
@@ -37,6 +38,7 @@ class PathMemory(eqx.Module):
         speed: Of s [m/s].
         on_arc: Whether s counts along the arc, bool.
         eta: Last set-point, shape (6,).
+        learnt: Memory of the steering; None where the vehicle goes sideways as it likes.
     """
 
     phase: Array
@@ -47,6 +49,7 @@ class PathMemory(eqx.Module):
     speed: Array
     on_arc: Array
     eta: Array
+    learnt: Array | None = None
 
 
 class PathGuidance(Block):
@@ -59,6 +62,7 @@ class PathGuidance(Block):
         patience: How far off the vehicle may be before the point waits, and over how much more it comes to rest [m].
         depth_tolerance: Depth error at which a dive is complete [m].
         heading_tolerance: Heading error at which a leg may begin [rad].
+        steering: Line of sight for a vehicle that cannot push sideways; None for one that can, and crabs.
     """
 
     acceleration: Array = eqx.field(converter=as_array, default=0.05)
@@ -67,19 +71,21 @@ class PathGuidance(Block):
     patience: Array = eqx.field(converter=as_array, default=0.5)
     depth_tolerance: Array = eqx.field(converter=as_array, default=0.05)
     heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
+    steering: Steering | None = None
 
     @classmethod
-    def of(cls, model: Model) -> "PathGuidance":
+    def of(cls, model: Model, steering: Steering | None = None) -> "PathGuidance":
         """Accelerations that leave thrust for drag and disturbances: a quarter of it goes ahead, half sideways."""
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         push = np.minimum(-lower, upper)[:2] / np.diagonal(np.asarray(model.mass))[:2]
         ahead, sideways = np.clip(push * [0.25, 0.5], 0.01, 0.1)
-        return cls(acceleration=ahead, sideways=sideways)
+        return cls(acceleration=ahead, sideways=sideways, steering=steering)
 
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
         eta = _level(start.position, euler_from_quaternion(start.attitude)[2])
-        return PathMemory(zero + IDLE, zero, zero, start.position[:2], jnp.zeros(()), jnp.zeros(()), no, eta)
+        learnt = None if self.steering is None else self.steering.init(key, start)
+        return PathMemory(zero + IDLE, zero, zero, start.position[:2], jnp.zeros(()), jnp.zeros(()), no, eta, learnt)
 
     def step(self, memory: PathMemory, input: GuidanceInput, dt: float) -> tuple[PathMemory, Setpoint]:
         mode = input.mode.mode
@@ -88,7 +94,8 @@ class PathGuidance(Block):
         piece = piece_of(input.mission, memory.waypoint, memory.leg_start, memory.eta[5], self.sideways)
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
-        heading = jnp.where(piece.fixed_heading, piece.heading, direction)
+        memory, steered = self._steered(memory, input.estimate, place, direction, running & going, dt)
+        heading = jnp.where(piece.fixed_heading, piece.heading, steered)
         level = jnp.concatenate([place, piece.end[2:]])
         eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
         # A way-point at which the vehicle stays asks for no heading of its own.
@@ -96,17 +103,38 @@ class PathGuidance(Block):
         eta = jnp.where(mode == MODE_IDLE, _level(input.estimate.eta[:3], input.estimate.eta[5]), eta)
 
         setpoint = _setpoint(memory, piece, input.mode, eta, direction)
-        moved = self._along(memory, piece, input.estimate, eta, running & going, dt)
+        moved = self._along(memory, piece, input.estimate, eta, direction, running & going, dt)
         after = self._advance(moved, piece, input, eta, dt)
         after = jax.tree.map(lambda new, old: jnp.where(running, new, old), after, moved)
         return dataclasses.replace(after, eta=eta), setpoint
 
+    def _steered(
+        self, memory: PathMemory, estimate: Estimate, place: Array, direction: Array, going: Array, dt: float
+    ) -> tuple[PathMemory, Array]:
+        """Heading along the path [rad]: its own direction, or that of the line of sight."""
+        if self.steering is None or memory.learnt is None:
+            return memory, direction
+        off = slow_place(estimate)[:2] - place
+        error = off[1] * jnp.cos(direction) - off[0] * jnp.sin(direction)
+        learnt, heading = self.steering.step(memory.learnt, SteeringInput(error, direction, going), dt)
+        return dataclasses.replace(memory, learnt=learnt), heading
+
     def _along(
-        self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, going: Array, dt: float
+        self,
+        memory: PathMemory,
+        piece: Piece,
+        estimate: Estimate,
+        eta: Array,
+        direction: Array,
+        going: Array,
+        dt: float,
     ) -> PathMemory:
         """The point a tick further."""
         away = eta[:2] - slow_place(estimate)[:2]
-        behind = jnp.sqrt(away @ away + 1e-12)
+        if self.steering is None:
+            behind = jnp.sqrt(away @ away + 1e-12)
+        else:  # beside the path it comes back by going on
+            behind = jnp.abs(away[0] * jnp.cos(direction) + away[1] * jnp.sin(direction))
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         left = jnp.maximum(piece.length - memory.s, 0.0)
         # What can still be braked, the lag's way included: v^2 / 2a + v lag = left.

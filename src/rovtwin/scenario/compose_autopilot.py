@@ -8,6 +8,7 @@ import numpy as np
 from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array, jnp
 from rovtwin.gnc.ability import Ability
+from rovtwin.gnc.allocation import reachable_share
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.ekf_tuning import SENSOR_STD
@@ -19,6 +20,7 @@ from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import RULES
+from rovtwin.gnc.steering import Steering
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.gnc.thruster_health import ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
@@ -67,7 +69,7 @@ def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Se
     return Autopilot(
         observer=navigation_filter(section, model, sensors),
         supervisor=Supervisor(),
-        guidance=PathGuidance.of(model),
+        guidance=PathGuidance.of(model, _steering(section, model)),
         contingency=Contingency(),
         reference=PathReference.of(dive=control.dive_speed, turn=math.radians(control.turn_rate_deg)),
         control=Tracking.of(model, control.bandwidth, control.damping_ratio, control.integral),
@@ -75,6 +77,14 @@ def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Se
         mission=mission,
         health=model.thrusters.health,
     )
+
+
+def _steering(section: ModelBasedSection, model: Model) -> Steering | None:
+    """Line of sight where it is asked for, and where thrusters cannot push sideways."""
+    kind = section.guidance.steering
+    if kind == "auto":
+        kind = "crab" if reachable_share(model.thrusters.configuration)[1] > 0.5 else "alos"
+    return None if kind == "crab" else Steering.of(kind, section.guidance.lookahead)
 
 
 def navigation_filter(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor]) -> NavigationFilter:

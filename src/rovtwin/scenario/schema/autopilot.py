@@ -98,11 +98,22 @@ class TunedSection(Strict):
     rovtwin: str = Field(description="version")
 
 
+class PathSection(Strict):
+    """Guidance along the path."""
+
+    steering: Literal["auto", "crab", "los", "ilos", "alos"] = Field(
+        default="auto",
+        description="crab sideways, or turn by line of sight (plain, integral, adaptive); auto: alos without sway",
+    )
+    lookahead: Positive = Field(default=2.0, description="of the line of sight [m]")
+
+
 class ModelBasedSection(Strict):
     """Error-state filter, guidance along a smooth path, model-based tracking."""
 
     type: Literal["model_based"]
     navigation: NavigationSection = NavigationSection()
+    guidance: PathSection = PathSection()
     control: TrackingSection = TrackingSection()
     supervisor: SupervisorSection = SupervisorSection()
     tuned: TunedSection | None = Field(default=None, description="note of `rovtwin tune`")
