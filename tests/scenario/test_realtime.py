@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from rovtwin.core.flow import ABORT, ABORTED, DIVE, NO_REQUEST, AutopilotInput, Measurement, pack
+from rovtwin.core.flow import (
+    ABORT,
+    ABORTED,
+    DIVE,
+    HELD,
+    NO_REQUEST,
+    SURFACING,
+    AutopilotInput,
+    Measurement,
+    pack,
+)
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.loop import start_loop
@@ -53,3 +63,16 @@ def test_an_operator_is_heard(parts):
     assert host.phase == DIVE
     command = host.step(delivered(1), request=ABORT)
     assert host.phase == ABORTED and not command.u.any()
+
+
+@pytest.mark.parametrize(
+    ("above", "phase"), [((6.0, 0.0, 0.0), SURFACING), ((0.0, 61.0, 0.0), HELD), ((0.0, 0.0, 5.0), SURFACING)]
+)
+def test_a_host_that_hears_nothing_or_comes_late_is_heeded(parts, above, phase):
+    host = HostAutopilot(*parts)
+    for k in range(60):
+        host.step(delivered(k), host=(4.9, 59.0, 0.5))
+    assert host.phase == DIVE
+    for k in range(60, 120):
+        host.step(delivered(k), host=above)
+    assert host.phase == phase

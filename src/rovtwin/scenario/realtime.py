@@ -40,6 +40,7 @@ class HostAutopilot:
         output_places, _ = self._gives.places()
         self._pack = Packer(self._takes, slots, places.measurements)
         self._request = places.request.start
+        self._host = [x.start for x in (places.host.link_age, places.host.operator_age, places.host.lateness)]
         self._u, self._phase = output_places.command.u, output_places.setpoint.phase.start
 
         def tick(parameters: Array, before: Array, taken: Array) -> Array:
@@ -55,10 +56,19 @@ class HostAutopilot:
         self.taken, self.given = self._pack(()), np.asarray(self._after)
         self._tick(self._parameters, self._after, self.taken).block_until_ready()
 
-    def step(self, readings: Sequence[Measurement], request: int = NO_REQUEST) -> Command:
-        """One tick: the command for the readings since the last one, and an operator's request."""
+    def step(
+        self, readings: Sequence[Measurement], request: int = NO_REQUEST, host: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> Command:
+        """One tick: the command for the readings since the last one.
+
+        Args:
+            readings: In order of arrival.
+            request: The operator's, one of core.flow.NO_REQUEST, ...
+            host: Age of the link [s], of the operator's last sign [s], lateness [control periods]; see core.flow.Host.
+        """
         taken = self._pack(readings)
         taken[self._request] = request
+        taken[self._host] = host
         self._after = self._tick(self._parameters, self._after, taken)
         self.taken, self.given = taken, np.asarray(self._after)
         return Command(self.given[self._u])  # type: ignore[arg-type]  (NumPy: it goes to a link)

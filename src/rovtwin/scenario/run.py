@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.block import Start
-from rovtwin.core.flow import ENDS, Command, Measurement, Measurements
+from rovtwin.core.flow import ENDS, NO_REQUEST, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
 from rovtwin.scenario.loop import HostLoop, Loop, Record, start_loop
 from rovtwin.scenario.realtime import HostAutopilot
+from rovtwin.simulation.topside import Topside
 from rovtwin.simulation.twin import TwinInput
 
 CHUNK = 1.0  # simulated time between looks from outside [s]
@@ -70,6 +71,7 @@ def realtime_chunks(
     step_twin = jax.jit(lambda twin, memory, command, k: twin.step(memory, TwinInput(command, k), control_dt))
     move = partial(step_twin, loop.twin)  # parameters are arguments: as constants they would be compiled anew each time
     autopilot = HostAutopilot(loop.autopilot, memory.autopilot, memory.measurements, control_dt)
+    above = _above(loop.topside, control_dt)
     off = jnp.zeros(loop.twin.model.thrusters.count)
     jax.block_until_ready(move(memory.twin, Command(off), 0))
 
@@ -92,7 +94,9 @@ def realtime_chunks(
             while link.tick < k:
                 sleep(max(0.0, k * control_dt - now()))
                 readings = link.read()
-            link.send(autopilot.step(readings))
+            (link_age, operator_age, late), request = above(k)
+            late = max(late, (now() - k * control_dt) / control_dt)
+            link.send(autopilot.step(readings, request, (link_age, operator_age, late)))
             # The command is out; from here on there is time.
             rows.append((truth.now, autopilot.taken, autopilot.given))
             if len(rows) == ticks or k == total - 1 or autopilot.phase in ENDS:
@@ -101,6 +105,19 @@ def realtime_chunks(
                 yield kept
                 if over:
                     return
+
+
+def _above(topside: Topside | None, control_dt: float) -> Callable[[int], tuple[tuple[float, float, float], int]]:
+    """What the host of a tick knows (see `HostAutopilot.step`), and the operator's request."""
+    if topside is None:
+        return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST)
+    look = jax.jit(lambda t: topside.at(t, control_dt))
+
+    def at(k: int) -> tuple[tuple[float, float, float], int]:
+        host, request = jax.device_get(look(k * control_dt))
+        return (float(host.link_age), float(host.operator_age), float(host.lateness)), int(request)
+
+    return at
 
 
 def _recorded(autopilot: HostAutopilot, rows: list[tuple[Any, np.ndarray, np.ndarray]]) -> Record:
