@@ -11,6 +11,7 @@ from rovtwin.core.flow import GO, HELD, LEAK, RETURNED, RETURNING, SURFACED, SUR
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.gnc.contingency import Contingency, ContingencyInput
 from rovtwin.gnc.supervisor import (
+    MODE_ABORTED,
     MODE_HOLDING,
     MODE_PAUSED,
     MODE_RETURNING,
@@ -102,11 +103,22 @@ def test_surfacing_goes_straight_up_and_stays():
 
 def test_a_vehicle_already_at_the_surface_is_not_sent_down():
     memory = BLOCK.init(jax.random.key(0), START)
-    up = ON_LEG.eta.at[2].set(0.05)
-    given = ContingencyInput(ON_LEG, estimate_of(up), Mode(jnp.asarray(MODE_SURFACING), jnp.asarray(LEAK)))
-    memory = jax.tree.map(lambda x: x, memory)
-    memory, asked = BLOCK.step(memory, given, DT)
-    assert float(asked.eta[2]) <= 0.5 and int(asked.phase) == SURFACED
+    given = ContingencyInput(
+        FAR_AHEAD, estimate_of(ON_LEG.eta.at[2].set(0.05)), Mode(jnp.asarray(MODE_SURFACING), jnp.asarray(LEAK))
+    )
+    for _ in range(100):
+        memory, asked = BLOCK.step(memory, given, DT)
+        assert float(asked.eta[2]) <= 0.06 and int(asked.phase) == SURFACED
+
+
+def test_after_an_abort_it_stays_where_it_has_drifted_to():
+    """Not drawn back to the path, nor down again, by arming alone."""
+    memory = BLOCK.init(jax.random.key(0), START)
+    drifted = estimate_of([9.0, -4.0, 0.3, 0.0, 0.0, 1.0])
+    for mode in [MODE_RUNNING] * 5 + [MODE_ABORTED] * 5 + [MODE_PAUSED] * 50:
+        given = ContingencyInput(FAR_AHEAD, drifted, Mode(jnp.asarray(mode), jnp.asarray(0)))
+        memory, asked = BLOCK.step(memory, given, DT)
+    assert np.allclose(asked.eta, drifted.eta)
 
 
 def test_paused_after_a_fail_safe_it_stays_and_running_it_goes_back_to_guidance():

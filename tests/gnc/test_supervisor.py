@@ -66,7 +66,7 @@ def reading(name, value):
     return {name: Slot(slot.value.at[0, 0].set(value), ~slot.valid, slot.t_valid)}
 
 
-def watched(request=NO_REQUEST, estimate=None, readings=None, host=None, shortfall=None, ability=FINE):
+def watched(request=NO_REQUEST, estimate=None, readings=None, host=None, shortfall=None, ability=FINE, saturated=False):
     return Watched(
         at() if estimate is None else estimate,
         jnp.asarray(request),
@@ -74,6 +74,7 @@ def watched(request=NO_REQUEST, estimate=None, readings=None, host=None, shortfa
         Host() if host is None else host,
         jnp.zeros(6) if shortfall is None else jnp.asarray(shortfall),
         jnp.asarray(ability),
+        jnp.broadcast_to(jnp.asarray(saturated), 6),
     )
 
 
@@ -95,7 +96,7 @@ def ask(mode, request=NO_REQUEST, reason=NO_REASON, **others):
 
 REQUESTS = (NO_REQUEST, PAUSE, RESUME, ABORT, ARM)
 TABLE = {
-    MODE_IDLE: (MODE_RUNNING, MODE_IDLE, MODE_RUNNING, MODE_ABORTED, MODE_RUNNING),
+    MODE_IDLE: (MODE_RUNNING, MODE_IDLE, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED),
     MODE_RUNNING: (MODE_RUNNING, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_RUNNING),
     MODE_PAUSED: (MODE_PAUSED, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED),
 }
@@ -125,8 +126,52 @@ def test_arm_leads_to_paused_once_the_cause_is_over(mode):
     assert go_on(begun(mode, flow.DEPTH_LIMIT), deep)[1] == MODE_ABORTED, "still too deep"
 
 
+def test_arm_overrules_a_rule_that_still_applies_until_it_has_ceased_once():
+    """Near the floor a vehicle holds; the operator has to be able to fly it away from there."""
+    low, clear = TRIGGERS["altitude limit"]
+    memory, mode, _ = go_on(begun(), low, 2.0)
+    assert mode == MODE_HOLDING
+    memory, mode, reason = go_on(memory, dataclasses.replace(low, request=jnp.asarray(ARM)))
+    assert (mode, reason) == (MODE_PAUSED, NO_REASON)
+    memory, mode, _ = go_on(memory, dataclasses.replace(low, request=jnp.asarray(RESUME)), 5.0)
+    assert mode == MODE_RUNNING
+    memory, mode, _ = go_on(memory, clear, 2.0)
+    assert go_on(memory, low, 2.0)[1] == MODE_HOLDING, "it counts again"
+
+
+def test_other_rules_count_while_one_is_overruled():
+    low, leak = TRIGGERS["altitude limit"][0], TRIGGERS["leak"][0]
+    memory, _, _ = go_on(begun(), low, 2.0)
+    memory, mode, _ = go_on(memory, dataclasses.replace(low, request=jnp.asarray(ARM)))
+    both = dataclasses.replace(low, measurements=low.measurements | reading("leak", 1.0))
+    assert mode == MODE_PAUSED and go_on(memory, both, 2.0)[1:] == (MODE_SURFACING, flow.LEAK) and leak
+
+
+@pytest.mark.parametrize("name", ["leak", "link lost", "operator silent", "battery low", "saturated", "geofence"])
+def test_while_idle_no_rule_starts_a_thruster(name):
+    """On deck, in somebody's hands."""
+    waiting = dataclasses.replace(TRIGGERS[name][0], request=jnp.asarray(PAUSE))
+    assert go_on(begun(MODE_IDLE), waiting, 60.0)[1:] == (MODE_IDLE, NO_REASON)
+
+
+def test_while_idle_no_position_is_missed():
+    refused = dataclasses.replace(at(), nis=jnp.zeros(4), nis_dof=jnp.zeros(4))
+    memory, mode, _ = go_on(begun(MODE_IDLE), watched(PAUSE, refused), 200.0)
+    assert mode == MODE_IDLE and go_on(memory, watched(estimate=refused), 10.0)[1] == MODE_RUNNING
+
+
+def test_near_the_floor_on_its_way_home_it_goes_up():
+    assert go_on(begun(MODE_RETURNING, flow.BATTERY_LOW), TRIGGERS["altitude limit"][0], 2.0)[1] == MODE_SURFACING
+
+
+def test_a_negative_variance_is_no_knowledge():
+    broken = eqx.tree_at(lambda e: e.covariance, at(), -jnp.eye(12))
+    assert ask(MODE_RUNNING, estimate=broken) == (MODE_ABORTED, flow.ESTIMATE_LOST)
+
+
 # Rule: what calls it (a Watched), and what just does not.
 SHORT = [0.0, 1.1, 0.0, 0.0, 0.0, 0.0]
+CUT, ROLL = np.arange(6) == 2, np.arange(6) == 3
 TRIGGERS = {
     "depth limit": (watched(estimate=at(z=20.1)), watched(estimate=at(z=19.9))),
     "attitude limit": (watched(estimate=at(theta=-0.81)), watched(estimate=at(theta=-0.79))),
@@ -135,7 +180,7 @@ TRIGGERS = {
     "battery critical": (watched(readings=reading("battery", 0.09)), watched(readings=reading("battery", 0.11))),
     "battery low": (watched(readings=reading("battery", 0.19)), watched(readings=reading("battery", 0.21))),
     "thruster failed": (watched(ability=UNABLE), watched(ability=FINE)),
-    "saturated": (watched(shortfall=SHORT), watched(shortfall=[1.9, 0.9, 1.9, 99.0, 99.0, 0.4])),
+    "saturated": (watched(saturated=CUT), watched(saturated=ROLL, shortfall=[1.9, 0.9, 1.9, 99.0, 99.0, 0.4])),
     "link lost": (watched(host=Host(link_age=jnp.asarray(5.1))), watched(host=Host(link_age=jnp.asarray(4.9)))),
     "deadline missed": (watched(host=Host(lateness=jnp.asarray(6.0))), watched(host=Host(lateness=jnp.asarray(0.9)))),
     "operator silent": (
@@ -177,7 +222,10 @@ def test_a_rule_can_be_ignored_or_answered_otherwise(name):
     input, _ = TRIGGERS[name]
     for action in ACTIONS:
         _, mode, _ = go_on(begun(), input, RULES[name].after + 2 * DT, only(name, action))
-        assert mode == (MODE_RUNNING if action == "ignore" else MODE_PAUSED + ACTIONS.index(action))
+        expected = MODE_RUNNING if action == "ignore" else MODE_PAUSED + ACTIONS.index(action)
+        if (name, action) == ("altitude limit", "return"):
+            expected = MODE_SURFACING  # home along the floor is no way
+        assert mode == expected
 
 
 def test_a_flicker_is_no_trigger():
@@ -187,6 +235,10 @@ def test_a_flicker_is_no_trigger():
         memory, mode, _ = go_on(memory, input, 20.0)
         memory, mode, _ = go_on(memory, fine)
     assert mode == MODE_RUNNING
+
+
+def test_a_wrench_that_thrusters_do_not_make_counts_as_saturated():
+    assert go_on(begun(), watched(shortfall=SHORT), 32.0, only("saturated"))[1] == MODE_SURFACING
 
 
 def test_the_graver_action_takes_over_and_stays():

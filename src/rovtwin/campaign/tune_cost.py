@@ -8,6 +8,7 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import FAIL_SAFE_PHASES
 
 FAILED = 10.0
 """Cost of a flight that is aborted, does not arrive, or leaves no number."""
@@ -64,7 +65,7 @@ def terms_of(figures: Mapping[str, Any]) -> dict[str, float] | None:
     Args:
         figures: Of `scenario.score.score`.
     """
-    if figures["phase"] == "aborted" or (not figures["completed"] and not figures.get("cut")):
+    if figures["phase"] in FAIL_SAFE_PHASES or (not figures["completed"] and not figures.get("cut")):
         return None
     off = [figures[name] for name in ("cross_track_rms_m", "station_rms_m") if figures[name] is not None]
     terms = {

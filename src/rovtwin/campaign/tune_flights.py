@@ -17,6 +17,7 @@ from rovtwin.campaign.tune_plants import Plants
 from rovtwin.core.block import Block
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.scenario.batch import same_program
 from rovtwin.scenario.compose_autopilot import autopilot_of
 from rovtwin.scenario.composition import Composed, compose
@@ -53,7 +54,8 @@ class Fleet:
         """The blocks of a section; the same for all plants, which it cannot know."""
         one = self.runs[0]
         scenario = one.scenario.model_copy(update={"autopilot": section})
-        return autopilot_of(scenario, one.model, one.loop.twin.sensors, one.loop.autopilot.mission)  # type: ignore[attr-defined]
+        mission = one.loop.autopilot.mission  # type: ignore[attr-defined]
+        return autopilot_of(scenario, one.model, one.loop.twin.sensors, mission, list(one.vehicle.thruster_names))
 
     def flights(self, sections: Sequence[ModelBasedSection]) -> list[tuple[Composed, Block]]:
         """Every plant with every autopilot, all plants of the first autopilot first."""
@@ -61,7 +63,7 @@ class Fleet:
 
     def excused(self, figures: Sequence[Figures], hand_tuned: Sequence[Figures]) -> list[Figures]:
         """Scores with the note `cut` where a flight that was cut short did not arrive, nor did the hand-tuned one."""
-        late = [self.cut and not one["completed"] and one["phase"] != "aborted" for one in hand_tuned]
+        late = [self.cut and not one["completed"] and one["phase"] not in FAIL_SAFE_PHASES for one in hand_tuned]
         return [one | {"cut": so} for one, so in zip(figures, late, strict=True)]
 
 

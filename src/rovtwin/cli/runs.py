@@ -23,7 +23,6 @@ Overrides = Annotated[
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all randomness; default the scenario's.")]
 
-ACTED = ("aborted", "held", "returning", "returned", "surfacing", "surfaced")  # phases a fail-safe leads to
 FIGURES = (
     ("duration", "duration_s", "s"),
     ("cross-track rms", "cross_track_rms_m", "m"),
@@ -136,7 +135,9 @@ def _bar(counter: str) -> Progress:
 def _closing_table(flight: Any, screen: Console) -> None:
     summary = flight.summary
     done = "test done" if summary.get("test") else "completed"
-    acted = "" if summary["phase"] not in ACTED else f"{summary['phase']}, "
+    from rovtwin.core.flow import FAIL_SAFE_PHASES
+
+    acted = "" if summary["phase"] not in FAIL_SAFE_PHASES else f"{summary['phase']}, "
     verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"
     rows = table("", "figure", "value")
     for label, key, unit in FIGURES:

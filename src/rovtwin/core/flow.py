@@ -18,6 +18,7 @@ PHASES = (
 )
 IDLE, DIVE, TURN, GO, HOLD, PAUSED, FINISHED, ABORTED = range(8)
 HELD, RETURNING, RETURNED, SURFACING, SURFACED = range(8, 13)
+FAIL_SAFE_PHASES = ("aborted", "held", "returning", "returned", "surfacing", "surfaced")
 ENDS = (FINISHED, ABORTED, RETURNED, SURFACED)  # after which nothing more happens unless an operator wants it
 
 REASONS = (  # the gravest first

@@ -20,11 +20,13 @@ class Ability(eqx.Module):
     """What the loss of thrusters leaves.
 
     Attributes:
+        heave: Share of all heave that each thruster gives, shape (n,).
         lost: Thrusters, 1 where lost, shape (k, n).
         verdict: FINE: the mission can go on. UNABLE: it cannot, but the vehicle can come up. HEAVE_LOST: not even that.
             Shape (k,), int.
     """
 
+    heave: Array
     lost: Array
     verdict: Array
 
@@ -41,12 +43,15 @@ class Ability(eqx.Module):
         # Roll and pitch right themselves.
         able = enough[:, [0, 1, 2, 5]].all(axis=1)
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
-        return cls(as_array(lost), jnp.asarray(verdict))
+        heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])
+        return cls(as_array(heave / max(heave.sum(), 1e-12)), as_array(lost), jnp.asarray(verdict))
 
     def judged(self, health: Array) -> Array:
         """FINE, UNABLE or HEAVE_LOST, int, for a health of 1 or 0 of each thruster, shape (n,)."""
         known = jnp.all(self.lost == (health < 0.5), axis=1)
-        return jnp.where(jnp.any(known), jnp.max(jnp.where(known, self.verdict, FINE)), HEAVE_LOST)
+        # More than the table knows: no mission, but up as long as there is some heave.
+        beyond = jnp.where(self.heave @ health >= LEAST, UNABLE, HEAVE_LOST)
+        return jnp.where(jnp.any(known), jnp.max(jnp.where(known, self.verdict, FINE)), beyond)
 
 
 _remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))

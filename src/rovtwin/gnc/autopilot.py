@@ -5,7 +5,7 @@ from typing import Any, Literal
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import AutopilotInput, AutopilotOutput, Command, Estimate, Mission, Reference, Wrench
+from rovtwin.core.flow import ARM, AutopilotInput, AutopilotOutput, Command, Estimate, Mission, Reference, Wrench
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.ability import FINE, Ability
 from rovtwin.gnc.allocation import Allocation, AllocationInput, Saturation
@@ -37,6 +37,7 @@ class AutopilotMemory(eqx.Module):
     allocation: Any
     command: Command
     shortfall: Array
+    saturated: Array
 
 
 class Autopilot(Block):
@@ -112,23 +113,25 @@ class Autopilot(Block):
         keys = jax.random.split(key, len(names))
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
         parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
-        return AutopilotMemory(**parts, command=Command(jnp.zeros_like(self.health)), shortfall=jnp.zeros(6))
+        none, free = jnp.zeros(6), jnp.zeros(6, dtype=bool)
+        return AutopilotMemory(**parts, command=Command(jnp.zeros_like(self.health)), shortfall=none, saturated=free)
 
     def step(
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
     ) -> tuple[AutopilotMemory, AutopilotOutput]:
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
-        monitor, health, ability = self._monitored(memory, estimate, dt)
-        watched = Watched(estimate, input.request, input.measurements, input.host, memory.shortfall, ability)
-        supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
-        guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(estimate, self.mission, mode), dt)
-        contingency, setpoint = self.contingency.step(
-            memory.contingency, ContingencyInput(asked, _usable(estimate), mode), dt
+        monitor, health, ability = self._monitored(memory, estimate, input.request, dt)
+        watched = Watched(
+            estimate, input.request, input.measurements, input.host, memory.shortfall, ability, memory.saturated
         )
+        supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
+        known = _usable(estimate)
+        guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(known, self.mission, mode), dt)
+        contingency, setpoint = self.contingency.step(memory.contingency, ContingencyInput(asked, known, mode), dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
         on = mode.active
-        feedback = ControlInput(_usable(estimate), path, memory.shortfall)
+        feedback = ControlInput(known, path, memory.shortfall)
         control, wanted = self.control.step(memory.control, feedback, dt)
         tau = jnp.where(on, wanted.tau, 0.0)
         allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health), dt)
@@ -148,16 +151,21 @@ class Autopilot(Block):
             allocation,
             command,
             jnp.where(on, shortfall, 0.0),
+            on & wanted.saturated,
         )
         return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
 
     def _monitored(
-        self, memory: AutopilotMemory, estimate: Estimate, dt: float
+        self, memory: AutopilotMemory, estimate: Estimate, request: Array, dt: float
     ) -> tuple[HealthMemory | None, Array, Array]:
-        """The monitor's memory, health of each thruster, shape (n_thrusters,), and what can be done with it, int."""
+        """The monitor's memory, health of each thruster, shape (n_thrusters,), and what can be done with it, int.
+
+        An operator who arms wants to try thrusters again that were given up.
+        """
         if self.monitor is None or self.ability is None or memory.monitor is None:
             return None, self.health, jnp.asarray(FINE)
-        monitor, found = self.monitor.step(memory.monitor, HealthInput(estimate, memory.command), dt)
+        before = memory.monitor.retried(request == ARM)
+        monitor, found = self.monitor.step(before, HealthInput(estimate, memory.command), dt)
         return monitor, self.health * found, self.ability.judged(found)
 
 

@@ -15,7 +15,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import HELD, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.gnc.supervisor import MODE_HOLDING, MODE_PAUSED, MODE_RETURNING, MODE_SURFACING, Mode
+from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_HOLDING, MODE_PAUSED, MODE_RETURNING, MODE_SURFACING, Mode
 
 
 class ContingencyInput(eqx.Module):
@@ -34,6 +34,7 @@ class ContingencyMemory(eqx.Module):
         eta: Last set-point, shape (6,).
         velocity: Of it, n [m/s], shape (3,).
         away: Whether the vehicle was taken off its mission and has not gone on with it yet, bool.
+        follows: Whether it was asked to go where this block says in the last tick, bool.
         there: Whether it has arrived, bool.
     """
 
@@ -41,6 +42,7 @@ class ContingencyMemory(eqx.Module):
     eta: Array
     velocity: Array
     away: Array
+    follows: Array
     there: Array
 
 
@@ -51,32 +53,37 @@ class Contingency(Block):
         speed: Largest, level and upwards [m/s].
         acceleration: Largest [m/s2].
         surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
-        near: How close to home, or to the surface, is there [m].
+        near: How close to home is there [m].
+        afloat: How close to the surface is there [m].
     """
 
     speed: Array = eqx.field(converter=as_array, default=0.2)
     acceleration: Array = eqx.field(converter=as_array, default=0.05)
     surface: Array = eqx.field(converter=as_array, default=0.2)
     near: Array = eqx.field(converter=as_array, default=0.5)
+    afloat: Array = eqx.field(converter=as_array, default=0.15)
 
     def init(self, key: Array, start: Start) -> ContingencyMemory:
         heading = euler_from_quaternion(start.attitude)[2]
         eta = jnp.concatenate([start.position, jnp.zeros(2), heading[None]])
         no = jnp.asarray(False)
-        return ContingencyMemory(start.position, eta, jnp.zeros(3), no, no)
+        return ContingencyMemory(start.position, eta, jnp.zeros(3), no, no, no)
 
     def step(self, memory: ContingencyMemory, input: ContingencyInput, dt: float) -> tuple[ContingencyMemory, Setpoint]:
         mode, asked = input.mode.mode, input.setpoint
         holding, returning, surfacing = (mode == m for m in (MODE_HOLDING, MODE_RETURNING, MODE_SURFACING))
         takes = holding | returning | surfacing
-        away = takes | (memory.away & (mode == MODE_PAUSED))
+        follows = takes | (memory.away & (mode == MODE_PAUSED))
+        # After an abort, too, the vehicle stays where it has drifted to until the operator resumes.
+        away = follows | (mode == MODE_ABORTED)
 
-        velocity = self._velocity(memory, returning, surfacing, dt)
-        eta = memory.eta.at[:3].add(dt * velocity)
-        eta = eta.at[5].set(jnp.where(returning, self._homeward(memory), eta[5]))
-        there = self._there(memory, input.estimate, returning, surfacing)
-        moved = ContingencyMemory(memory.home, eta, velocity, away, there & takes)
-        after = jax.tree.map(lambda new, old: jnp.where(away, new, old), moved, self._beside(memory, input.estimate))
+        began = self._beside(memory, input.estimate)
+        base = jax.tree.map(lambda old, new: jnp.where(memory.follows, old, new), memory, began)
+        velocity = self._velocity(base, returning, surfacing, dt)
+        eta = base.eta.at[:3].add(dt * velocity)
+        eta = eta.at[5].set(jnp.where(returning, self._homeward(base, input.estimate), eta[5]))
+        there = self._there(base, input.estimate, returning, surfacing)
+        after = ContingencyMemory(memory.home, eta, velocity, away, follows, there & takes)
 
         phase = jnp.where(surfacing, jnp.where(there, SURFACED, SURFACING), HELD)
         phase = jnp.where(returning, jnp.where(there, RETURNED, RETURNING), phase)
@@ -90,7 +97,7 @@ class Contingency(Block):
             phase=jnp.where(takes, phase, asked.phase),
             reason=input.mode.reason,
         )
-        return after, jax.tree.map(lambda new, old: jnp.where(away, new, old), own, asked)
+        return after, jax.tree.map(lambda new, old: jnp.where(follows, new, old), own, asked)
 
     def _beside(self, memory: ContingencyMemory, estimate: Estimate) -> ContingencyMemory:
         """Where a contingency would begin: with the vehicle, as fast as it moves but for the waves.
@@ -103,7 +110,7 @@ class Contingency(Block):
         velocity = velocity * jnp.minimum(1.0, self.speed / speed)
         eta = jnp.concatenate([place, jnp.zeros(2), estimate.eta[5:]])
         no = jnp.asarray(False)
-        return ContingencyMemory(memory.home, eta, velocity, no, no)
+        return ContingencyMemory(memory.home, eta, velocity, no, no, no)
 
     def _velocity(self, memory: ContingencyMemory, returning: Array, surfacing: Array, dt: float) -> Array:
         """Of the point, n [m/s], shape (3,): towards the goal, as fast as it can still be stopped there."""
@@ -117,9 +124,12 @@ class Contingency(Block):
         size = jnp.sqrt(change @ change + 1e-12)
         return memory.velocity + change * jnp.minimum(1.0, 2.0 * self.acceleration * dt / size)
 
-    def _homeward(self, memory: ContingencyMemory) -> Array:
-        """Heading towards home, or as it is once home is near."""
-        level = memory.home[:2] - memory.eta[:2]
+    def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
+        """Heading from the vehicle towards home, or as it is once home is near.
+
+        From the vehicle, not from the point: one that cannot push sideways gets home by heading there.
+        """
+        level = memory.home[:2] - estimate.eta[:2]
         far = level @ level > (2.0 * self.near) ** 2
         return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.eta[5])
 
@@ -127,7 +137,7 @@ class Contingency(Block):
         place = estimate.eta[:3] - estimate.wave[:3]
         level = place[:2] - memory.home[:2]
         home = returning & (level @ level < self.near**2)
-        return (memory.there & (returning | surfacing)) | home | (surfacing & (place[2] < self.surface + self.near))
+        return (memory.there & (returning | surfacing)) | home | (surfacing & (place[2] < self.surface + self.afloat))
 
 
 def _turned(heading: Array) -> Array:

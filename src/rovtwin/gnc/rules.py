@@ -40,7 +40,7 @@ RULES: dict[str, Rule] = {
     "thruster failed": Rule(np.nan, 0.0, "surface"),  # and what is left is too little to go on
     "saturated": Rule(np.nan, 30.0, "surface"),  # wrench short of what the controller wants
     "link lost": Rule(5.0, 0.0, "surface"),  # since the vehicle was last heard [s]
-    "deadline missed": Rule(1.0, 1.0, "surface"),  # lateness of ticks, in control periods
+    "deadline missed": Rule(5.0, 1.0, "surface"),  # lateness of ticks, in control periods
     "battery low": Rule(0.20, 5.0, "return"),
     "geofence": Rule(np.inf, 1.0, "return"),  # distance from the start [m]
     "altitude limit": Rule(0.0, 0.5, "hold"),  # least distance to the floor [m]
@@ -84,7 +84,17 @@ class Rules(eqx.Module):
 
 
 class Watched(eqx.Module):
-    """What there is to judge: see `supervisor.SupervisorInput`."""
+    """What there is to judge.
+
+    Attributes:
+        estimate: The observer's.
+        request: The operator's, int.
+        measurements: As they came; position, battery, altimeter and leak are looked at.
+        host: Ages and lateness.
+        shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
+        ability: FINE, UNABLE or HEAVE_LOST, see `ability`, int.
+        saturated: Axes on which a limit cut what the controller wanted, shape (6,), bool.
+    """
 
     estimate: Estimate
     request: Array
@@ -92,6 +102,7 @@ class Watched(eqx.Module):
     host: Host = eqx.field(default_factory=Host)
     shortfall: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
     ability: Array = eqx.field(default_factory=lambda: jnp.asarray(FINE))
+    saturated: Array = eqx.field(default_factory=lambda: jnp.zeros(6, dtype=bool))
 
 
 class Watch(eqx.Module):
@@ -133,15 +144,16 @@ class Watch(eqx.Module):
             k = sorted(measurements).index("position")
             heard, squares = estimate.nis_dof[k], estimate.nis[k]
         fade = jnp.exp(-dt / NIS_WINDOW)
+        waited = jnp.where(begun, dt, 0.0) if "position" in measurements else 0.0
         seen = Watch(
             lasting=self.lasting,
             home=self.home,
             # Who arms again winds the mission's clock up again.
             elapsed=jnp.where(input.request == flow.ARM, 0.0, self.elapsed + jnp.where(begun, dt, 0.0)),
-            leak=_last(measurements, "leak", 1.0 * self.leak) > 0.5,
+            leak=_last(measurements, "leak", self.leak.astype(self.charge.dtype)) > 0.5,
             charge=_last(measurements, "battery", self.charge),
             altitude=_last(measurements, "altimeter", self.altitude),
-            silence=jnp.where(heard > 0.0, 0.0, self.silence + dt) if "position" in measurements else self.silence,
+            silence=jnp.where(heard > 0.0, 0.0, self.silence + waited),
             nis=fade * self.nis + squares,
             dof=fade * self.dof + heard,
         )
@@ -159,6 +171,7 @@ class Watch(eqx.Module):
         place = estimate.eta[:2]
         off = place - self.home
         short = jnp.any(jnp.abs(input.shortfall) > rules.allowance)
+        short = short | jnp.any(input.saturated & jnp.isfinite(rules.allowance))
         outside = jnp.sqrt(off @ off) > rules.limit[flow.GEOFENCE]
         if rules.fence is not None:
             outside = outside | ~inside(rules.fence, place)
@@ -168,7 +181,8 @@ class Watch(eqx.Module):
             flow.OPERATOR: input.request == flow.ABORT,
             flow.DEPTH_LIMIT: estimate.eta[2] > rules.limit[flow.DEPTH_LIMIT],
             flow.ATTITUDE_LIMIT: jnp.max(jnp.abs(estimate.eta[3:5])) > rules.limit[flow.ATTITUDE_LIMIT],
-            flow.ESTIMATE_LOST: spread > rules.limit[flow.ESTIMATE_LOST],
+            # A variance that is negative has no root, and is no knowledge either.
+            flow.ESTIMATE_LOST: ~(spread <= rules.limit[flow.ESTIMATE_LOST]),
             flow.LEAK: self.leak,
             flow.BATTERY_CRITICAL: self.charge < rules.limit[flow.BATTERY_CRITICAL],
             flow.FILTER_DIVERGED: (self.dof > FEW) & (self.nis > rules.limit[flow.FILTER_DIVERGED] * self.dof),
@@ -196,8 +210,8 @@ def inside(corners: Array, place: Array) -> Array:
 
 
 def is_finite(estimate: Estimate) -> Array:
-    """Whether pose, velocity, disturbance and covariance are all numbers, bool."""
-    parts = (estimate.eta, estimate.nu, estimate.bias, estimate.covariance)
+    """Whether pose, velocity, disturbance, covariance and waves are all numbers, bool."""
+    parts = (estimate.eta, estimate.nu, estimate.bias, estimate.covariance, estimate.wave)
     return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in parts]))
 
 

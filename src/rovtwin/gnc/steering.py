@@ -32,11 +32,11 @@ class SteeringInput(eqx.Module):
 
 
 class Steering(Block):
-    """Gives the heading [rad], shape (); memory is what was learnt: y of `ilos` [m], beta of `alos` [rad].
+    """Gives the heading [rad], shape (); memory is what was learnt: y of `ilos` [s], beta of `alos` [rad].
 
     Attributes:
         look_ahead: Delta [m].
-        gain: kappa of `ilos`, gamma of `alos` [1/(m s)]; 0 for `los`.
+        gain: kappa of `ilos` [m/s], gamma of `alos` [1/(m s)]; 0 for `los`.
         adaptive: Whether it is `alos`, bool.
         most: Largest crab angle that is learnt [rad].
     """

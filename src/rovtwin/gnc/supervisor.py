@@ -4,13 +4,15 @@ idle ── first tick without PAUSE ──> running <── RESUME / PAUSE ─�
 any ── a rule ──> holding < returning < surfacing < aborted (thrusters off)
 
 A rule is a condition that lasts, and the action it asks for: see `rules`. A graver action takes over from a lesser one
-and nothing goes back by itself. Only the operator's ARM leads to paused, and only once no rule applies any more.
+and nothing goes back by itself. Only the operator's ARM leads to paused; not while a rule applies that stops the
+thrusters, and rules that still apply then are the operator's business until they have ceased once. While idle no rule
+starts a thruster.
 """
 
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import ARM, NO_REASON, PAUSE, RESUME
+from rovtwin.core.flow import ALTITUDE_LIMIT, ARM, NO_REASON, PAUSE, RESUME
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.gnc.ability import HEAVE_LOST
 from rovtwin.gnc.rules import IGNORE, STOP, SURFACE, Rules, Watch, Watched
@@ -32,10 +34,11 @@ class Mode(eqx.Module):
 
 
 class SupervisorMemory(eqx.Module):
-    """The mode, and what is watched."""
+    """The mode, what is watched, and which rules (r,) the operator armed in spite of, bool."""
 
     mode: Mode
     watch: Watch
+    overruled: Array
 
 
 class Supervisor(Block):
@@ -45,23 +48,33 @@ class Supervisor(Block):
 
     def init(self, key: Array, start: Start) -> SupervisorMemory:
         zero = jnp.zeros((), dtype=int)
-        return SupervisorMemory(Mode(zero + MODE_IDLE, zero + NO_REASON), Watch.at(start.position[:2]))
+        watch = Watch.at(start.position[:2])
+        return SupervisorMemory(Mode(zero + MODE_IDLE, zero + NO_REASON), watch, watch.lasting > 0.0)
 
     def step(self, memory: SupervisorMemory, input: Watched, dt: float) -> tuple[SupervisorMemory, Mode]:
         request, before = input.request, memory.mode
         watch = memory.watch.step(self.rules, input, before.mode != MODE_IDLE, dt)
-        actions = watch.triggered(self.rules)
+        actions, overruled = watch.triggered(self.rules), memory.overruled
         # Up is no way out for a vehicle that cannot push itself there: it is for buoyancy to bring it.
         stranded = (input.ability == HEAVE_LOST) & (actions == SURFACE)
         actions = jnp.where(stranded, STOP, actions)
+        # On its way home a vehicle that comes near the floor has to go up: to stay there would not clear it.
+        returning = before.mode == MODE_RETURNING
+        rising = returning & (actions[ALTITUDE_LIMIT] > IGNORE)
+        actions = actions.at[ALTITUDE_LIMIT].max(jnp.where(rising, SURFACE, IGNORE))
+        overruled = overruled & (actions > IGNORE)
+        actions = jnp.where((before.mode == MODE_IDLE) & (actions < STOP) | overruled, IGNORE, actions)
+        rearmed = (before.mode > MODE_PAUSED) & (request == ARM) & (jnp.max(actions) < STOP)
+        overruled = overruled | (rearmed & (actions > IGNORE))
+        actions = jnp.where(overruled, IGNORE, actions)
         gravest = jnp.argmax(actions)  # the first of equals, which REASONS has in order
         action = actions[gravest]
 
         wanted = before.mode
-        wanted = jnp.where((before.mode == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, wanted)
+        wanted = jnp.where((before.mode == MODE_IDLE) & (request == ARM), MODE_PAUSED, wanted)
+        wanted = jnp.where((wanted == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, wanted)
         wanted = jnp.where((before.mode == MODE_RUNNING) & (request == PAUSE), MODE_PAUSED, wanted)
         wanted = jnp.where((before.mode == MODE_PAUSED) & (request == RESUME), MODE_RUNNING, wanted)
-        rearmed = (before.mode > MODE_PAUSED) & (request == ARM) & (action == IGNORE)
         wanted = jnp.where(rearmed, MODE_PAUSED, wanted)
         reason = jnp.where(rearmed, NO_REASON, before.reason)
 
@@ -69,4 +82,4 @@ class Supervisor(Block):
         mode = Mode(
             jnp.where(takes_over, MODE_PAUSED + action, wanted), jnp.where(takes_over, gravest, reason).astype(int)
         )
-        return SupervisorMemory(mode, watch), mode
+        return SupervisorMemory(mode, watch, overruled), mode

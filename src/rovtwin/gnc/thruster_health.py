@@ -67,11 +67,15 @@ class HealthMemory(eqx.Module):
     health: Array
     begun: Array
 
+    def retried(self, again: Array) -> "HealthMemory":
+        """The same, with all thrusters believed in where they are to be tried again, bool."""
+        return eqx.tree_at(lambda m: m.health, self, jnp.where(again, 1.0, self.health))
+
 
 class ThrusterHealth(Block):
     """Gives the health of each thruster, 1 or 0, shape (n,): lost is one of which less than about a fifth is left.
 
-    What is lost stays lost until the autopilot starts anew.
+    What is lost stays lost until the operator arms again.
 
     Attributes:
         model: What the vehicle is believed to be.

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.report import supply
 from rovtwin.report.flight import Flight
 
@@ -46,7 +47,6 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
     "thruster_activity_n_per_s": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
 }  # fmt: skip
-_ACTED = ("aborted", "held", "returning", "returned", "surfacing", "surfaced")  # phases a fail-safe leads to
 _BESIDE = {
     "position_error_rms_m": ("bound_position_m", "bound (surge, sway)"),
     "nees_position_mean": ("nees_position_interval", "95 % range"),
@@ -95,7 +95,7 @@ def _headline(flight: Flight, good: bool | None) -> str:
         return f"Completed in {seconds:.0f} s"
     if good is None:
         return f"Recording of {seconds:.0f} s"
-    if phase in _ACTED:
+    if phase in FAIL_SAFE_PHASES:
         return f"{phase.capitalize()} after {seconds:.0f} s: {reason or 'no reason given'}"
     tail = f" in phase “{phase}”" if phase else ""
     return f"Not completed: stopped after {seconds:.0f} s{tail}" + (f" ({reason})" if reason else "")

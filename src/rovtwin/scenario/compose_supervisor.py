@@ -14,6 +14,7 @@ from rovtwin.vehicle.reach import wrench_limits
 
 _NAMES = {"attitude limit": "attitude_limit_deg", "estimate lost": "position_std_limit"}
 _CARRIED = np.array([False, False, False, True, True, False])  # roll and pitch right themselves
+_SENSORS = {"altitude_limit": "altimeter", "battery_low": "battery", "battery_critical": "battery", "leak": "leak"}
 SHORT = 0.1  # of an axis's largest wrench, by which the controller may be short of what it wants
 # The thesis's autopilot has no fail-safes; those that its own weaknesses would call are off unless asked for.
 WEAK = ("filter diverged", "positions lost", "thruster failed", "saturated")
@@ -27,19 +28,29 @@ def rules_of(scenario: Scenario, model: Model, defaults: dict[str, Rule] = RULES
         ConfigError: A rule about what no sensor on board tells.
     """
     section = scenario.autopilot.supervisor
+    _require_what_it_watches(scenario, defaults)
     changes = {
         name: _rule(getattr(section, key), default)
         for name, default in defaults.items()
         if hasattr(section, key := _NAMES.get(name, name.replace(" ", "_")))
     }
-    if section.altitude_limit.limit and not scenario.sensors.altimeter.on_board:
-        raise ConfigError(
-            f"{scenario.name}: autopilot.supervisor.altitude_limit: no altimeter is on board; "
-            "set sensors.altimeter.on_board to true"
-        )
     lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
     allowance = np.where(_CARRIED, np.inf, SHORT * np.maximum(-lower, upper))
     return Rules.of(defaults | changes, section.geofence.polygon, allowance)
+
+
+def _require_what_it_watches(scenario: Scenario, defaults: dict[str, Rule]) -> None:
+    """Raise where somebody asks for a rule that nothing on board could call."""
+    section, sensors = scenario.autopilot.supervisor, scenario.sensors
+    where = f"{scenario.name}: autopilot.supervisor"
+    for key, sensor in _SENSORS.items():
+        rule: RuleSection = getattr(section, key)
+        asked = rule.limit is not None or rule.action not in (None, "ignore")
+        leaks = sensor == "leak" and any(fault.fault == "leak" for fault in scenario.faults)
+        if asked and not leaks and not getattr(sensors, sensor).on_board:
+            raise ConfigError(f"{where}.{key}: no {sensor} is on board; set sensors.{sensor}.on_board to true")
+    if defaults is not RULES and section.thruster_failed.action not in (None, "ignore"):
+        raise ConfigError(f"{where}.thruster_failed: the thesis's autopilot does not look; use autopilot=model_based")
 
 
 def _rule(given: RuleSection, default: Rule) -> Rule:

@@ -83,6 +83,7 @@ def realtime_chunks(
         memory.twin.battery,
         memory.tethers,
     )
+    above(0)
     began = time.monotonic()
     now = clock or (lambda: time.monotonic() - began)
     link = TwinLink(truth.following(move), memory.twin, off.shape[0], control_dt, now)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
-from rovtwin.core.flow import DIVE, FINISHED, GO, HOLD, PHASES, REASONS, TURN
+from rovtwin.core.flow import FINISHED, GO, HOLD, PHASES, REASONS, TURN
 
 SETTLED = 60.0  # NEES is averaged from here on [s]
 STATION = 10.0  # holding counts as keeping a station from this long on [s]
@@ -123,7 +123,7 @@ def score(flown: Flown) -> dict[str, Any]:
         **_pair("cross_track", distance_to_leg(flown.eta[legs], flown.leg[legs])),
         **_pair("station", np.hypot(*(flown.eta[station, :2] - flown.leg[station, 3:5]).T)),
         # On its way to another depth a vehicle is not at the depth it goes to: that is no error.
-        "depth_rms_m": _rms((flown.eta[:, DEPTH] - flown.leg[:, 5])[settled & (phase_of != DIVE)]),
+        "depth_rms_m": _rms((flown.eta[:, DEPTH] - flown.leg[:, 5])[settled & np.isin(phase_of, (TURN, GO, HOLD))]),
         "heading_rms_deg": _heading(flown, settled),
         "position_error_rms_m": [_rms(error[:, 0]), _rms(error[:, 1])],
         "nees_position_mean": _mean(position_nees[late]),

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.flow import NO_REQUEST, Host
+from rovtwin.core.flow import ABORT, NO_REQUEST, Host
 from rovtwin.core.numerics import Array, as_array, jnp
 
 Spans = Sequence[tuple[float, float]]
@@ -33,8 +33,8 @@ class Topside(eqx.Module):
     def of(
         cls, link: Spans = (), operator: Spans = (), late: Spans = (), requests: Sequence[tuple[float, int]] = ()
     ) -> "Topside":
-        """From lists; of two requests in one control tick the later one counts."""
-        ordered = sorted(requests)
+        """From lists; of two requests in one control tick the later one counts, and ABORT before all others."""
+        ordered = sorted(requests, key=lambda one: (one[1] == ABORT, one[0]))
         return cls(
             link=as_array(np.reshape(link, (-1, 2))),
             operator=as_array(np.reshape(operator, (-1, 2))),
@@ -46,7 +46,7 @@ class Topside(eqx.Module):
     def at(self, t: Array, dt: float) -> tuple[Host, Array]:
         """What the host knows at time t [s], and the request of a tick of dt seconds, int."""
         host = Host(_age(self.link, t), _age(self.operator, t), jnp.where(_age(self.late, t) > 0.0, LATE, 0.0))
-        now = (self.times > t - 0.5 * dt) & (self.times <= t + 0.5 * dt)
+        now = jnp.round(self.times / dt) == jnp.round(t / dt)
         request = jnp.asarray(NO_REQUEST)
         for i in range(self.times.shape[0]):
             request = jnp.where(now[i], self.requests[i], request)
