@@ -48,6 +48,7 @@ from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import Watched
+from rovtwin.gnc.steering import Steering, SteeringInput
 from rovtwin.gnc.supervisor import MODE_RETURNING, MODE_RUNNING, Mode, Supervisor
 from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
@@ -155,7 +156,9 @@ def hosts() -> Host:
 
 def watched() -> Watched:
     able = every_tick(jnp.asarray(FINE))
-    return Watched(estimates(), requests(), measurements(), hosts(), over_time(6, seed=41), able)
+    return Watched(
+        estimates(), requests(), measurements(), hosts(), over_time(6, seed=41), able, over_time(6, seed=42) > 0.0
+    )
 
 
 def sensor_inputs() -> SensorInput:
@@ -276,6 +279,11 @@ def path_guidance() -> Example:
     return Example(PathGuidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
 
 
+def steering(kind: Any) -> Example:
+    going = every_tick(jnp.asarray(True))
+    return Example(Steering.of(kind), SteeringInput(over_time(1, seed=43)[:, 0], over_time(1, seed=44)[:, 0], going))
+
+
 def contingency() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
     return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode))
@@ -378,6 +386,8 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.path_guidance.PathGuidance": path_guidance,
     "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
     # Modes are integers: there is nothing to differentiate.
+    "gnc.steering.Steering: integral": lambda: steering("ilos"),
+    "gnc.steering.Steering: adaptive": lambda: steering("alos"),
     "gnc.supervisor.Supervisor": lambda: Example(Supervisor(), watched(), differentiable=False),
     # Health is 1 or 0.
     "gnc.thruster_health.ThrusterHealth": lambda: Example(

@@ -55,6 +55,7 @@ def test_a_leak_brings_it_up():
     assert first["what"] == "surfacing" and first["cause"] == "leak" and AT < first["t"] < AT + 1.5
 
 
+@pytest.mark.slow
 def test_an_action_can_be_chosen():
     run = flight("autopilot.supervisor.leak=stop", faults={"leak": AT})
     assert phases(run)[-1] == "aborted" and run.summary["reason"] == "leak"
@@ -67,6 +68,7 @@ def test_a_battery_that_runs_low_sends_it_home():
     assert np.hypot(*run.log["truth/eta"].values[-1, :2]) < 1.2
 
 
+@pytest.mark.slow
 def test_one_that_is_nearly_empty_brings_it_up():
     run = flight("battery.charge=0.08")
     assert phases(run)[-1] == "surfaced" and run.summary["reason"] == "battery critical"
@@ -100,6 +102,7 @@ def test_nothing_but_the_operator_goes_on():
     assert [round(one["t"]) for one in run.summary["decisions"]] == [20, 36, 40]
 
 
+@pytest.mark.slow
 def test_a_fence_turns_it_back():
     run = flight("autopilot.supervisor.geofence=3", duration=70)
     away = np.hypot(*run.log["truth/eta"].values[:, :2].T)
@@ -107,6 +110,7 @@ def test_a_fence_turns_it_back():
     assert away.max() < 4.5 and away[-1] < 1.2
 
 
+@pytest.mark.slow
 def test_a_polygon_turns_it_back():
     run = flight("autopilot.supervisor.geofence.polygon=[[-2, -2], [4, -2], [4, 2], [-2, 2]]", duration=70)
     assert run.summary["reason"] == "geofence" and run.log["truth/eta"]["x"].max() < 5.0
@@ -118,6 +122,7 @@ def test_it_stops_where_the_floor_is_near():
     assert depth(run).max() < 3.0
 
 
+@pytest.mark.slow
 def test_the_time_runs_out():
     run = flight("autopilot.supervisor.time_out=20", duration=60)
     assert run.summary["reason"] == "time out" and run.summary["decisions"][0]["t"] == pytest.approx(20.0, abs=0.2)

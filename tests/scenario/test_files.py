@@ -13,6 +13,7 @@ def test_all_reference_scenarios_are_shipped():
     assert {name for name in list_scenarios() if not name.startswith(("test_", "free_running_"))} == {
         "lawnmower_calm", "lawnmower_waves", "lawnmower_mismatch", "lawnmower_hard", "lawnmower_dropout",
         "lawnmower_sea", "square", "station_keeping",
+        "ardusub_depth_hold", "ardusub_position_hold", "ardusub_waypoint",
     }  # fmt: skip
     assert {"lawnmower", "square", "station"} <= set(list_missions())
 
@@ -22,7 +23,7 @@ def test_shipped_scenarios_load_also_with_a_dvl_and_survive_writing(name):
     plain, dvl = load_scenario(name), load_scenario(f"{name}_dvl")
     assert plain.name == name and not plain.sensors.dvl.on_board
     assert dvl.name == f"{name}_dvl" and dvl.sensors.dvl.on_board
-    if not plain.cameras:  # those are in a pool, with the thesis's vehicle
+    if not plain.cameras and not name.startswith("ardusub_"):  # in a pool, with the thesis's vehicle; another vehicle
         assert plain.vehicle == "double_blueye" and plain.start.position == [0.0, 0.0, 3.0 if plain.test else 0.5]
     assert plain.rates.physics == 500 and plain.rates.control == 50 and (plain.test or plain.duration == 1500)
     assert Scenario.model_validate(yaml.safe_load(dump_scenario(plain))) == plain

@@ -66,7 +66,7 @@ def test_an_operator_is_heard(parts):
 
 
 @pytest.mark.parametrize(
-    ("above", "phase"), [((6.0, 0.0, 0.0), SURFACING), ((0.0, 61.0, 0.0), HELD), ((0.0, 0.0, 5.0), SURFACING)]
+    ("above", "phase"), [((6.0, 0.0, 0.0), SURFACING), ((0.0, 61.0, 0.0), HELD), ((0.0, 0.0, 6.0), SURFACING)]
 )
 def test_a_host_that_hears_nothing_or_comes_late_is_heeded(parts, above, phase):
     host = HostAutopilot(*parts)
