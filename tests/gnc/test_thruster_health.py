@@ -63,7 +63,7 @@ def without(*lost, left=0.0):
 
 
 @pytest.mark.parametrize("lost", [0, 2, 3, 5])
-@pytest.mark.parametrize("left", [0.0, 0.1, -1.0], ids=["dead", "weak", "reversed"])
+@pytest.mark.parametrize("left", [0.0, -1.0], ids=["dead", "reversed"])
 def test_a_lost_thruster_is_found_within_ten_seconds_and_no_other(lost, left):
     health = believed(without(lost, left=left))
     assert np.all(health[T < FAULT_AT] == 1.0), "before it was lost"

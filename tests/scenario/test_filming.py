@@ -51,6 +51,7 @@ def test_a_run_leaves_pictures_lens_and_layout(run):
         np.testing.assert_allclose([float(row["t"]) for row in csv.DictReader(table)], taken)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".mcap", ".mp4"])
 def test_its_track_is_where_it_was(run, ending):
     if ending == ".mp4":

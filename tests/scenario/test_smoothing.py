@@ -27,6 +27,7 @@ def smoothed(run):
     return smooth_run(run)
 
 
+@pytest.mark.slow
 def test_the_filter_over_the_log_is_the_one_that_flew(run, smoothed):
     flown = Log.read(run / "log.mcap")["autopilot/eta"].values
     n = min(len(flown), len(smoothed.track.t))

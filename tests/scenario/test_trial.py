@@ -171,6 +171,7 @@ def test_records_are_what_the_log_holds_without_the_hands(flight, records, scena
         assert record.signals["horizontal"].sigma == pytest.approx([0.03, 0.03])
 
 
+@pytest.mark.slow
 def test_identification_reads_the_log_and_leaves_out_the_hands(flight, records):
     read = read_records(flight.folder / "log.mcap", load_vehicle("double_blueye"))
     assert len(read) == len(records[0]) == 2

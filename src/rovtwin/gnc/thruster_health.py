@@ -73,7 +73,7 @@ class HealthMemory(eqx.Module):
 
 
 class ThrusterHealth(Block):
-    """Gives the health of each thruster, 1 or 0, shape (n,): lost is one of which less than about a fifth is left.
+    """Gives the health of each thruster, 1 or 0, shape (n,): lost is one that hardly pushes any more, or the wrong way.
 
     What is lost stays lost until the operator arms again.
 
@@ -102,9 +102,9 @@ class ThrusterHealth(Block):
     window: Array = eqx.field(converter=as_array, default=3.0)
     memory: Array = eqx.field(converter=as_array, default=20.0)
     least: Array = eqx.field(converter=as_array, default=4.0)
-    share: Array = eqx.field(converter=as_array, default=0.65)
+    share: Array = eqx.field(converter=as_array, default=0.7)
     certainty: Array = eqx.field(converter=as_array, default=0.72)
-    patience: Array = eqx.field(converter=as_array, default=1.0)
+    patience: Array = eqx.field(converter=as_array, default=2.5)
 
     @classmethod
     def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "ThrusterHealth":
