@@ -50,7 +50,7 @@ def test_what_is_learnt_is_bounded_and_waits_while_it_does_not_go(kind):
 
 def test_an_unknown_law_is_named():
     with pytest.raises(ValueError, match="kind is 'vector', expected one of los, ilos, alos"):
-        Steering.of("vector")  # type: ignore[arg-type]
+        Steering.of("vector")
 
 
 def pilot(kind):

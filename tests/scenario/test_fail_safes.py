@@ -1,4 +1,4 @@
-"""Every fail-safe flown: what happens in the water when it is called, and that only the operator ends it."""
+"""Fail-safes flown: what happens in the water when it is called, and that only the operator ends it."""
 
 import functools
 

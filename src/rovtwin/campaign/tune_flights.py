@@ -20,7 +20,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.scenario.batch import same_program
 from rovtwin.scenario.compose_autopilot import autopilot_of
-from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.composition import Composed, compose, way_points
 from rovtwin.scenario.files import find_scenario
 from rovtwin.scenario.flight import Recorder
 from rovtwin.scenario.run import CHUNK, chunks
@@ -54,7 +54,7 @@ class Fleet:
         """The blocks of a section; the same for all plants, which it cannot know."""
         one = self.runs[0]
         scenario = one.scenario.model_copy(update={"autopilot": section})
-        mission = one.loop.autopilot.mission  # type: ignore[attr-defined]
+        mission = way_points(scenario, one.model)
         return autopilot_of(scenario, one.model, one.loop.twin.sensors, mission, list(one.vehicle.thruster_names))
 
     def flights(self, sections: Sequence[ModelBasedSection]) -> list[tuple[Composed, Block]]:

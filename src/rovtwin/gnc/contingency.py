@@ -51,14 +51,14 @@ class Contingency(Block):
 
     Attributes:
         speed: Largest, level and upwards [m/s].
-        acceleration: Largest [m/s2].
+        acceleration: Largest; half of it is planned with for coming to rest [m/s2].
         surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
         near: How close to home is there [m].
         afloat: How close to the surface is there [m].
     """
 
     speed: Array = eqx.field(converter=as_array, default=0.2)
-    acceleration: Array = eqx.field(converter=as_array, default=0.05)
+    acceleration: Array = eqx.field(converter=as_array, default=0.1)
     surface: Array = eqx.field(converter=as_array, default=0.2)
     near: Array = eqx.field(converter=as_array, default=0.5)
     afloat: Array = eqx.field(converter=as_array, default=0.15)
@@ -119,10 +119,10 @@ class Contingency(Block):
         goal = jnp.append(level, up)
         distance = jnp.sqrt(goal @ goal + 1e-12)
         # The square root alone would ask for a jerk at the end; half a second's way keeps it finite.
-        speed = jnp.minimum(self.speed, jnp.minimum(jnp.sqrt(2.0 * self.acceleration * distance), 2.0 * distance))
+        speed = jnp.minimum(self.speed, jnp.minimum(jnp.sqrt(self.acceleration * distance), 2.0 * distance))
         change = goal / distance * speed - memory.velocity
         size = jnp.sqrt(change @ change + 1e-12)
-        return memory.velocity + change * jnp.minimum(1.0, 2.0 * self.acceleration * dt / size)
+        return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)
 
     def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
         """Heading from the vehicle towards home, or as it is once home is near.
