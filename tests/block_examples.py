@@ -50,6 +50,7 @@ from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import Watched
 from rovtwin.gnc.steering import Steering, SteeringInput
 from rovtwin.gnc.supervisor import MODE_RETURNING, MODE_RUNNING, Mode, Supervisor
+from rovtwin.gnc.terrain import TerrainFollowing, TerrainInput
 from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
 from rovtwin.gnc.trial import Timeline, Trial
@@ -284,6 +285,18 @@ def steering(kind: Any) -> Example:
     return Example(Steering.of(kind), SteeringInput(over_time(1, seed=43)[:, 0], over_time(1, seed=44)[:, 0], going))
 
 
+def terrain() -> Example:
+    """An echo every third tick, of a floor 3 m below."""
+    heard = jnp.arange(TICKS)[:, None] % 3 == 0
+    stamp = jnp.where(heard, CONTROL * jnp.arange(TICKS)[:, None], 0.0)
+    echoes = {"altimeter": Slot(jnp.where(heard[..., None], 3.0 + over_time(1, 1, seed=45), 0.0), heard, stamp)}
+    near = {"x": 0.6, "y": -0.2, "depth": 2.1}
+    follows = every_tick(mission([near | {"altitude": 1.0}, near | {"y": 3.0}]))
+    return Example(
+        TerrainFollowing(jnp.zeros(3), jnp.array([0.0, 0.0, 1.0])), TerrainInput(echoes, estimates(), follows)
+    )
+
+
 def contingency() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
     return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode))
@@ -388,6 +401,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     # Modes are integers: there is nothing to differentiate.
     "gnc.steering.Steering: integral": lambda: steering("ilos"),
     "gnc.steering.Steering: adaptive": lambda: steering("alos"),
+    "gnc.terrain.TerrainFollowing": terrain,
     "gnc.supervisor.Supervisor": lambda: Example(Supervisor(), watched(), differentiable=False),
     # Health is 1 or 0.
     "gnc.thruster_health.ThrusterHealth": lambda: Example(

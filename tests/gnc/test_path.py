@@ -117,6 +117,10 @@ def test_the_point_moves_smoothly_and_within_its_limits(lawnmower):
     acceleration = np.diff(speed) / DT
     assert acceleration.max() <= float(GUIDANCE.acceleration) + 1e-9
     assert acceleration.min() >= -2 * float(GUIDANCE.acceleration) - 1e-9
+    # Where it stops for good, from a crawl of a few mm/s, the rest of its speed goes at once.
+    moving = (speed[1:-1] > 5e-3) & (speed[2:] > 5e-3)
+    jerk = np.diff(acceleration)[moving] / DT
+    assert np.abs(jerk).max() <= 2 * float(GUIDANCE.acceleration / GUIDANCE.onset) + 1e-6
     sideways = np.hypot(*(np.diff(rate, axis=0) / DT).T)[going[2:]]
     assert np.quantile(sideways, 0.99) < 0.12  # both at once, and the step at an arc's ends
 

@@ -13,7 +13,7 @@ def test_all_reference_scenarios_are_shipped():
     assert {name for name in list_scenarios() if not name.startswith(("test_", "free_running_"))} == {
         "lawnmower_calm", "lawnmower_waves", "lawnmower_mismatch", "lawnmower_hard", "lawnmower_dropout",
         "lawnmower_sea", "square", "station_keeping",
-        "ardusub_depth_hold", "ardusub_position_hold", "ardusub_waypoint",
+        "ardusub_depth_hold", "ardusub_position_hold", "ardusub_waypoint", "terrain_following",
     }  # fmt: skip
     assert {"lawnmower", "square", "station"} <= set(list_missions())
 

@@ -14,7 +14,7 @@ PAIRS = {  # of a flight's summary; the two columns that they become
 }
 SCORES = (
     "duration_s",
-    *("cross_track_rms_m", "cross_track_max_m", "station_rms_m", "station_max_m", "depth_rms_m"),
+    *("cross_track_rms_m", "cross_track_max_m", "station_rms_m", "station_max_m", "depth_rms_m", "altitude_rms_m"),
     *("position_error_rms_m", *PAIRS["position_error_rms_m"], *PAIRS["bound_position_m"]),
     *("nees_position_mean", "nees_effective_samples", *PAIRS["nees_position_interval"]),
     *("effort_n2s", "energy_wh", "saturated_share", "thruster_activity_n_per_s", "speed_rms_m_s"),

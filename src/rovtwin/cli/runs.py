@@ -29,6 +29,7 @@ FIGURES = (
     ("cross-track max", "cross_track_max_m", "m"),
     ("station rms", "station_rms_m", "m"),
     ("depth rms", "depth_rms_m", "m"),
+    ("altitude rms", "altitude_rms_m", "m"),
     ("position error rms, north / east", "position_error_rms_m", "m"),
     ("bound (best filter), surge / sway", "bound_position_m", "m"),
     ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),

@@ -19,7 +19,7 @@ def tune(
     out: Annotated[Path | None, typer.Option(help="Folder; default runs/tune-<scenario>. Replaced.")] = None,
     sea: Annotated[
         list[str] | None,
-        typer.Option(help="calm, waves, sea, own, or a scenario with waves. Repeatable; default calm, waves and sea."),
+        typer.Option(help="calm, waves, sea, own, or a scenario with waves. Repeatable; default calm and waves."),
     ] = None,
     only: Annotated[
         list[str] | None, typer.Option(metavar="PARAMETER", help="Search this one. Repeatable; default the usual nine.")

@@ -134,6 +134,7 @@ class Mission(eqx.Module):
         heading: Heading to keep [rad], shape (n,); used where `fixed_heading`.
         fixed_heading: Whether the heading is given rather than along the leg, shape (n,), bool.
         count: How many rows are way-points, int; rows beyond it are padding, so that missions share one shape.
+        altitude: Distance to the floor to keep [m], shape (n,); 0 where the depth holds; None where it does everywhere.
     """
 
     position: Array
@@ -143,6 +144,7 @@ class Mission(eqx.Module):
     heading: Array
     fixed_heading: Array
     count: Array
+    altitude: Array | None = None
 
     def at(self, index: Array) -> Waypoint:
         """The way-point of an index, int, within the rows."""
@@ -237,7 +239,9 @@ class Environment(eqx.Module):
         head: Dynamic pressure of waves at `place`, as a height of water [m], or None.
         surface: Depth z in n of the surface above CO [m], negative under a crest, or None without a surface.
         walls: Planes, or None in open water.
-        floor: Depth z in n of the floor, for instruments that look at it [m], or None; its plane is among the walls.
+        floor: Depth z in n of the floor below `place`, for instruments that look at it [m], or None; its plane is among
+            the walls.
+        slope: By how much the floor gets deeper per metre north and east, shape (2,), or None where it is level.
     """
 
     velocity: Array
@@ -249,6 +253,7 @@ class Environment(eqx.Module):
     surface: Array | None = None
     walls: Walls | None = None
     floor: Array | None = None
+    slope: Array | None = None
 
     @classmethod
     def calm(cls, **changes: Any) -> "Environment":

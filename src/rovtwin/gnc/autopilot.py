@@ -5,7 +5,17 @@ from typing import Any, Literal
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import ARM, AutopilotInput, AutopilotOutput, Command, Estimate, Mission, Reference, Wrench
+from rovtwin.core.flow import (
+    ARM,
+    AutopilotInput,
+    AutopilotOutput,
+    Command,
+    Estimate,
+    Measurements,
+    Mission,
+    Reference,
+    Wrench,
+)
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.ability import FINE, Ability
 from rovtwin.gnc.allocation import Allocation, AllocationInput, Saturation
@@ -16,6 +26,7 @@ from rovtwin.gnc.observer import ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import Watched, is_finite
 from rovtwin.gnc.supervisor import Supervisor, SupervisorMemory
+from rovtwin.gnc.terrain import TerrainFollowing, TerrainInput, TerrainMemory
 from rovtwin.gnc.thruster_health import HealthInput, HealthMemory, ThrusterHealth
 from rovtwin.vehicle.model import Model
 
@@ -29,6 +40,7 @@ class AutopilotMemory(eqx.Module):
 
     observer: Any
     monitor: HealthMemory | None
+    terrain: TerrainMemory | None
     supervisor: SupervisorMemory
     guidance: GuidanceMemory
     contingency: ContingencyMemory
@@ -53,6 +65,7 @@ class Autopilot(Block):
         health: Share of its force that each thruster has from the start, shape (n_thrusters,).
         monitor: Finds thrusters that are lost on the way; None believes in them.
         ability: What can be done without them; None with `monitor`.
+        terrain: Turns altitudes of way-points into depths; None where there are none.
     """
 
     observer: Block
@@ -66,6 +79,7 @@ class Autopilot(Block):
     health: Array
     monitor: ThrusterHealth | None = None
     ability: Ability | None = None
+    terrain: TerrainFollowing | None = None
 
     @classmethod
     def thesis(
@@ -109,7 +123,10 @@ class Autopilot(Block):
         )
 
     def init(self, key: Array, start: Start) -> AutopilotMemory:
-        names = ("observer", "supervisor", "guidance", "reference", "control", "allocation", "contingency", "monitor")
+        names = (
+            *("observer", "supervisor", "guidance", "reference", "control", "allocation", "contingency", "monitor"),
+            "terrain",
+        )
         keys = jax.random.split(key, len(names))
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
         parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
@@ -126,7 +143,8 @@ class Autopilot(Block):
         )
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
         known = _usable(estimate)
-        guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(known, self.mission, mode), dt)
+        terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)
+        guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(known, mission, mode), dt)
         contingency, setpoint = self.contingency.step(memory.contingency, ContingencyInput(asked, known, mode), dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
@@ -143,6 +161,7 @@ class Autopilot(Block):
         after = AutopilotMemory(
             observer,
             monitor,
+            terrain,
             supervisor,
             guidance,
             contingency,
@@ -154,6 +173,14 @@ class Autopilot(Block):
             on & wanted.saturated,
         )
         return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
+
+    def _over_ground(
+        self, memory: TerrainMemory | None, measurements: Measurements, estimate: Estimate, dt: float
+    ) -> tuple[TerrainMemory | None, Mission]:
+        """The mission with depths where it asks for altitudes."""
+        if self.terrain is None or memory is None:
+            return None, self.mission
+        return self.terrain.step(memory, TerrainInput(measurements, estimate, self.mission), dt)
 
     def _monitored(
         self, memory: AutopilotMemory, estimate: Estimate, request: Array, dt: float

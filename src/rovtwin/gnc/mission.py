@@ -11,7 +11,14 @@ from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array
 
 _REQUIRED = ("x", "y", "depth")
-_DEFAULTS: dict[str, float | None] = {"speed": 0.2, "acceptance": 0.2, "hold_time": 0.0, "heading": None}
+_DEFAULTS: dict[str, float | None] = {
+    "speed": 0.2,
+    "acceptance": 0.2,
+    "hold_time": 0.0,
+    "heading": None,
+    "altitude": None,
+}
+_OPTIONAL = ("heading", "altitude")
 _KEYS = (*_REQUIRED, *_DEFAULTS)
 
 
@@ -20,7 +27,8 @@ def mission(points: Sequence[Mapping[str, Any]], pad_to: int = 16, where: str = 
 
     Args:
         points: One mapping per way-point: x, y, depth in n [m], and optionally speed [m/s], acceptance radius [m],
-            hold_time [s] and a heading to keep [rad]; without one the vehicle looks along the leg.
+            hold_time [s], a heading to keep [rad] (without one the vehicle looks along the leg) and an altitude, the
+            distance to the floor to keep in place of the depth [m].
         pad_to: Rows are padded to a multiple of this, so that missions share one shape and one compilation.
         where: What messages call the mission, e.g. "lawnmower.yaml: waypoints".
 
@@ -49,6 +57,7 @@ def mission(points: Sequence[Mapping[str, Any]], pad_to: int = 16, where: str = 
         heading=column("heading"),
         fixed_heading=as_array([row["heading"] is not None for row in rows], bool),
         count=as_array(len(points), int),
+        altitude=column("altitude") if any(row["altitude"] is not None for row in rows) else None,
     )
 
 
@@ -61,7 +70,7 @@ def _row(point: Mapping[str, Any], where: str) -> dict[str, float | None]:
         raise ConfigError(f"{where}: {missing[0]} is missing; a way-point needs {', '.join(_REQUIRED)}")
     row = _DEFAULTS | dict(point)
     for key, value in row.items():
-        if value is None and key == "heading":
+        if value is None and key in _OPTIONAL:
             continue
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
             raise ConfigError(f"{where}.{key}: {value!r} is not a finite number")
@@ -76,6 +85,7 @@ def _check_ranges(row: Mapping[str, float | None], where: str) -> None:
         ("speed", lambda v: v > 0, "more than 0"),
         ("acceptance", lambda v: v > 0, "more than 0"),
         ("hold_time", lambda v: v >= 0, "at least 0"),
+        ("altitude", lambda v: v is None or v > 0, "more than 0"),
         ("heading", lambda v: v is None or abs(v) <= 2 * math.pi, "radians within +-2 pi; it looks like degrees"),
     ):
         if not holds(row[key]):

@@ -2,9 +2,10 @@
 
     dive ──> go ──> (corner) ──> go ... ──> hold ──> dive or go ... ──> finished
 
-The point's way s has a speed bounded by the leg's and an acceleration bounded by a share of what thrusters can push;
-braking may take twice as much. It waits for a vehicle that is not there. The set-point is this point: unlike with a
-way-point as set-point, being late along the path pulls nothing sideways.
+The point's way s has a speed bounded by the leg's, an acceleration bounded by a share of what thrusters can push
+(braking may take twice as much), and a jerk that lets the acceleration change no faster than thrusters do. It waits for
+a vehicle that is not there. The set-point is this point: unlike with a way-point as set-point, being late along the
+path pulls nothing sideways.
 
 Reference: Fossen (2021), sec. 12.5 (path following with a speed assignment); Skjetne, Fossen and Kokotovic (2004).
 """
@@ -36,6 +37,7 @@ class PathMemory(eqx.Module):
         leg_start: Where the current leg starts [m], shape (2,).
         s: Way along the leg, or along the arc behind it [m].
         speed: Of s [m/s].
+        rate: Of the speed [m/s2].
         on_arc: Whether s counts along the arc, bool.
         eta: Last set-point, shape (6,).
         learnt: Memory of the steering; None where the vehicle goes sideways as it likes.
@@ -47,6 +49,7 @@ class PathMemory(eqx.Module):
     leg_start: Array
     s: Array
     speed: Array
+    rate: Array
     on_arc: Array
     eta: Array
     learnt: Array | None = None
@@ -59,6 +62,7 @@ class PathGuidance(Block):
         acceleration: Largest along the path [m/s2].
         sideways: Largest in a corner [m/s2].
         lag: Of the speed behind the wanted one [s].
+        onset: Time in which the acceleration may rise to its largest: jerk is acceleration / onset [s].
         patience: How far off the vehicle may be before the point waits, and over how much more it comes to rest [m].
         depth_tolerance: Depth error at which a dive is complete [m].
         heading_tolerance: Heading error at which a leg may begin [rad].
@@ -68,6 +72,7 @@ class PathGuidance(Block):
     acceleration: Array = eqx.field(converter=as_array, default=0.05)
     sideways: Array = eqx.field(converter=as_array, default=0.06)
     lag: Array = eqx.field(converter=as_array, default=0.6)
+    onset: Array = eqx.field(converter=as_array, default=0.4)
     patience: Array = eqx.field(converter=as_array, default=0.5)
     depth_tolerance: Array = eqx.field(converter=as_array, default=0.05)
     heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
@@ -85,7 +90,8 @@ class PathGuidance(Block):
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
         eta = _level(start.position, euler_from_quaternion(start.attitude)[2])
         learnt = None if self.steering is None else self.steering.init(key, start)
-        return PathMemory(zero + IDLE, zero, zero, start.position[:2], jnp.zeros(()), jnp.zeros(()), no, eta, learnt)
+        still = jnp.zeros(())
+        return PathMemory(zero + IDLE, zero, zero, start.position[:2], still, still, still, no, eta, learnt)
 
     def step(self, memory: PathMemory, input: GuidanceInput, dt: float) -> tuple[PathMemory, Setpoint]:
         mode = input.mode.mode
@@ -137,17 +143,19 @@ class PathGuidance(Block):
             behind = jnp.abs(away[0] * jnp.cos(direction) + away[1] * jnp.sin(direction))
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         left = jnp.maximum(piece.length - memory.s, 0.0)
-        # What can still be braked, the lag's way included: v^2 / 2a + v lag = left.
-        brake = self.acceleration * self.lag
+        # What can still be braked, the way of lag and onset included: v^2 / 2a + v (lag + onset) = left.
+        brake = self.acceleration * (self.lag + self.onset)
         slower = jnp.sqrt(brake**2 + piece.after**2 + 2.0 * self.acceleration * left) - brake
         wanted = jnp.where(memory.on_arc, piece.after, jnp.minimum(piece.speed, jnp.maximum(slower, piece.after)))
         wanted = jnp.where(going, wanted * waits, 0.0)
-        rate = jnp.clip((wanted - memory.speed) / self.lag, -2.0 * self.acceleration, self.acceleration)
+        asked = jnp.clip((wanted - memory.speed) / self.lag, -2.0 * self.acceleration, self.acceleration)
+        change = 2.0 * self.acceleration / self.onset * dt
+        rate = memory.rate + jnp.clip(asked - memory.rate, -change, change)
         speed = jnp.maximum(memory.speed + rate * dt, 0.0)
         s = memory.s + 0.5 * dt * (memory.speed + speed)
         ends = ~memory.on_arc & (piece.after <= 0.0)
         s = jnp.where(ends, jnp.minimum(s, piece.length), s)
-        return dataclasses.replace(memory, s=s, speed=speed)
+        return dataclasses.replace(memory, s=s, speed=speed, rate=jnp.where(speed > 0.0, rate, 0.0))
 
     def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""
@@ -181,6 +189,7 @@ class PathGuidance(Block):
             leg_start=jnp.where(passes, corner, jnp.where(stops, piece.end[:2], memory.leg_start)),
             s=jnp.where(stops, 0.0, s),
             speed=jnp.where(stops, 0.0, memory.speed),
+            rate=jnp.where(stops, 0.0, memory.rate),
             on_arc=(memory.on_arc | rounds) & ~passes,
         )
 

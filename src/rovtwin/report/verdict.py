@@ -38,6 +38,7 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "cross_track_rms_m": ("Cross-track error, rms", "m", 1, 3, "true distance to the commanded path, on legs"),
     "cross_track_max_m": ("Cross-track error, largest", "m", 1, 3, "after the first dive"),
     "depth_rms_m": ("Depth error, rms", "m", 1, 4, "truth against command, after the first dive"),
+    "altitude_rms_m": ("Altitude error, rms", "m", 1, 3, "true distance to the floor against the wanted one, on legs"),
     "station_rms_m": ("Distance to the station, rms", "m", 1, 3, "while holding it"),
     "station_max_m": ("Distance to the station, largest", "m", 1, 3, "while holding it"),
     "position_error_rms_m": ("Position error, rms (north, east)", "m", 1, 3, "estimate minus truth, whole run"),

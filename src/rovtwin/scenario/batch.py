@@ -12,7 +12,7 @@ from rovtwin.scenario.flight import Recorder, summarise
 from rovtwin.scenario.loop import advance_batch, stack, start_batch
 from rovtwin.scenario.run import CHUNK, chunks, ticks_in, until_the_end
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.score import nees_interval
+from rovtwin.scenario.score import Flown, nees_interval
 
 Progress = Callable[[float, str], None]  # share of the work done, 0 to 1, and what is going on
 
@@ -82,12 +82,24 @@ def same_program(runs: Sequence[Composed]) -> Iterator[list[int]]:
 def score_together(runs: Sequence[Composed], progress: Callable[[float, int], None] = _nothing) -> list[dict[str, Any]]:
     """Fly runs of one program side by side under vmap; scores agree with `score_run` to rounding.
 
+    Arguments are those of `flown_together`.
+
+    Returns:
+        The summary of each.
+    """
+    flown = flown_together(runs, progress)
+    return [summarise(one, run, interrupted=False) for run, one in zip(runs, flown, strict=True)]
+
+
+def flown_together(runs: Sequence[Composed], progress: Callable[[float, int], None] = _nothing) -> list[Flown]:
+    """Fly runs of one program side by side under vmap.
+
     Args:
         runs: Of one group of `same_program`; each is as long as its own scenario says.
         progress: Called once a simulated second with the share of the work done, 0 to 1, and how many still fly.
 
     Returns:
-        The summary of each.
+        What scores need of each.
     """
     dt = runs[0].scenario.control_dt
     recorders = [Recorder(run.scenario) for run in runs]
@@ -107,7 +119,7 @@ def score_together(runs: Sequence[Composed], progress: Callable[[float, int], No
         progress((k + ticks) / total if flying else 1.0, len(flying))
         if not flying:
             break
-    return [summarise(recorder.flown(), run, interrupted=False) for run, recorder in zip(runs, recorders, strict=True)]
+    return [recorder.flown() for recorder in recorders]
 
 
 COLUMNS = (

@@ -22,6 +22,7 @@ from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.steering import Steering
 from rovtwin.gnc.supervisor import Supervisor
+from rovtwin.gnc.terrain import TerrainFollowing
 from rovtwin.gnc.thruster_health import ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
 from rovtwin.scenario.compose_supervisor import THESIS_RULES, rules_of, units
@@ -45,7 +46,12 @@ def autopilot_of(
         made, rules = _thesis(section, model, sensors, mission, scenario.control_dt), THESIS_RULES
     else:
         made, rules = _model_based(section, model, sensors, mission), RULES
-    autopilot = replace(made, supervisor=Supervisor(rules_of(scenario, model, rules)), contingency=contingency)
+    autopilot = replace(
+        made,
+        supervisor=Supervisor(rules_of(scenario, model, rules)),
+        contingency=contingency,
+        terrain=_terrain(sensors, mission),
+    )
     if section.supervisor.thruster_failed.action == "ignore" or rules is THESIS_RULES:
         return autopilot
     together = units(thrusters)
@@ -77,6 +83,14 @@ def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Se
         mission=mission,
         health=model.thrusters.health,
     )
+
+
+def _terrain(sensors: dict[str, Sensor], mission: Mission) -> TerrainFollowing | None:
+    """With the altimeter's place and direction; None where no way-point has an altitude."""
+    if mission.altitude is None:
+        return None
+    altimeter = sensors["altimeter"]
+    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0])
 
 
 def _steering(section: ModelBasedSection, model: Model) -> Steering | None:

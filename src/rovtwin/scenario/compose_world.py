@@ -10,6 +10,7 @@ from rovtwin.scenario.schema import AirySection, ConstantCurrentSection, Sheared
 from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.current import ConstantCurrent, Current, GaussMarkovCurrent, ShearedCurrent
 from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World, walls_of
@@ -55,7 +56,16 @@ def world_of(world: WorldSection) -> World:
         surface=as_array(0.0) if world.surface else None,
         walls=walls_of(tank and tank.north, tank and tank.east, world.floor),
         floor=None if world.floor is None else as_array(world.floor),
+        relief=relief_of(world),
     )
+
+
+def relief_of(world: WorldSection) -> Relief | None:
+    """The floor's shape; None where it is level, or there is none."""
+    if world.relief is None or world.floor is None:
+        return None
+    waves = [(one.amplitude, one.length, math.radians(one.direction_deg)) for one in world.relief.waves]
+    return Relief.of(world.floor, world.relief.slope, waves)
 
 
 def _current_of(world: WorldSection) -> Current:

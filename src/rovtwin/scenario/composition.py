@@ -168,6 +168,10 @@ def sensors_of(scenario: Scenario) -> dict[str, Sensor]:
             raise ConfigError(f"{key}: there is none on board; set {key}.on_board to true to have one")
     if "altimeter" in extra and scenario.world.floor is None:
         raise ConfigError("sensors.altimeter: the world has no floor to look at; set world.floor to its depth [m]")
+    if "altimeter" not in extra and any(w.altitude for w in scenario.waypoints):
+        raise ConfigError(
+            "mission: a way-point has an altitude, but there is no altimeter on board; set sensors.altimeter to true"
+        )
     faults = sensor_faults(scenario, {name: KINDS[name][0] for name in changes})
     for name, given in faults.items():
         changes[name] |= given | {"blackouts": [*changes[name].get("blackouts", []), *given["blackouts"]]}
@@ -220,6 +224,7 @@ def way_points(scenario: Scenario, model: Model) -> Mission:
                 "acceptance": w.acceptance,
                 "hold_time": w.hold_time,
                 "heading": None if w.heading_deg is None else math.radians(w.heading_deg),
+                "altitude": w.altitude,
             }
             for w, place in zip(scenario.waypoints, places, strict=True)
         ],

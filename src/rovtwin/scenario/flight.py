@@ -18,6 +18,7 @@ from rovtwin.core.flow import PHASES
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
+from rovtwin.scenario.altitude import altitude_error
 from rovtwin.scenario.channels import (
     autopilot_samples,
     log_channels,
@@ -261,6 +262,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
     return figures | {
         "reason": reason,
         "interrupted": interrupted,
+        "altitude_rms_m": altitude_error(flown, composed.scenario),
         "decisions": decisions(flown, composed.thruster_names),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,

@@ -3,6 +3,8 @@
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.numerics import as_array
+from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model
 
@@ -44,7 +46,10 @@ def _beyond(scenario: Scenario, points: np.ndarray) -> list[tuple[str, float]]:
     """Which floor and walls some points (m, 3) are beyond, and how far [m], the farthest first."""
     world, found = scenario.world, []
     if world.floor is not None:
-        found.append((f"floor at {world.floor:g} m", float(points[:, 2].max()) - world.floor))
+        lowest = points[np.argmax(points[:, 2])]
+        relief = relief_of(world)
+        floor = world.floor if relief is None else float(relief.under(as_array(lowest[:2]))[0])
+        found.append((f"floor at {floor:.4g} m", float(lowest[2]) - floor))
     if world.tank is not None:
         spans = (world.tank.north, world.tank.east)
         for axis, end, name in _SIDES:

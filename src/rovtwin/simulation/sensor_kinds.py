@@ -44,7 +44,8 @@ def _range(sensor: Any, seen: SensorInput) -> Array:
     floor = seen.environment.floor
     if floor is None:
         return jnp.full(1, jnp.inf)
-    return measurement.range_to_floor(seen.state, sensor.lever, sensor.rotation, floor)[None]
+    slope = seen.environment.slope
+    return measurement.range_to_floor(seen.state, sensor.lever, sensor.rotation, floor, slope)[None]
 
 
 # kind -> (number of values, noise-free reading)

@@ -10,6 +10,7 @@ from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.simulation.current import Current, Flow
 from rovtwin.simulation.noise import key_for
+from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.waves import WaveAction
 from rovtwin.vehicle.dynamics import State
 
@@ -28,8 +29,9 @@ class World(Block):
         current: `step(memory, position, dt) -> (memory, Flow)`.
         waves: `step(memory, State, dt) -> (memory, WaveAction)`.
         surface: Depth z in n of the still surface [m], 0 unless tides matter; None: water without end upwards.
-        walls: Floor and walls.
-        floor: Depth z in n of the floor [m], for altimeters and tethers; its plane is among the walls.
+        walls: Floor, the last of them, and walls.
+        floor: Depth z in n of a level floor [m], for altimeters; its plane is among the walls.
+        relief: Of a floor that is not level; the plane among the walls is then the one that touches it below CO.
     """
 
     current: Current | None = None
@@ -37,6 +39,7 @@ class World(Block):
     surface: Array | None = None
     walls: Walls | None = None
     floor: Array | None = None
+    relief: Relief | None = None
 
     def init(self, key: Array, start: Start) -> WorldMemory:
         """Memory of current and waves, each with random numbers of its own."""
@@ -61,6 +64,7 @@ class World(Block):
         surface = self.surface
         if surface is not None and action.elevation is not None:
             surface = surface - action.elevation
+        walls, floor, slope = self._floor(input.position)
         environment = Environment(
             velocity=water.velocity,
             rate=water.rate,
@@ -69,10 +73,23 @@ class World(Block):
             gradient=water.gradient,
             head=action.head,
             surface=surface,
-            walls=self.walls,
-            floor=self.floor,
+            walls=walls,
+            floor=floor,
+            slope=slope,
         )
         return WorldMemory(current, waves), environment
+
+    def _floor(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
+        """Walls, depth of the floor [m] and its slope, shape (2,), below a place (3,)."""
+        if self.relief is None or self.walls is None:
+            return self.walls, self.floor, None
+        depth, slope = self.relief.under(position[:2])
+        upright = jnp.append(-slope, 1.0)
+        normal = upright / jnp.sqrt(upright @ upright)
+        offset = normal @ jnp.append(position[:2], depth)
+        normals, offsets = self.walls.normals, self.walls.offsets
+        walls = Walls(jnp.concatenate([normals[:-1], normal[None]]), jnp.concatenate([offsets[:-1], offset[None]]))
+        return walls, depth, slope
 
     def velocities(self, memory: WorldMemory, positions: Array, dt: float) -> Array:
         """Of the current at places in n, shapes (k, 3), at the start of the next step of dt; waves do not count."""

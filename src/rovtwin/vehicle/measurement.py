@@ -27,19 +27,23 @@ def depth(state: State, lever: Array) -> Array:
     return state.position[2] + rotation_from_quaternion(state.attitude)[2] @ lever
 
 
-def range_to_floor(state: State, lever: Array, R_bs: Array, floor: Array) -> Array:
-    """Distance to a level floor along a narrow beam, x of s [m], scalar: (floor - depth) / beam_z.
+def range_to_floor(state: State, lever: Array, R_bs: Array, floor: Array, slope: Array | None = None) -> Array:
+    """Distance to a plane floor along a narrow beam, x of s [m], scalar: (floor - depth) / beam_z where it is level.
 
-    Not finite for a level beam, negative for one that looks up, or from below the floor.
+    Not finite for a beam that never meets it, negative for one that looks away from it, or from below the floor.
 
     Args:
         state: Of the vehicle.
         lever: r, the sensor seen from CO, b [m], shape (3,).
         R_bs: Mounting, maps s to b, shape (3, 3).
-        floor: Its depth in n [m].
+        floor: Its depth in n below CO [m].
+        slope: By how much it gets deeper per metre north and east, shape (2,); None: level.
     """
-    down_b = rotation_from_quaternion(state.attitude)[2]
-    return (floor - depth(state, lever)) / (down_b @ R_bs[:, 0])
+    R_nb = rotation_from_quaternion(state.attitude)
+    beam, away = R_nb @ R_bs[:, 0], floor - depth(state, lever)
+    if slope is None:
+        return away / beam[2]
+    return (away + slope @ (R_nb @ lever)[:2]) / (beam[2] - slope @ beam[:2])
 
 
 def specific_force(state: State, nu_dot: Array, lever: Array, R_bs: Array) -> Array:

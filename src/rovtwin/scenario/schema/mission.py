@@ -42,6 +42,10 @@ class Waypoint(Strict):
     speed: Positive = Field(default=0.2, description="wanted speed on the leg [m/s], where the reference obeys it")
     hold_time: NonNegative = Field(default=0.0, description="time to stay [s]")
     heading_deg: Degrees | None = Field(default=None, description="heading to keep; default along the leg")
+    altitude: Positive | None = Field(
+        default=None,
+        description="distance to the floor to keep [m]; the depth holds while the altimeter says nothing",
+    )
 
     @model_validator(mode="after")
     def _is_one_place(self) -> "Waypoint":

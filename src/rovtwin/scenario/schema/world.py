@@ -131,6 +131,23 @@ class TankSection(Strict):
     east: Span = Field(description="western and eastern wall [m]")
 
 
+class SandWaveSection(Strict):
+    """A wave of the floor."""
+
+    amplitude: Positive = Field(description="half of its height [m]")
+    length: Positive = Field(description="from crest to crest [m]")
+    direction_deg: Degrees = Field(default=0.0, description="across the crests, from north")
+
+
+class ReliefSection(Strict):
+    """What makes a floor uneven; `floor` is its depth at the origin. Tethers and pictures see a level one."""
+
+    slope: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(
+        default=[0.0, 0.0], description="metres deeper per metre north and east"
+    )
+    waves: list[SandWaveSection] = []
+
+
 class WorldSection(Strict):
     """The water, and how the true vehicle differs from the model."""
 
@@ -141,6 +158,7 @@ class WorldSection(Strict):
     waves: WavesSection | None = None
     surface: bool = Field(default=True, description="whether buoyancy ends at depth 0, as in nature")
     floor: Positive | None = Field(default=None, description="depth of the floor, which holds the hull [m]")
+    relief: ReliefSection | None = None
     tank: TankSection | None = None
     tethers: TethersSection | None = Field(
         default=None, description="true: all that the vehicle has, tended from above the start"
@@ -173,6 +191,12 @@ class WorldSection(Strict):
     @classmethod
     def _thesis_waves_by_default(cls, value: Any) -> Any:
         return {"model": "thesis"} | value if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _relief_of_a_floor(self) -> "WorldSection":
+        if self.relief is not None and self.floor is None:
+            raise ValueError("relief: there is no floor to be uneven; add floor, its depth at the origin [m]")
+        return self
 
     @model_validator(mode="after")
     def _one_depth(self) -> "WorldSection":

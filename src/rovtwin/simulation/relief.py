@@ -1,0 +1,43 @@
+"""A floor that is not level: a slope with waves of sand upon it.
+
+depth(x) = depth + slope . x + sum_i a_i sin(k_i . x)
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.numerics import Array, as_array, jnp
+
+
+class Relief(eqx.Module):
+    """The depth of the floor by place, smooth.
+
+    Attributes:
+        depth: At the origin of n, without the waves [m].
+        slope: By how much it gets deeper per metre north and east, shape (2,).
+        amplitude: Half-height of each wave [m], shape (k,).
+        wave_number: Of each, north and east [rad/m], shape (k, 2).
+    """
+
+    depth: Array = eqx.field(converter=as_array)
+    slope: Array = eqx.field(converter=as_array)
+    amplitude: Array = eqx.field(converter=as_array)
+    wave_number: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def of(
+        cls, depth: float, slope: Sequence[float] = (0.0, 0.0), waves: Sequence[tuple[float, float, float]] = ()
+    ) -> "Relief":
+        """From waves of (amplitude [m], length [m], direction of their crests' normal [rad, from north])."""
+        rows = [
+            (2.0 * np.pi / length * np.cos(along), 2.0 * np.pi / length * np.sin(along)) for _, length, along in waves
+        ]
+        return cls(depth, slope, [wave[0] for wave in waves], np.reshape(rows, (len(rows), 2)))  # type: ignore[arg-type]
+
+    def under(self, place: Array) -> tuple[Array, Array]:
+        """Depth of the floor [m] below a place, north and east [m], shape (2,), and its slope there, shape (2,)."""
+        phase = self.wave_number @ place
+        depth = self.depth + self.slope @ place + self.amplitude @ jnp.sin(phase)
+        return depth, self.slope + (self.amplitude * jnp.cos(phase)) @ self.wave_number

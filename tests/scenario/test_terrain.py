@@ -1,0 +1,73 @@
+"""A floor that is not level: what it is, what an altimeter says of it, and a vehicle that follows it."""
+
+import numpy as np
+import pytest
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.flight import fly
+from rovtwin.simulation.relief import Relief
+from rovtwin.simulation.world import World, walls_of
+from rovtwin.vehicle.dynamics import State
+from rovtwin.vehicle.measurement import range_to_floor
+
+RELIEF = Relief.of(5.0, (0.2, -0.1), [(0.3, 7.0, 0.5), (0.1, 3.0, -1.0)])
+DOWN = jnp.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+
+
+def test_slope_is_the_gradient_of_the_depth():
+    for place in ((0.0, 0.0), (1.3, -2.0), (-4.0, 3.0)):
+        _, slope = RELIEF.under(jnp.array(place))
+        assert np.allclose(slope, jax.grad(lambda at: RELIEF.under(at)[0])(jnp.array(place)), atol=1e-12)
+
+
+def test_the_beam_ends_on_the_plane():
+    """Leaning and off centre: depth of the beam's end is that of the floor there."""
+    slope, lever, euler = jnp.array([0.2, -0.1]), jnp.array([0.4, -0.2, 0.1]), jnp.array([0.2, -0.3, 0.8])
+    model = compose(load_scenario("lawnmower_calm")).model
+    state = State.at(model, start(euler))
+    length = range_to_floor(state, lever, DOWN, jnp.asarray(5.0), slope)
+    end = state.position + rotation_from_euler(euler) @ (lever + length * DOWN[:, 0])
+    assert np.isclose(end[2], 5.0 + slope @ (end - state.position)[:2], atol=1e-12)
+
+
+def start(euler):
+    from rovtwin.core.block import Start
+    from rovtwin.core.frames import quaternion_from_euler
+
+    return Start(jnp.array([1.0, 2.0, 3.0]), quaternion_from_euler(euler), jnp.zeros(6))
+
+
+def test_the_hull_is_held_by_the_floor_that_is_below_it():
+    model = compose(load_scenario("lawnmower_calm")).model
+    world = World(walls=walls_of((-5.0, 5.0), None, 5.0), relief=RELIEF)
+    state = State.at(model, start(jnp.zeros(3)))
+    _, around = world.step(world.init(jax.random.key(0), start(jnp.zeros(3))), state, 0.01)
+    depth, slope = RELIEF.under(state.position[:2])
+    on_it = jnp.append(state.position[:2] + 0.1, depth + 0.1 * jnp.sum(slope))
+    assert np.isclose(around.walls.normals[-1] @ on_it, around.walls.offsets[-1], atol=1e-12)
+    assert around.walls.normals.shape == (3, 3) and np.isclose(around.floor, depth)
+
+
+@pytest.mark.parametrize(
+    ("said", "change"),
+    [
+        ("no altimeter on board", "sensors.altimeter=false"),
+        ("no floor to be uneven", "world.floor=null"),
+        ("beyond the floor at 4.4", "start.position=[0,0,4.6]"),
+    ],
+)
+def test_what_cannot_be_is_refused(said, change):
+    with pytest.raises(ConfigError, match=said):
+        compose(load_scenario("terrain_following", [change]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_the_floor_is_followed(seed):
+    """1.6 m of relief, lines at 0.2 m/s."""
+    run = fly(load_scenario("terrain_following", seed=seed))
+    assert run.completed and run.summary["altitude_rms_m"] < 0.03
