@@ -24,7 +24,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.ability import FINE, HEAVE_LOST, UNABLE
-from rovtwin.gnc.rules import ACTIONS, RULES, Rules, Watched, inside
+from rovtwin.gnc.rules import ACTIONS, RULES, VITAL, Rules, Watched, inside
 from rovtwin.gnc.supervisor import (
     MODE_ABORTED,
     MODE_HOLDING,
@@ -190,7 +190,7 @@ TRIGGERS = {
     "geofence": (watched(estimate=at(x=12.0, y=9.1)), watched(estimate=at(x=12.0, y=8.9))),
     "altitude limit": (watched(readings=reading("altimeter", 0.9)), watched(readings=reading("altimeter", 1.1))),
 }
-RUNNING_OUT = {"positions lost", "filter diverged", "time out", "not a number", "operator"}
+RUNNING_OUT = {"positions lost", "filter diverged", "time out", "not a number", "operator", "sensor silent"}
 
 
 def only(name, action=None):
@@ -226,6 +226,20 @@ def test_a_rule_can_be_ignored_or_answered_otherwise(name):
         if (name, action) == ("altitude limit", "return"):
             expected = MODE_SURFACING  # home along the floor is no way
         assert mode == expected
+
+
+@pytest.mark.parametrize("name", VITAL)
+def test_a_sensor_that_falls_silent_is_missed_after_3_s_and_one_that_is_not_there_never(name):
+    told = {one: Slot(jnp.zeros((1, 3)), jnp.ones(1, dtype=bool), jnp.zeros(1)) for one in VITAL}
+    mute = told | {name: Slot(jnp.zeros((1, 3)), jnp.zeros(1, dtype=bool), jnp.zeros(1))}
+    supervisor = only("sensor silent")
+    memory, mode, _ = go_on(begun(), watched(readings=told), 10.0, supervisor)
+    assert mode == MODE_RUNNING
+    memory, mode, _ = go_on(memory, watched(readings=mute), 3.0, supervisor)
+    assert mode == MODE_RUNNING
+    assert go_on(memory, watched(readings=mute), 2 * DT, supervisor)[1:] == (MODE_SURFACING, flow.SENSOR_SILENT)
+    assert go_on(memory, watched(readings=told), 10.0, supervisor)[1] == MODE_RUNNING, "it speaks again"
+    assert go_on(begun(), watched(), 10.0, supervisor)[1] == MODE_RUNNING, "there is none on board"
 
 
 def test_a_flicker_is_no_trigger():

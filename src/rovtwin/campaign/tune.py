@@ -66,7 +66,7 @@ class _Tuning:
         self.fleets = self._fleets(plants)
         self.hand: dict[int, list[Figures]] = {}  # scores of the hand-tuned autopilot
         self.judging = 0.0  # wall time of one autopilot over the held-out plants [s]
-        self.pace = 0.0  # wall time of one autopilot over the plants of the search [s]
+        self.pace = 0.0  # wall time of LANES flights of the search [s]
 
     def _fleets(self, plants: Plants) -> dict[int, Fleet]:
         wish = self.wish
@@ -140,14 +140,18 @@ class _Tuning:
 
     def _left(self) -> float:
         """Time for the search [s]: the budget less what comes after."""
-        after = self.judging + (3 + len(self.space.tunables)) * self.pace + WRITING
+        after = self.judging + self._lasting(3) + self._lasting(1 + len(self.space.tunables)) + WRITING
         return self.wish.budget - (time.monotonic() - self.began) - after
+
+    def _lasting(self, autopilots: int) -> float:
+        """Wall time of so many autopilots over the plants of the search [s]."""
+        return self.pace * self.crew.rounds(autopilots * len(self.fleets[TUNING].runs))
 
     def _searched(self, cost: Cost) -> Search:
         fleet, tried, began = self.fleets[TUNING], 0, time.monotonic()
 
         def out_of_time(points: int) -> bool:
-            each = (time.monotonic() - began) / tried if tried else self.pace
+            each = (time.monotonic() - began) / tried if tried else self._lasting(points) / points
             return self.interrupted() or self._left() < each * points
 
         def of(points: list[np.ndarray]) -> list[float]:

@@ -157,6 +157,10 @@ class Crew:
     def __init__(self, pool: ThreadPoolExecutor, workers: int):
         self._pool, self.workers = pool, workers
 
+    def rounds(self, flights: int) -> int:
+        """How often each thread flies LANES until so many flights of one program are over."""
+        return -(-flights // (LANES * self.workers))
+
     def compile(self, runs: Sequence[Composed]) -> None:
         """Fly a second with each program of these runs, so that threads find it compiled and don't all compile it."""
         firsts = [runs[group[0]] for group in same_program(runs)]

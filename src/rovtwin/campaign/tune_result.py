@@ -35,7 +35,7 @@ class Wish:
     tunables: tuple[Tunable, ...]
     seas: Sequence[str]
     weights: dict[str, float]
-    plants: int = 8
+    plants: int = 4
     held_out: int = 20
     seed: int = 1
     evaluations: int = 150

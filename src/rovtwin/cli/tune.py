@@ -30,7 +30,7 @@ def tune(
     ] = None,
     budget_s: Annotated[float, typer.Option(help="Wall time of everything [s].")] = 170.0,
     evaluations: Annotated[int, typer.Option(help="Most autopilots that the search tries.")] = 150,
-    plants: Annotated[int, typer.Option(help="Vehicles that each is flown on, and as many to choose on.")] = 8,
+    plants: Annotated[int, typer.Option(help="Vehicles that each is flown on, and as many to choose on.")] = 4,
     held_out: Annotated[int, typer.Option(help="Vehicles that judge, seen by nobody before.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Master seed.")] = 1,
     own_mission: Annotated[

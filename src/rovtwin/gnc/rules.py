@@ -17,6 +17,7 @@ IGNORE, HOLD_STATION, RETURN_HOME, SURFACE, STOP = range(len(ACTIONS))
 NIS_WINDOW = 20.0  # over which positions are compared with what the filter says of itself [s]
 FAR = 1e6  # from the floor, as long as no altimeter says [m]
 FEW = 8.0  # innovations in it, below which nothing is said
+VITAL = ("attitude", "pressure")  # sensors without which the filter does not know which way is up, or how deep it is
 
 
 class Rule(NamedTuple):
@@ -46,6 +47,7 @@ RULES: dict[str, Rule] = {
     "altitude limit": Rule(0.0, 0.5, "hold"),  # least distance to the floor [m]
     "time out": Rule(np.inf, 0.0, "return"),  # since the mission began [s]
     "operator silent": Rule(60.0, 0.0, "hold"),  # since the operator's last sign of life [s]
+    "sensor silent": Rule(3.0, 0.0, "surface"),  # since attitude or depth was last told [s]
 }
 
 
@@ -89,7 +91,7 @@ class Watched(eqx.Module):
     Attributes:
         estimate: The observer's.
         request: The operator's, int.
-        measurements: As they came; position, battery, altimeter and leak are looked at.
+        measurements: As they came; position, battery, altimeter, leak and VITAL are looked at.
         host: Ages and lateness.
         shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
         ability: FINE, UNABLE or HEAVE_LOST, see `ability`, int.
@@ -116,6 +118,7 @@ class Watch(eqx.Module):
         charge: As last said, share.
         altitude: As last said [m].
         silence: Since a position was believed [s].
+        quiet: Since each of VITAL was heard, shape (2,) [s].
         nis: Fading sum of the positions' squared normalised innovations, and of their number.
         dof: See `nis`.
     """
@@ -127,6 +130,7 @@ class Watch(eqx.Module):
     charge: Array
     altitude: Array
     silence: Array
+    quiet: Array
     nis: Array
     dof: Array
 
@@ -134,7 +138,8 @@ class Watch(eqx.Module):
     def at(cls, home: Array) -> "Watch":
         """Nothing seen yet."""
         zero = jnp.zeros(())
-        return cls(jnp.zeros(len(REASONS)), home, zero, jnp.asarray(False), zero + 1.0, zero + FAR, zero, zero, zero)
+        no, full, quiet = jnp.asarray(False), zero + 1.0, jnp.zeros(len(VITAL))
+        return cls(jnp.zeros(len(REASONS)), home, zero, no, full, zero + FAR, zero, quiet, zero, zero)
 
     def step(self, rules: Rules, input: Watched, begun: Array, dt: float) -> "Watch":
         """A tick later; `begun`: whether the mission has begun, bool."""
@@ -154,6 +159,7 @@ class Watch(eqx.Module):
             charge=_last(measurements, "battery", self.charge),
             altitude=_last(measurements, "altimeter", self.altitude),
             silence=jnp.where(heard > 0.0, 0.0, self.silence + waited),
+            quiet=jnp.where(_spoke(measurements), 0.0, self.quiet + jnp.where(begun, dt, 0.0)),
             nis=fade * self.nis + squares,
             dof=fade * self.dof + heard,
         )
@@ -196,6 +202,7 @@ class Watch(eqx.Module):
             flow.ALTITUDE_LIMIT: self.altitude < rules.limit[flow.ALTITUDE_LIMIT],
             flow.TIME_OUT: self.elapsed > rules.limit[flow.TIME_OUT],
             flow.OPERATOR_SILENT: host.operator_age > rules.limit[flow.OPERATOR_SILENT],
+            flow.SENSOR_SILENT: jnp.any(self.quiet > rules.limit[flow.SENSOR_SILENT]),
         }
         return jnp.stack([jnp.asarray(found[row]) for row in range(len(REASONS))])
 
@@ -213,6 +220,13 @@ def is_finite(estimate: Estimate) -> Array:
     """Whether pose, velocity, disturbance, covariance and waves are all numbers, bool."""
     parts = (estimate.eta, estimate.nu, estimate.bias, estimate.covariance, estimate.wave)
     return jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in parts]))
+
+
+def _spoke(measurements: Measurements) -> Array:
+    """Whether each of VITAL gave a reading in this tick, shape (2,), bool; what is not on board is not missed."""
+    return jnp.stack(
+        [jnp.any(measurements[name].valid) if name in measurements else jnp.asarray(True) for name in VITAL]
+    )
 
 
 def _last(measurements: Measurements, name: str, before: Array) -> Array:
