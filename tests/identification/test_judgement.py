@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.identification.synthetic import record, steps_command
+from typer.testing import CliRunner
 
+from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError
 from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
@@ -85,6 +87,22 @@ def test_a_part_is_added_in_either_natural_way(old, way, tmp_path):
     found = identify(load_vehicle(tmp_path / "new.yaml", identified=False), [], old=old)
     assert found.model().weight == pytest.approx(float(old.model().weight) + 9.81, abs=0.01)
     assert found.values["added_mass.surge"] > identify(old, [], old=old).values["added_mass.surge"]
+
+
+def test_meshes_travel_with_the_file(old, tmp_path):
+    (tmp_path / "garage").mkdir()
+    (tmp_path / "garage" / "sonar.stl").write_text("solid sonar\nendsolid\n")
+    (tmp_path / "old.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    part = EXTRA | {"visuals": [{"mesh": "sonar.stl"}]}
+    new = {**old.to_dict(), "parts": [*old.to_dict()["parts"], part]}
+    (tmp_path / "garage" / "new.yaml").write_text(to_yaml(new, "a text editor"))
+    (tmp_path / "out").mkdir()
+    words = [tmp_path / "garage" / "new.yaml", "--prior", tmp_path / "old.yaml", "-o", tmp_path / "out" / "found.yaml"]
+    said = CliRunner().invoke(app, ["identify", *map(str, words)])
+    assert said.exit_code == 0, said.output
+    moved = (tmp_path / "out").rename(tmp_path / "elsewhere")
+    assert str(tmp_path) not in (moved / "found.yaml").read_text()
+    assert load_vehicle(moved / "found.yaml").file.parts[-1].visuals[0].mesh == str(moved / "found/meshes/sonar.stl")
 
 
 def test_an_identified_vehicle_is_no_part_of_another(old, tmp_path):

@@ -66,6 +66,7 @@ def identify(
     from rovtwin.identification.identify import identify as estimate
     from rovtwin.identification.joint.overlay import to_yaml
     from rovtwin.identification.logs.evidence_file import read_evidence
+    from rovtwin.scenario.belongings import MESHES, kept_beside
     from rovtwin.vehicle import load_vehicle
 
     screen = console(as_json)
@@ -106,7 +107,9 @@ def identify(
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
     more += ["--trust-logs"] if trust_logs else []
     more += ["--track", track] if track else []
-    out.write_text(to_yaml(result.file(), _command_line(vehicle, logs, evidence, prior, more)), encoding="utf-8")
+    # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
+    data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
+    out.write_text(to_yaml(data, _command_line(vehicle, logs, evidence, prior, more)), encoding="utf-8")
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         emit(as_object(result) | {"file": str(out), "report": None if page is None else str(page)})

@@ -10,7 +10,7 @@ import yaml
 
 from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.meshes import found_beside
+from rovtwin.scenario.belongings import found_beside
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario
 
 _ROOT = Path(str(files("rovtwin.scenario")))
@@ -57,7 +57,7 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
     Args:
         data: As `read_yaml` returned it.
         where: Name of the file, for messages.
-        base: Folder in which mission, vehicle, autopilot and mesh files are looked for first.
+        base: Folder in which mission, vehicle, autopilot, scene and mesh files are looked for first.
 
     Raises:
         ConfigError: It cannot be used; the message says where and why.
@@ -69,9 +69,7 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
         data["autopilot"] = _autopilot(data["autopilot"], base)
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
-    if base is not None and isinstance(vehicle := data.get("vehicle"), dict):
-        data["vehicle"] = found_beside(vehicle, base)
-    return parse(Scenario, data, where)
+    return parse(Scenario, data if base is None else found_beside(data, base), where)
 
 
 def load_mission(name: str, base: Path | None = None) -> MissionSection:

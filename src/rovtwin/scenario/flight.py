@@ -19,6 +19,7 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.altitude import altitude_error
+from rovtwin.scenario.belongings import kept_beside, scenes_kept_beside
 from rovtwin.scenario.channels import (
     autopilot_samples,
     log_channels,
@@ -33,7 +34,6 @@ from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.filming import Filming
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.loop import Record
-from rovtwin.scenario.meshes import kept_beside
 from rovtwin.scenario.run import chunks, realtime_chunks, until_the_end
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, distance_to_leg, nees, nees_interval, score, score_test
@@ -304,10 +304,14 @@ def _datasheet(sensor: Sensor) -> dict[str, Any]:
 def scenario_to_replay(scenario: Scenario, composed: Composed, folder: Path | None = None) -> Scenario:
     """The scenario with its vehicle written out, so that it does not depend on files that may change or move.
 
-    Mesh files are copied into `folder`, relative to which they are named; without one they stay where they are.
+    Mesh and scene files are copied into `folder`, relative to which they are named; without one they stay where they
+    are.
     """
     vehicle = composed.vehicle.to_dict()
-    return scenario.model_copy(update={"vehicle": kept_beside(vehicle, folder) if folder else vehicle})
+    if folder is None:
+        return scenario.model_copy(update={"vehicle": vehicle})
+    cameras = scenes_kept_beside(scenario.cameras, folder)
+    return scenario.model_copy(update={"vehicle": kept_beside(vehicle, folder), "cameras": cameras})
 
 
 def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -179,6 +179,11 @@ def list_scenes() -> list[str]:
     return sorted(p.stem for p in LIBRARY.glob("*.yaml"))
 
 
+def is_scene_file(name: str) -> bool:
+    """Whether a scene is meant by its file, not by its name in the library."""
+    return Path(name).suffix in (".yaml", ".yml") or "/" in name
+
+
 def load_scene(name_or_path: str | Path) -> Scene:
     """A scene of the library by name, or any scene file by path.
 
@@ -187,7 +192,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """
     text = str(name_or_path)
     path = Path(text).expanduser()
-    if path.suffix not in (".yaml", ".yml") and "/" not in text:
+    if not is_scene_file(text):
         path = LIBRARY / f"{text}.yaml"
         if not path.is_file():
             raise ConfigError(f"{text}: no such scene in the library, and no file.{near(text, list_scenes())}")
