@@ -190,7 +190,15 @@ TRIGGERS = {
     "geofence": (watched(estimate=at(x=12.0, y=9.1)), watched(estimate=at(x=12.0, y=8.9))),
     "altitude limit": (watched(readings=reading("altimeter", 0.9)), watched(readings=reading("altimeter", 1.1))),
 }
-RUNNING_OUT = {"positions lost", "filter diverged", "time out", "not a number", "operator", "sensor silent"}
+RUNNING_OUT = {
+    "positions lost",
+    "filter diverged",
+    "time out",
+    "not a number",
+    "operator",
+    "sensor silent",
+    "no way home",
+}
 
 
 def only(name, action=None):
@@ -240,6 +248,28 @@ def test_a_sensor_that_falls_silent_is_missed_after_3_s_and_one_that_is_not_ther
     assert go_on(memory, watched(readings=mute), 2 * DT, supervisor)[1:] == (MODE_SURFACING, flow.SENSOR_SILENT)
     assert go_on(memory, watched(readings=told), 10.0, supervisor)[1] == MODE_RUNNING, "it speaks again"
     assert go_on(begun(), watched(), 10.0, supervisor)[1] == MODE_RUNNING, "there is none on board"
+
+
+def test_a_return_that_does_not_come_nearer_is_given_up():
+    far, near = watched(estimate=at(x=12.0)), watched(estimate=at(x=0.5, y=0.5))
+    memory, mode, _ = go_on(begun(MODE_RETURNING, flow.BATTERY_LOW), far, 60.0)
+    assert mode == MODE_RETURNING
+    assert go_on(memory, far, 3 * DT)[1:] == (MODE_SURFACING, flow.NO_WAY_HOME)
+    memory, mode, _ = go_on(memory, watched(estimate=at(x=11.0)), 59.0)
+    assert mode == MODE_RETURNING, "it came nearer"
+    assert go_on(memory, near, 200.0)[1] == MODE_RETURNING, "it is there"
+    assert go_on(begun(), far, 200.0)[1] == MODE_RUNNING, "it does not want to go home"
+
+
+def test_positions_that_are_rare_tell_of_a_filter_that_has_diverged():
+    """One in ten seconds."""
+    off = dataclasses.replace(at(), nis=7.0 * at().nis)
+    silent = dataclasses.replace(at(), nis=jnp.zeros(4), nis_dof=jnp.zeros(4))
+    memory, mode = begun(), MODE_RUNNING
+    for _ in range(6):
+        memory, mode, _ = go_on(memory, watched(estimate=off))
+        memory, mode, reason = go_on(memory, watched(estimate=silent), 9.5)
+    assert (mode, reason) == (MODE_SURFACING, flow.FILTER_DIVERGED)
 
 
 def test_a_flicker_is_no_trigger():

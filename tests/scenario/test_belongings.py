@@ -9,7 +9,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.belongings import kept_beside
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.files import dump_scenario, load_scenario
-from rovtwin.scenario.flight import scenario_to_replay
+from rovtwin.scenario.provenance import scenario_to_replay
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.visuals import pieces_of

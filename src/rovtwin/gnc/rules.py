@@ -14,9 +14,10 @@ from rovtwin.gnc.ability import FINE
 ACTIONS = ("ignore", "hold", "return", "surface", "stop")
 IGNORE, HOLD_STATION, RETURN_HOME, SURFACE, STOP = range(len(ACTIONS))
 
-NIS_WINDOW = 20.0  # over which positions are compared with what the filter says of itself [s]
+NIS_WINDOW = 40.0  # innovations over which positions are compared with what the filter says of itself: 20 s at 1 Hz
 FAR = 1e6  # from the floor, as long as no altimeter says [m]
 FEW = 8.0  # innovations in it, below which nothing is said
+PROGRESS, ARRIVED = 0.5, 1.0  # of a return: by how much nearer counts as nearer, and how near as there [m]
 VITAL = ("attitude", "pressure")  # sensors without which the filter does not know which way is up, or how deep it is
 
 
@@ -47,6 +48,7 @@ RULES: dict[str, Rule] = {
     "altitude limit": Rule(0.0, 0.5, "hold"),  # least distance to the floor [m]
     "time out": Rule(np.inf, 0.0, "return"),  # since the mission began [s]
     "operator silent": Rule(60.0, 0.0, "hold"),  # since the operator's last sign of life [s]
+    "no way home": Rule(60.0, 0.0, "surface"),  # since the vehicle last came nearer while it returns [s]
     "sensor silent": Rule(3.0, 0.0, "surface"),  # since attitude or depth was last told [s]
 }
 
@@ -118,6 +120,8 @@ class Watch(eqx.Module):
         charge: As last said, share.
         altitude: As last said [m].
         silence: Since a position was believed [s].
+        nearest: How near it came to home on its way there [m].
+        stalled: Since it last came nearer [s].
         quiet: Since each of VITAL was heard, shape (2,) [s].
         nis: Fading sum of the positions' squared normalised innovations, and of their number.
         dof: See `nis`.
@@ -130,6 +134,8 @@ class Watch(eqx.Module):
     charge: Array
     altitude: Array
     silence: Array
+    nearest: Array
+    stalled: Array
     quiet: Array
     nis: Array
     dof: Array
@@ -139,17 +145,21 @@ class Watch(eqx.Module):
         """Nothing seen yet."""
         zero = jnp.zeros(())
         no, full, quiet = jnp.asarray(False), zero + 1.0, jnp.zeros(len(VITAL))
-        return cls(jnp.zeros(len(REASONS)), home, zero, no, full, zero + FAR, zero, quiet, zero, zero)
+        far = zero + FAR
+        return cls(jnp.zeros(len(REASONS)), home, zero, no, full, far, zero, far, zero, quiet, zero, zero)
 
-    def step(self, rules: Rules, input: Watched, begun: Array, dt: float) -> "Watch":
-        """A tick later; `begun`: whether the mission has begun, bool."""
+    def step(self, rules: Rules, input: Watched, begun: Array, returning: Array, dt: float) -> "Watch":
+        """A tick later; whether the mission has begun, and whether the vehicle is on its way home, bool."""
         measurements, estimate = input.measurements, input.estimate
         heard, squares = jnp.zeros(()), jnp.zeros(())
         if "position" in measurements:
             k = sorted(measurements).index("position")
             heard, squares = estimate.nis_dof[k], estimate.nis[k]
-        fade = jnp.exp(-dt / NIS_WINDOW)
+        fade = jnp.exp(-heard / NIS_WINDOW)  # by number, not by time: rare positions tell, too
         waited = jnp.where(begun, dt, 0.0) if "position" in measurements else 0.0
+        off = estimate.eta[:2] - self.home
+        off = jnp.sqrt(off @ off)
+        nearer = off < self.nearest - PROGRESS
         seen = Watch(
             lasting=self.lasting,
             home=self.home,
@@ -159,6 +169,8 @@ class Watch(eqx.Module):
             charge=_last(measurements, "battery", self.charge),
             altitude=_last(measurements, "altimeter", self.altitude),
             silence=jnp.where(heard > 0.0, 0.0, self.silence + waited),
+            nearest=jnp.where(returning, jnp.where(nearer, off, self.nearest), FAR),
+            stalled=jnp.where(returning & ~nearer & (off > ARRIVED), self.stalled + dt, 0.0),
             quiet=jnp.where(_spoke(measurements), 0.0, self.quiet + jnp.where(begun, dt, 0.0)),
             nis=fade * self.nis + squares,
             dof=fade * self.dof + heard,
@@ -202,6 +214,7 @@ class Watch(eqx.Module):
             flow.ALTITUDE_LIMIT: self.altitude < rules.limit[flow.ALTITUDE_LIMIT],
             flow.TIME_OUT: self.elapsed > rules.limit[flow.TIME_OUT],
             flow.OPERATOR_SILENT: host.operator_age > rules.limit[flow.OPERATOR_SILENT],
+            flow.NO_WAY_HOME: self.stalled > rules.limit[flow.NO_WAY_HOME],
             flow.SENSOR_SILENT: jnp.any(self.quiet > rules.limit[flow.SENSOR_SILENT]),
         }
         return jnp.stack([jnp.asarray(found[row]) for row in range(len(REASONS))])

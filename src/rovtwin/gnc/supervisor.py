@@ -53,13 +53,13 @@ class Supervisor(Block):
 
     def step(self, memory: SupervisorMemory, input: Watched, dt: float) -> tuple[SupervisorMemory, Mode]:
         request, before = input.request, memory.mode
-        watch = memory.watch.step(self.rules, input, before.mode != MODE_IDLE, dt)
+        returning = before.mode == MODE_RETURNING
+        watch = memory.watch.step(self.rules, input, before.mode != MODE_IDLE, returning, dt)
         actions, overruled = watch.triggered(self.rules), memory.overruled
         # Up is no way out for a vehicle that cannot push itself there: it is for buoyancy to bring it.
         stranded = (input.ability == HEAVE_LOST) & (actions == SURFACE)
         actions = jnp.where(stranded, STOP, actions)
         # On its way home a vehicle that comes near the floor has to go up: to stay there would not clear it.
-        returning = before.mode == MODE_RETURNING
         rising = returning & (actions[ALTITUDE_LIMIT] > IGNORE)
         actions = actions.at[ALTITUDE_LIMIT].max(jnp.where(rising, SURFACE, IGNORE))
         overruled = overruled & (actions > IGNORE)

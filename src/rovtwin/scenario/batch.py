@@ -8,11 +8,12 @@ import numpy as np
 from rovtwin.core.flat import Layout
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.scenario.composition import Composed, compose
-from rovtwin.scenario.flight import Recorder, summarise
 from rovtwin.scenario.loop import advance_batch, stack, start_batch
+from rovtwin.scenario.recorder import Recorder
 from rovtwin.scenario.run import CHUNK, chunks, ticks_in, until_the_end
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, nees_interval
+from rovtwin.scenario.summary import summarise
 
 Progress = Callable[[float, str], None]  # share of the work done, 0 to 1, and what is going on
 

@@ -1,4 +1,4 @@
-"""From innovations to a corrected state, and what is done about readings that are refused."""
+"""From innovations to a corrected state, and what is done about readings that are rejected."""
 
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.numerics import Array, jax, jnp
@@ -25,7 +25,7 @@ def opening(name: str, residual: Array, R_nb: Array, model: Model) -> Array:
     """Variance given back to what a sensor tells of when the filter must be wrong about it, shape (31,).
 
     A disagreement with the accelerometer that lasts is a force: a tether that is caught, a thruster that is gone. One
-    that no thruster or tether could make is a broken sensor, and stays refused.
+    that no thruster or tether could make is a broken sensor, and stays rejected.
     """
     square, none = residual**2, jnp.zeros(ERRORS)
     if name == "accelerometer":

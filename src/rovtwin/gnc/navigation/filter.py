@@ -18,8 +18,8 @@ from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion, readings
 from rovtwin.gnc.navigation.belief import estimate_of
 from rovtwin.gnc.navigation.corrections import corrected, finite, opening
-from rovtwin.gnc.navigation.motion import Opinion, Turning, Waves, side_by_side
-from rovtwin.gnc.navigation.positions import Refused, Trail, positions
+from rovtwin.gnc.navigation.motion import Acceleration, Turning, Waves, side_by_side
+from rovtwin.gnc.navigation.positions import Rejected, Trail, positions
 from rovtwin.gnc.navigation.readings import Innovation
 from rovtwin.gnc.navigation.sea import SeaState
 from rovtwin.gnc.navigation.state import (
@@ -49,7 +49,7 @@ class NavigationMemory(eqx.Module):
         ticks: So far, int; time is `ticks * dt`.
         trail: Where dead reckoning went.
         sea: What is believed of the waves.
-        refused: Positions that were not believed.
+        rejected: Positions that were not believed.
         doubted: Ticks in a row in which a sensor's readings were not, in the order of DOUBTED, shape (4,), int.
     """
 
@@ -60,21 +60,21 @@ class NavigationMemory(eqx.Module):
     ticks: Array
     trail: Trail
     sea: SeaState
-    refused: Refused
+    rejected: Rejected
     doubted: Array
 
 
 class Forecast(NamedTuple):
     """Accelerations of slow motion, b, and waves, n; densities of their noise in b, 1 / that of all; shapes (3,)."""
 
-    v_dot: Opinion
-    wave_dot: Opinion
+    v_dot: Acceleration
+    wave_dot: Acceleration
     slow: Array
     quick: Array
     total: Array
 
 
-class Passage(NamedTuple):
+class Transition(NamedTuple):
     """Of the error through a tick: state and covariance before and after the motion, and B with Phi = (I + B)^2."""
 
     x: NavigationState
@@ -105,7 +105,7 @@ class NavigationFilter(Block):
             ticks=jnp.zeros((), dtype=jnp.int32),
             trail=Trail.at(start.position),
             sea=SeaState.unknown(),
-            refused=Refused.none(),
+            rejected=Rejected.none(),
             doubted=jnp.zeros(len(DOUBTED), dtype=jnp.int32),
         )
 
@@ -116,7 +116,7 @@ class NavigationFilter(Block):
 
     def passed(
         self, memory: NavigationMemory, input: ObserverInput, dt: float
-    ) -> tuple[NavigationMemory, Estimate, Passage]:
+    ) -> tuple[NavigationMemory, Estimate, Transition]:
         """`step`, and how the error came through the tick."""
         slots, now = finite(input.measurements), memory.ticks * dt
         tau, thrust = self._thrust(memory.thrust, input.command, dt)
@@ -132,12 +132,12 @@ class NavigationFilter(Block):
         moved, P, B = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
         way = moved.position + moved.wave_place - x.position - x.wave_place
         trail = memory.trail.after(way, memory.ticks)
-        x, refused = moved, memory.refused
+        x, rejected = moved, memory.rejected
 
         found = None
         if self._listens("position", slots):
-            found, refused, P = positions(x, P, slots["position"], trail, refused, self.tuning, now, memory.ticks, dt)
-        passage = Passage(*before, moved, P, B)
+            found, rejected, P = positions(x, P, slots["position"], trail, rejected, self.tuning, now, memory.ticks, dt)
+        transition = Transition(*before, moved, P, B)
         if found is not None:
             x, P, heard["position"] = corrected(x, P, found)
         for name in ("attitude", "pressure", "dvl"):
@@ -146,8 +146,8 @@ class NavigationFilter(Block):
                 found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
                 x, P, heard[name] = corrected(x, P, found)
         counts = jnp.stack([doubted[name] for name in DOUBTED])
-        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, refused, counts)
-        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), passage
+        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, counts)
+        return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), transition
 
     def _listens(self, name: str, slots: Measurements) -> bool:
         return name in slots and name in self.tuning.mounts
@@ -201,7 +201,7 @@ class NavigationFilter(Block):
         variance = mount.std**2 / jnp.maximum(mean.count, 1)
         read = mount.rotation @ mean.value
 
-        def difference(x: NavigationState) -> tuple[Opinion, Opinion, Opinion]:
+        def difference(x: NavigationState) -> tuple[Acceleration, Acceleration, Acceleration]:
             R_nb = rotation_from_quaternion(x.attitude)
             model, wave = motion.by_model(self.model, x, tau, turning), motion.by_waves(x, waves)
             sensed = motion.by_accelerometer(x, read, mount.lever, turning)
@@ -210,7 +210,7 @@ class NavigationFilter(Block):
         found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
         unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
         found, P, doubts = self._believed("accelerometer", found, P, memory.doubted[0], x)
-        # What is refused neither moves the vehicle nor makes waves.
+        # What is rejected neither moves the vehicle nor makes waves.
         heard = jnp.any(found.used)
         sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
         x, P, told = corrected(x, P, found)

@@ -1,4 +1,4 @@
-"""How the state moves: two independent opinions of the acceleration, and one prediction from both.
+"""How the state moves: two independent sources of the acceleration, and one prediction from both.
 
 The motion is that of the model, plus one of wave frequency that a second-order filter driven by white noise stands for:
 
@@ -55,14 +55,14 @@ class Turning(eqx.Module):
     omega_dot: Array
 
 
-class Opinion(eqx.Module):
+class Acceleration(eqx.Module):
     """An acceleration [m/s2], shape (3,), and its derivative by the error of the state, shape (3, 31)."""
 
     value: Array
     slope: Array
 
 
-def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> Opinion:
+def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> Acceleration:
     """v_dot from the force balance, rows 1 to 3 of the equations of motion.
 
     Args:
@@ -99,17 +99,17 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
         (CURRENT, dcurrent),
         (DRAG, -inverse * drag),
     )
-    return Opinion(value, slope)
+    return Acceleration(value, slope)
 
 
-def by_accelerometer(x: NavigationState, reading: Array, lever: Array, turning: Turning) -> Opinion:
+def by_accelerometer(x: NavigationState, reading: Array, lever: Array, turning: Turning) -> Acceleration:
     """v_dot + R_bn v_w_dot from the specific force read at `lever` [m], turned to b [m/s2], shape (3,)."""
     omega, omega_dot = turning.omega, turning.omega_dot
     down_b = rotation_from_quaternion(x.attitude)[2]
     swing = cross(omega_dot, lever) + cross(omega, cross(omega, lever))
     value = reading - x.accelerometer_bias - cross(omega, x.velocity) - swing + GRAVITY * down_b
     own = (VELOCITY, -skew(omega)), (ATTITUDE, GRAVITY * skew(down_b)), (ACCELEROMETER_BIAS, -jnp.eye(3))
-    return Opinion(value, side_by_side(3, *own))
+    return Acceleration(value, side_by_side(3, *own))
 
 
 class Waves(eqx.Module):
@@ -123,33 +123,33 @@ class Waves(eqx.Module):
     density: Array
 
 
-def by_waves(x: NavigationState, waves: Waves) -> Opinion:
+def by_waves(x: NavigationState, waves: Waves) -> Acceleration:
     """v_w_dot without its noise, n."""
     w2, decay = waves.frequency**2, 2.0 * waves.damping * waves.frequency
     value = -w2 * x.wave_place - decay * x.wave_velocity
     slope = side_by_side(3, (WAVE_PLACE, -w2 * jnp.eye(3)), (WAVE_VELOCITY, -decay * jnp.eye(3)))
-    return Opinion(value, slope)
+    return Acceleration(value, slope)
 
 
-def sum_of(model: Opinion, waves: Opinion, R_nb: Array) -> Opinion:
+def sum_of(model: Acceleration, waves: Acceleration, R_nb: Array) -> Acceleration:
     """Of slow motion in b and waves in n, in b."""
     turned = R_nb.T @ waves.value
     slope = product(R_nb.T, waves.slope) + side_by_side(3, (ATTITUDE, skew(turned)))
-    return Opinion(model.value + turned, model.slope + slope)
+    return Acceleration(model.value + turned, model.slope + slope)
 
 
-def less(a: Opinion, b: Opinion) -> Opinion:
-    """The difference of two opinions."""
-    return Opinion(a.value - b.value, a.slope - b.slope)
+def less(a: Acceleration, b: Acceleration) -> Acceleration:
+    """The difference of two accelerations."""
+    return Acceleration(a.value - b.value, a.slope - b.slope)
 
 
-def mixed(own: Opinion, difference: Opinion, gain: Array) -> Opinion:
-    """An opinion, moved by its share of the difference; gain of shape (3, 3)."""
-    return Opinion(own.value + gain @ difference.value, own.slope + product(gain, difference.slope))
+def mixed(own: Acceleration, difference: Acceleration, gain: Array) -> Acceleration:
+    """An acceleration, moved by its share of the difference; gain of shape (3, 3)."""
+    return Acceleration(own.value + gain @ difference.value, own.slope + product(gain, difference.slope))
 
 
 def step(
-    x: NavigationState, P: Array, v_dot: Opinion, wave_dot: Opinion, turning: Turning, noise: Array, dt: float
+    x: NavigationState, P: Array, v_dot: Acceleration, wave_dot: Acceleration, turning: Turning, noise: Array, dt: float
 ) -> tuple[NavigationState, Array, Array]:
     """State and covariance a tick later, and half of what takes the error there: Phi = (I + B)^2, B of shape (15, 31).
 

@@ -1,7 +1,7 @@
 """Horizontal positions: late, sometimes missing, sometimes wrong, and the only thing that says where the vehicle is.
 
 A reading is compared with where the vehicle was when it was taken, found by going back along the dead-reckoned trail.
-Beyond the gate it is refused. Refused readings that agree with each other say that the filter errs, not they: after a
+Beyond the gate it is rejected. Rejected readings that agree with each other say that the filter errs, not they: after a
 few of them the filter's own position is opened again, so that it cannot lock itself out.
 """
 
@@ -46,7 +46,7 @@ class Trail(eqx.Module):
         return now - ((1.0 - share) * later + share * earlier)
 
 
-class Refused(eqx.Module):
+class Rejected(eqx.Module):
     """Readings beyond the gate, in a row.
 
     Attributes:
@@ -60,7 +60,7 @@ class Refused(eqx.Module):
     residual: Array
 
     @classmethod
-    def none(cls) -> "Refused":
+    def none(cls) -> "Rejected":
         none = jnp.zeros((), dtype=jnp.int32)
         return cls(none, none, jnp.zeros(2))
 
@@ -70,20 +70,20 @@ def positions(
     P: Array,
     slot: Slot,
     trail: Trail,
-    refused: Refused,
+    rejected: Rejected,
     tuning: Tuning,
     now: Array,
     tick: Array,
     dt: float,
-) -> tuple[Innovation, Refused, Array]:
-    """Innovations of all readings of a tick, what was refused, and P, opened where the filter must be wrong.
+) -> tuple[Innovation, Rejected, Array]:
+    """Innovations of all readings of a tick, what was rejected, and P, opened where the filter must be wrong.
 
     Args:
         x: State.
         P: Its covariance, shape (31, 31).
         slot: Readings of north and east.
         trail: Up to this tick.
-        refused: Before this tick.
+        rejected: Before this tick.
         tuning: Noise, gate, patience.
         now: Time [s].
         tick: Its number, int.
@@ -97,16 +97,16 @@ def positions(
         there = slot.valid[row]
         far = there & (squared_norm(one.residual, S) > tuning.gate["position"])
         # Two readings of the same place differ by both their noises.
-        alike = squared_norm(one.residual - refused.residual, 2.0 * jnp.diag(one.variance)) < tuning.gate["position"]
-        count = jnp.where(far, jnp.where(alike & (refused.count > 0), refused.count + 1, 1), refused.count * ~there)
-        total = jnp.where(there, jnp.where(far, refused.total + 1, 0), refused.total)
+        alike = squared_norm(one.residual - rejected.residual, 2.0 * jnp.diag(one.variance)) < tuning.gate["position"]
+        count = jnp.where(far, jnp.where(alike & (rejected.count > 0), rejected.count + 1, 1), rejected.count * ~there)
+        total = jnp.where(there, jnp.where(far, rejected.total + 1, 0), rejected.total)
         # A filter that is wrong about its speed sees readings that do not even agree.
         lost = far & ((count >= tuning.patience) | (total >= 2 * tuning.patience))
         opening = jnp.zeros(ERRORS).at[jnp.array([0, 1])].set(one.residual @ one.residual)
         opening = opening.at[jnp.array([3, 4])].set(REOPENED_VELOCITY**2)
         P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opening)
-        last = jnp.where(far, one.residual, refused.residual)
-        refused = Refused(jnp.where(lost, 0, count), jnp.where(lost, 0, total), last)
+        last = jnp.where(far, one.residual, rejected.residual)
+        rejected = Rejected(jnp.where(lost, 0, count), jnp.where(lost, 0, total), last)
         found.append(eqx.tree_at(lambda i: i.used, one, one.used & there & (~far | lost)))
     joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
-    return joined, refused, P
+    return joined, rejected, P

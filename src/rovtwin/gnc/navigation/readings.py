@@ -17,7 +17,7 @@ from rovtwin.core.frames import (
 )
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.gnc.ekf_model import product
-from rovtwin.gnc.navigation.motion import Opinion, side_by_side
+from rovtwin.gnc.navigation.motion import Acceleration, side_by_side
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     POSITION,
@@ -135,7 +135,7 @@ def dvl(
     return Innovation(residual, slope, jnp.full(3, mount.std**2) / n, jnp.full(3, mean.count > 0))
 
 
-def disagreement(difference: Opinion, density: Array, variance: Array, used: Array, dt: float) -> Innovation:
+def disagreement(difference: Acceleration, density: Array, variance: Array, used: Array, dt: float) -> Innovation:
     """Of accelerometer and prediction: what should be zero, read with the noise of all. See `motion`.
 
     Args:

@@ -88,6 +88,9 @@ class SupervisorSection(Strict):
     altitude_limit: _Rule = Field(default=RuleSection(), description="least distance to the floor [m]; needs altimeter")
     time_out: _Rule = Field(default=RuleSection(), description="since the mission began [s]")
     operator_silent: _Rule = Field(default=RuleSection(), description="since the operator's last sign of life [s]")
+    no_way_home: _Rule = Field(
+        default=RuleSection(), description="since the vehicle last came nearer, while it returns [s]"
+    )
     sensor_silent: _Rule = Field(default=RuleSection(), description="since attitude or depth was last told [s]")
 
     @property

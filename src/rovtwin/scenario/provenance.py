@@ -1,0 +1,62 @@
+"""What a log must say of its run, to be replayed and judged."""
+
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin import __version__
+from rovtwin.core.jsontext import to_json
+from rovtwin.core.numerics import jax
+from rovtwin.scenario.belongings import kept_beside, scenes_kept_beside
+from rovtwin.scenario.compose_trial import spans_of
+from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.schema import Scenario
+from rovtwin.simulation.sensors import Sensor
+
+
+def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
+    """What a log must say to be replayed and judged; wall-clock time is added by the log itself."""
+    datum = scenario.origin
+    return {
+        "version": __version__,
+        "scenario": dump_scenario(scenario_to_replay(scenario, composed)),
+        "name": scenario.name,
+        "seed": str(scenario.seed),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "jax": jax.__version__,
+        "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
+        "vehicle_table": to_json(composed.vehicle_table()),
+        "sensors": to_json({name: _datasheet(sensor) for name, sensor in composed.loop.twin.sensors.items()}),
+        "water_density": str(water.kg_per_m3 if (water := scenario.world.water) else composed.vehicle.assembly.density),
+        "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
+        "faults": to_json(composed.faults),
+        "datum": datum.metadata(),
+        "mission": to_json([w.model_dump() | {"position": w.placed(datum)} for w in scenario.waypoints]),
+        "test": to_json(spans_of(scenario)) if scenario.test else "",
+        "thrusters": to_json(composed.thruster_names),
+        "tether_length": str(composed.paid_out),
+    }
+
+
+def _datasheet(sensor: Sensor) -> dict[str, Any]:
+    """What a user of the log may know of a sensor: declared noise, place and mounting in b, not its errors."""
+    told = {"noise": sensor.noise, "lever": sensor.lever, "rotation": sensor.rotation}
+    return {name: np.asarray(value).tolist() for name, value in told.items()}
+
+
+def scenario_to_replay(scenario: Scenario, composed: Composed, folder: Path | None = None) -> Scenario:
+    """The scenario with its vehicle written out, so that it does not depend on files that may change or move.
+
+    Mesh and scene files are copied into `folder`, relative to which they are named; without one they stay where they
+    are.
+    """
+    vehicle = composed.vehicle.to_dict()
+    if folder is None:
+        return scenario.model_copy(update={"vehicle": vehicle})
+    cameras = scenes_kept_beside(scenario.cameras, folder)
+    return scenario.model_copy(update={"vehicle": kept_beside(vehicle, folder), "cameras": cameras})

@@ -1,0 +1,52 @@
+"""The summary of a run: its scores with what only the scenario knows, such as the best filter's bound."""
+
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import GO, HOLD
+from rovtwin.core.numerics import as_array, jax
+from rovtwin.scenario.compose_world import relief_of
+from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.score import Flown, nees_interval, score, score_test
+
+
+def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, Any]:
+    """Scores, the reason where the mission was not completed, NEES interval and the bound of the best filter."""
+    judged = not composed.scenario.test
+    figures = score(flown) if judged else score_test(flown)
+    interrupted = interrupted and not figures["completed"]  # Ctrl-C in the last second of a mission changes nothing
+    low, high = nees_interval([figures]) if judged else (None, None)
+    if interrupted:
+        reason = "interrupted"
+    elif figures["completed"]:
+        reason = ""
+    else:
+        reason = figures["reason"] or f"not finished after {flown.duration:.0f} s"
+    speed = float(np.sqrt(np.mean(np.sum(flown.nu[:, :2] ** 2, axis=1))))
+    return figures | {
+        "reason": reason,
+        "interrupted": interrupted,
+        "altitude_rms_m": altitude_error(flown, composed.scenario),
+        "decisions": decisions(flown, composed.thruster_names),
+        "nees_position_interval": [low, high] if judged else None,
+        "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,
+        "speed_rms_m_s": speed,
+    }
+
+
+def altitude_error(flown: Flown, scenario: Scenario) -> float | None:
+    """Rms of altitude less the wanted one [m], on legs and holds whose way-point has one; None where none has."""
+    wanted = np.array([w.altitude or 0.0 for w in scenario.waypoints])
+    floor = scenario.world.floor
+    if floor is None or not wanted.any():
+        return None
+    asked = wanted[np.clip(flown.mode[:, 2].astype(int), 0, len(wanted) - 1)]
+    follows = np.isin(flown.mode[:, 0], (GO, HOLD)) & (asked > 0.0)
+    if not follows.any():
+        return None
+    relief, eta = relief_of(scenario.world), flown.eta[follows]
+    below = floor if relief is None else np.asarray(jax.vmap(lambda at: relief.under(at)[0])(as_array(eta[:, :2])))
+    return float(np.sqrt(np.mean((below - eta[:, 2] - asked[follows]) ** 2)))
