@@ -15,7 +15,9 @@ from rovtwin.cli.output import report_error
 from rovtwin.cli.plan_survey import plan_survey
 from rovtwin.cli.plan_tests import plan_tests
 from rovtwin.cli.render import render
-from rovtwin.cli.runs import demo, fly, report, scenario_app, score
+from rovtwin.cli.runs import demo, fly, report
+from rovtwin.cli.scenarios import scenario_app
+from rovtwin.cli.scores import score
 from rovtwin.cli.sea import sea
 from rovtwin.cli.smooth import smooth
 from rovtwin.cli.thesis import thesis

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from rovtwin.core.errors import ConfigError
@@ -28,6 +29,18 @@ def check_free(path: Path, overwrite: bool) -> None:
     """
     if path.exists() and not overwrite:
         raise ConfigError(f"{path}: exists already; give another --out, or --overwrite")
+
+
+def progress_bar(counter: str) -> Progress:
+    """A bar with description, counter (rich markup) and time so far, on standard error; it goes away at the end."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn(counter),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
 
 
 def console(as_json: bool) -> Console:

@@ -1,4 +1,4 @@
-"""rovtwin fly, demo, score, report and scenario: run scenarios and look at what came out."""
+"""rovtwin fly, demo and report: run scenarios and look at what came out."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -6,22 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, table
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, progress_bar, table
+from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovtwin.scenario.schema import Scenario
-
-ScenarioName = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A shipped name (see `rovtwin scenario list`) or a YAML file.")
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change the scenario, e.g. world.current=[0.1,0,0]. Repeatable."),
-]
-Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all randomness; default the scenario's.")]
 
 FIGURES = (
     ("duration", "duration_s", "s"),
@@ -103,7 +94,7 @@ def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
 
 
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **cameras: bool) -> Any:
-    with _bar("{task.completed:.0f} s simulated") as bar:
+    with progress_bar("{task.completed:.0f} s simulated") as bar:
         task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
         from rovtwin.scenario.flight import fly as fly_it
         from rovtwin.scenario.flight import run_folder
@@ -120,17 +111,6 @@ def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, s
             write_report(flight.log, folder)
     _closing_table(flight, screen)
     return flight
-
-
-def _bar(counter: str) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn(counter),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
 
 
 def _closing_table(flight: Any, screen: Console) -> None:
@@ -205,7 +185,7 @@ def demo(
 
         def say(what: str) -> None:
             stack.pop_all().close()
-            bar = stack.enter_context(_bar(""))
+            bar = stack.enter_context(progress_bar(""))
             bar.add_task(f"camera and markers: {what}", total=None)
 
         result = run_demo(folder, lambda scenario, where: _fly(scenario, where, False, True, screen), say)
@@ -215,135 +195,3 @@ def demo(
     if as_json:
         emit(result)
     raise typer.Exit(DONE if result["completed"] else FAILED)
-
-
-def score(
-    scenarios: Annotated[list[str] | None, typer.Argument(help="Scenarios; default all that are shipped.")] = None,
-    seeds: Annotated[str, typer.Option(help="Seeds, such as 1-10 or 3,5,8.")] = "1-10",
-    vehicle: Annotated[str | None, typer.Option(help="Vehicle to fly them with; default the scenario's.")] = None,
-    autopilot: Annotated[
-        str | None, typer.Option(help="thesis, thesis_as_printed or thesis_placed; default the scenario's.")
-    ] = None,
-    overrides: Overrides = None,
-    batch: Annotated[bool, typer.Option("--batch", help="All seeds side by side under vmap, as on a GPU.")] = False,
-    as_json: AsJson = False,
-) -> None:
-    """Fly scenarios over many seeds and print the table of scores; nothing is written.
-
-    Exit code 1 if any run did not complete.
-    """
-    from rovtwin.scenario.files import list_scenarios, load_scenario
-    from rovtwin.scenario.seeds import parse_seeds
-
-    numbers = parse_seeds(seeds)
-    given = {"vehicle": vehicle, "autopilot": autopilot}
-    extra = [*(f"{key}={value}" for key, value in given.items() if value), *(overrides or ())]
-    wanted = {name: load_scenario(name, extra) for name in scenarios or list_scenarios()}
-    tests = [name for name, scenario in wanted.items() if scenario.test]
-    if scenarios and tests:
-        raise ConfigError(f"{tests[0]}: is a test, not a mission: it has no scores. Fly it: rovtwin fly {tests[0]}")
-    wanted = {name: scenario for name, scenario in wanted.items() if name not in tests}
-    results = {}
-    with _bar("") as bar:
-        for label, scenario in wanted.items():
-            task = bar.add_task(f"{label}: compiling", total=1.0)
-            from rovtwin.scenario.batch import score_batch, score_seeds
-
-            def progress(share: float, what: str, task: Any = task, name: str = label) -> None:
-                bar.update(task, completed=share, description=f"{name}: {what}")
-
-            results[label] = (score_batch if batch else score_seeds)(scenario, numbers, progress)
-    screen = console(as_json)
-    if screen.width < 110:
-        screen.width = 110  # broken lines of a table are easier to read than broken words
-    title = ", ".join([*(f"{key} {value}" for key, value in given.items() if value), f"seeds {seeds}"])
-    screen.print(_score_table(results, title))
-    if as_json:
-        emit({**given, "seeds": numbers, "scenarios": results})
-    completed = all(run["completed"] for runs in results.values() for run in runs)
-    raise typer.Exit(DONE if completed else FAILED)
-
-
-def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
-    from rovtwin.scenario.batch import COLUMNS, table_row
-
-    rows = table(title, "scenario", *COLUMNS)
-    for name, runs in results.items():
-        row = table_row(runs)
-        rows.add_row(name, *(cell.replace("nan", "–") for cell in row))
-    return rows
-
-
-scenario_app = typer.Typer(no_args_is_help=True, help="Look at scenarios: list, show in full, check, schema.")
-
-
-@scenario_app.command("list")
-def list_all(as_json: AsJson = False) -> None:
-    """Shipped scenarios and missions; each also comes with a Doppler log (NAME_dvl) and with tethers (NAME_tether)."""
-    from rovtwin.scenario.files import list_missions, list_scenarios, load_scenario
-
-    found = {name: load_scenario(name).description for name in list_scenarios()}
-    if as_json:
-        emit({"scenarios": found, "missions": list_missions()})
-        return
-    rows = table("scenarios (NAME_dvl adds a Doppler log, NAME_tether tethers)", "name", "what it is")
-    rows.columns[1].justify = "left"
-    for name, what in found.items():
-        rows.add_row(name, what)
-    out = console(False)
-    out.print(rows)
-    out.print(f"missions: {', '.join(list_missions())}")
-
-
-@scenario_app.command("show")
-def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
-    """Print a scenario in full, with all defaults: a file to start from."""
-    from rovtwin.scenario.files import dump_scenario, load_scenario
-
-    found = load_scenario(scenario, overrides or (), seed)
-    if as_json:
-        emit(found.model_dump(mode="json"))
-    else:
-        typer.echo(dump_scenario(found), nl=False)
-
-
-@scenario_app.command("check")
-def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
-    """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying.
-
-    In waves or current also whether the vehicle can hold its place (`rovtwin sea` says more), and whether a battery is
-    empty from the start.
-    """
-    from rovtwin.scenario.compose_battery import empty_at_start
-    from rovtwin.scenario.composition import compose
-    from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.sea import moves, verdict
-
-    found = load_scenario(scenario, overrides or ())
-    composed = compose(found)
-    holds, line = verdict(composed) if moves(found) else (None, None)
-    empty = empty_at_start(found)
-    if as_json:
-        emit(
-            {
-                "scenario": found.name,
-                "valid": True,
-                "holds_place": holds,
-                "holds_place_line": line,
-                "battery_line": empty,
-            }
-        )
-        return
-    screen = console(False)
-    screen.print(f"{scenario}: usable", markup=False)
-    for said in (line, empty):
-        if said:
-            screen.print(f"- {said}", markup=False, soft_wrap=True)
-
-
-@scenario_app.command("schema")
-def schema(as_json: AsJson = True) -> None:
-    """The JSON Schema of scenario files, for editors to complete and check them."""
-    from rovtwin.scenario.schema import Scenario
-
-    emit(Scenario.model_json_schema())

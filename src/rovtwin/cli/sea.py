@@ -5,7 +5,7 @@ from typing import Any
 import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
-from rovtwin.cli.runs import Overrides, ScenarioName, Seed
+from rovtwin.cli.scenarios import Overrides, ScenarioName, Seed
 
 
 def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:

@@ -7,7 +7,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, table
-from rovtwin.cli.runs import Overrides, ScenarioName
+from rovtwin.cli.scenarios import Overrides, ScenarioName
 
 if TYPE_CHECKING:
     from rovtwin.campaign.tune_result import Tuned, Wish

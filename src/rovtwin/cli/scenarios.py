@@ -1,0 +1,90 @@
+"""rovtwin scenario: look at scenarios; and the arguments of every command that takes one."""
+
+from typing import Annotated
+
+import typer
+
+from rovtwin.cli.output import AsJson, console, emit, table
+
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A shipped name (see `rovtwin scenario list`) or a YAML file.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change the scenario, e.g. world.current=[0.1,0,0]. Repeatable."),
+]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all randomness; default the scenario's.")]
+
+scenario_app = typer.Typer(no_args_is_help=True, help="Look at scenarios: list, show in full, check, schema.")
+
+
+@scenario_app.command("list")
+def list_all(as_json: AsJson = False) -> None:
+    """Shipped scenarios and missions; each also comes with a Doppler log (NAME_dvl) and with tethers (NAME_tether)."""
+    from rovtwin.scenario.files import list_missions, list_scenarios, load_scenario
+
+    found = {name: load_scenario(name).description for name in list_scenarios()}
+    if as_json:
+        emit({"scenarios": found, "missions": list_missions()})
+        return
+    rows = table("scenarios (NAME_dvl adds a Doppler log, NAME_tether tethers)", "name", "what it is")
+    rows.columns[1].justify = "left"
+    for name, what in found.items():
+        rows.add_row(name, what)
+    out = console(False)
+    out.print(rows)
+    out.print(f"missions: {', '.join(list_missions())}")
+
+
+@scenario_app.command("show")
+def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
+    """Print a scenario in full, with all defaults: a file to start from."""
+    from rovtwin.scenario.files import dump_scenario, load_scenario
+
+    found = load_scenario(scenario, overrides or (), seed)
+    if as_json:
+        emit(found.model_dump(mode="json"))
+    else:
+        typer.echo(dump_scenario(found), nl=False)
+
+
+@scenario_app.command("check")
+def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
+    """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying.
+
+    In waves or current also whether the vehicle can hold its place (`rovtwin sea` says more), and whether a battery is
+    empty from the start.
+    """
+    from rovtwin.scenario.compose_battery import empty_at_start
+    from rovtwin.scenario.composition import compose
+    from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.sea import moves, verdict
+
+    found = load_scenario(scenario, overrides or ())
+    composed = compose(found)
+    holds, line = verdict(composed) if moves(found) else (None, None)
+    empty = empty_at_start(found)
+    if as_json:
+        emit(
+            {
+                "scenario": found.name,
+                "valid": True,
+                "holds_place": holds,
+                "holds_place_line": line,
+                "battery_line": empty,
+            }
+        )
+        return
+    screen = console(False)
+    screen.print(f"{scenario}: usable", markup=False)
+    for said in (line, empty):
+        if said:
+            screen.print(f"- {said}", markup=False, soft_wrap=True)
+
+
+@scenario_app.command("schema")
+def schema(as_json: AsJson = True) -> None:
+    """The JSON Schema of scenario files, for editors to complete and check them."""
+    from rovtwin.scenario.schema import Scenario
+
+    emit(Scenario.model_json_schema())
