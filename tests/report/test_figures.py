@@ -12,8 +12,9 @@ from rovtwin.report import figures
 from rovtwin.report.catalogue import CATALOGUE, left_out
 from rovtwin.report.consistency import chi_square_range, consistency
 from rovtwin.report.effort import _true_wrench
-from rovtwin.report.flight import FaultSpan, Flight, beside, slow_mean, unwrapped
+from rovtwin.report.flight import FaultSpan, Flight
 from rovtwin.report.motion import tracking
+from rovtwin.report.series import beside, slow_mean, unwrapped
 from rovtwin.report.style import _fault_labels, thin
 
 NAMES = [entry.name for entry in CATALOGUE]

@@ -11,8 +11,9 @@ from matplotlib.ticker import MaxNLocator
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.log import Series
 from rovtwin.core.numerics import jax
-from rovtwin.report.flight import Flight, at, slow_mean
+from rovtwin.report.flight import Flight
 from rovtwin.report.panels import TIME, panels
+from rovtwin.report.series import at, slow_mean
 from rovtwin.report.style import (
     BLACK,
     BLUE,

@@ -13,6 +13,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
 from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.report.series import at, sensor_values, wrapped
 
 POSES = ("x", "y", "z", "phi", "theta", "psi")
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
@@ -296,61 +297,6 @@ class Flight:
 def phase_name(number: int) -> str:
     """The phase as a word, also of a number nobody knows."""
     return PHASES[number] if 0 <= number < len(PHASES) else f"phase {number}"
-
-
-def sensor_values(series: Series) -> np.ndarray:
-    """Readings without the column of the sensor's own time, shape (N, n)."""
-    columns = [k for k, field in enumerate(series.channel.fields) if field not in ("t_valid", "valid")]
-    return series.values[:, columns]
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """The same angles in [-pi, pi) [rad]."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def at(series: Series, t: np.ndarray, angles: slice = slice(0, 0)) -> np.ndarray:
-    """Values at other times by linear interpolation, NaN outside of the series.
-
-    Args:
-        series: The values.
-        t: Times [s], shape (M,).
-        angles: Columns that are unwrapped first.
-    """
-    values = np.array(series.values)
-    values[:, angles] = unwrapped(values[:, angles])
-    return np.column_stack([np.interp(t, series.t, column, left=np.nan, right=np.nan) for column in values.T])
-
-
-def slow_mean(t: np.ndarray, values: np.ndarray, window: float = 20.0) -> np.ndarray:
-    """Mean over a window [s] around each time, shorter at the ends; shapes (N,) and (N, n)."""
-    total = np.vstack([np.zeros(values.shape[1]), np.cumsum(np.nan_to_num(values), axis=0)])
-    low, high = np.searchsorted(t, t - window / 2), np.searchsorted(t, t + window / 2, side="right")
-    return (total[high] - total[low]) / (high - low)[:, None]
-
-
-def unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles without jumps along the first axis; NaN stays NaN and does not spread."""
-    steps = wrapped(np.diff(_filled(angle), axis=0))
-    first = _filled(angle)[:1]
-    result = np.concatenate([first, first + np.cumsum(steps, axis=0)])
-    return np.where(np.isfinite(angle), result, np.nan)
-
-
-def beside(angle: np.ndarray, t: np.ndarray, base: np.ndarray, base_t: np.ndarray) -> np.ndarray:
-    """Angles shifted by whole turns so that they lie within half a turn of an unwrapped base."""
-    near = np.interp(t, base_t, _filled(base))
-    return near + wrapped(angle - near)
-
-
-def _filled(values: np.ndarray) -> np.ndarray:
-    """NaN replaced by the last finite value before it (at the start by 0)."""
-    values = np.asarray(values, float)
-    known = np.isfinite(values)
-    index = np.maximum.accumulate(
-        np.where(known, np.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1)), 0), axis=0
-    )
-    return np.nan_to_num(np.take_along_axis(values, index, axis=0))
 
 
 def _waypoint(one: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,8 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from rovtwin.report.flight import POSES, VELOCITIES, Flight, beside, unwrapped
+from rovtwin.report.flight import POSES, VELOCITIES, Flight
 from rovtwin.report.panels import panels
+from rovtwin.report.series import beside, unwrapped
 from rovtwin.report.style import BLACK, ESTIMATE, GREY, LIMIT, REFERENCE, TRUTH, limits, line, note
 
 _STYLES = (

@@ -3,8 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.report.flight import Flight, slow_mean
+from rovtwin.report.flight import Flight
 from rovtwin.report.panels import panels
+from rovtwin.report.series import slow_mean
 from rovtwin.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, limits, line
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE)  # of tethers and batteries, in order of their names
