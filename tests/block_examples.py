@@ -299,7 +299,7 @@ def terrain() -> Example:
 
 def contingency() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
-    return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode))
+    return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode, over_time(4, seed=46)))
 
 
 def tracking() -> Example:
@@ -308,7 +308,7 @@ def tracking() -> Example:
 
 def autopilot(observer: Block) -> Example:
     block = Autopilot.thesis(model(), observer, way_points(), gains="pole_placement")
-    return Example(block, AutopilotInput(measurements(), requests(), hosts()))
+    return Example(block, AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46)))
 
 
 def trial() -> Example:
@@ -325,7 +325,9 @@ def trial() -> Example:
         phase=jnp.full(2, GO),
         count=jnp.asarray(TICKS - 10),
     )
-    return Example(Trial.of(model(), timeline), AutopilotInput(measurements(), requests(), hosts()))
+    return Example(
+        Trial.of(model(), timeline), AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46))
+    )
 
 
 def guidance() -> Example:

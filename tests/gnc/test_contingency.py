@@ -7,13 +7,14 @@ import pytest
 from tests.gnc.flying import estimate_of
 
 from rovtwin.core.block import Start
-from rovtwin.core.flow import GO, HELD, LEAK, RETURNED, RETURNING, SURFACED, SURFACING, Setpoint
+from rovtwin.core.flow import GO, HELD, LEAK, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Setpoint
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.gnc.contingency import Contingency, ContingencyInput
 from rovtwin.gnc.supervisor import (
     MODE_ABORTED,
     MODE_HOLDING,
     MODE_PAUSED,
+    MODE_PILOTED,
     MODE_RETURNING,
     MODE_RUNNING,
     MODE_SURFACING,
@@ -40,13 +41,13 @@ FAR_AHEAD = dataclasses.replace(ON_LEG, eta=as_array([6.0, 9.0, 8.0, 0.0, 0.0, n
 
 
 @jax.jit
-def follow(memory, modes):
+def follow(memory, modes, wish):
     """Memory and set-points; the vehicle stays until a contingency begins, then it is where asked, a tick late."""
 
     def one(carry, mode):
         memory, at = carry
         here = estimate_of(at, ON_LEG.nu)
-        given = ContingencyInput(FAR_AHEAD, here, Mode(mode, jnp.where(mode > MODE_PAUSED, LEAK, 0)))
+        given = ContingencyInput(FAR_AHEAD, here, Mode(mode, jnp.where(mode > MODE_PAUSED, LEAK, 0)), wish)
         memory, asked = BLOCK.step(memory, given, DT)
         return (memory, jnp.where(mode > MODE_RUNNING, asked.eta, at)), asked
 
@@ -54,10 +55,10 @@ def follow(memory, modes):
     return memory, asked
 
 
-def flown(*spans):
-    """Set-points of (mode, seconds) one after the other."""
+def flown(*spans, wish=(0.0, 0.0, 0.0, 0.0)):
+    """Set-points of (mode, seconds) one after the other; the pilot wishes the same all the time."""
     modes = np.concatenate([np.full(round(seconds / DT), mode) for mode, seconds in spans])
-    return follow(BLOCK.init(jax.random.key(0), START), jnp.asarray(modes))[1]
+    return follow(BLOCK.init(jax.random.key(0), START), jnp.asarray(modes), as_array(wish))[1]
 
 
 def test_the_mission_passes_through():
@@ -127,3 +128,46 @@ def test_paused_after_a_fail_safe_it_stays_and_running_it_goes_back_to_guidance(
     assert np.linalg.norm(eta[-12, :2] - eta[-15, :2]) < 1e-3, "at rest while paused"
     assert np.linalg.norm(eta[-12, :2] - np.array(AT)[:2]) > 0.5, "not back where guidance waits"
     assert np.all(eta[-1] == np.asarray(FAR_AHEAD.eta))
+
+
+def test_a_pilot_gets_the_velocity_along_the_heading_and_what_he_does_not_want_is_held():
+    asked = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 20.0), wish=(0.2, 0.0, -0.1, 0.0))
+    eta, nu = np.asarray(asked.eta), np.asarray(asked.nu)
+    assert np.allclose(nu[-1], [0.2, 0.0, -0.1, 0.0, 0.0, 0.0], atol=1e-6) and int(asked.phase[-1]) == PILOTED
+    # It looks east: surge is east, and up is up.
+    assert np.allclose((eta[-1] - eta[-51]) / (50 * DT), [0.0, 0.2, -0.1, 0.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_a_pilot_who_turns_moves_along_the_new_heading():
+    asked = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 20.0), wish=(0.2, 0.0, 0.0, 0.1))
+    eta = np.asarray(asked.eta)
+    along = np.diff(eta[-60:, :2], axis=0) / DT
+    psi = eta[-60:-1, 5]
+    assert np.allclose(np.diff(np.unwrap(eta[20:, 5])), 0.1 * DT, atol=1e-9)
+    assert np.allclose(along, 0.2 * np.stack([np.cos(psi), np.sin(psi)], axis=1), atol=0.05)
+
+
+def test_without_a_wish_the_pilot_keeps_the_station():
+    eta = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0)).eta)
+    assert np.allclose(eta[-1], eta[-100]) and np.linalg.norm(eta[-1, :3] - AT[:3]) < 0.6
+
+
+def test_a_pilot_gets_no_more_than_the_vehicle_may_and_does_not_leave_it_behind():
+    nu = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0), wish=(9.0, 0.0, 0.0, 9.0)).nu)
+    assert np.abs(nu[:, :2]).max() <= 0.5 + 1e-9 and nu[-1, 5] == 0.5
+    memory, here = BLOCK.init(jax.random.key(0), START), estimate_of(AT)
+    for _ in range(200):  # a vehicle that is stuck
+        given = ContingencyInput(
+            ON_LEG, here, Mode(jnp.asarray(MODE_PILOTED), jnp.asarray(0)), as_array([0.4, 0, 0, 0])
+        )
+        memory, asked = BLOCK.step(memory, given, DT)
+    assert np.isclose(np.linalg.norm(np.asarray(asked.eta)[:3] - AT[:3]), 0.7, atol=1e-6)
+
+
+def test_paused_after_piloting_it_stays_where_the_pilot_left_it_and_resumed_the_mission_goes_on():
+    asked = flown(
+        (MODE_RUNNING, 1.0), (MODE_PILOTED, 10.0), (MODE_PAUSED, 5.0), (MODE_RUNNING, 1.0), wish=(0.2, 0, 0, 0)
+    )
+    eta = np.asarray(asked.eta)
+    assert np.linalg.norm(eta[155, :2] - AT[:2]) > 1.0 and np.linalg.norm(eta[155, :2] - FAR_AHEAD.eta[:2]) > 1.0
+    assert np.all(eta[-1] == np.asarray(FAR_AHEAD.eta)) and int(asked.phase[-1]) == GO

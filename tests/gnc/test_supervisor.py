@@ -17,6 +17,7 @@ from rovtwin.core.flow import (
     NOT_A_NUMBER,
     OPERATOR,
     PAUSE,
+    PILOT,
     REASONS,
     RESUME,
     Host,
@@ -30,6 +31,7 @@ from rovtwin.gnc.supervisor import (
     MODE_HOLDING,
     MODE_IDLE,
     MODE_PAUSED,
+    MODE_PILOTED,
     MODE_RETURNING,
     MODE_RUNNING,
     MODE_SURFACING,
@@ -94,11 +96,12 @@ def ask(mode, request=NO_REQUEST, reason=NO_REASON, **others):
     return go_on(begun(mode, reason), watched(request, **others))[1:]
 
 
-REQUESTS = (NO_REQUEST, PAUSE, RESUME, ABORT, ARM)
+REQUESTS = (NO_REQUEST, PAUSE, RESUME, ABORT, ARM, PILOT)
 TABLE = {
-    MODE_IDLE: (MODE_RUNNING, MODE_IDLE, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED),
-    MODE_RUNNING: (MODE_RUNNING, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_RUNNING),
-    MODE_PAUSED: (MODE_PAUSED, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED),
+    MODE_IDLE: (MODE_RUNNING, MODE_IDLE, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED, MODE_PILOTED),
+    MODE_RUNNING: (MODE_RUNNING, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_RUNNING, MODE_PILOTED),
+    MODE_PILOTED: (MODE_PILOTED, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_PILOTED, MODE_PILOTED),
+    MODE_PAUSED: (MODE_PAUSED, MODE_PAUSED, MODE_RUNNING, MODE_ABORTED, MODE_PAUSED, MODE_PILOTED),
 }
 CASES = [(mode, request, after) for mode in TABLE for request, after in zip(REQUESTS, TABLE[mode], strict=True)]
 
@@ -112,7 +115,7 @@ FAIL_SAFE = (MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED)
 
 
 @pytest.mark.parametrize("mode", FAIL_SAFE)
-@pytest.mark.parametrize("request_", [NO_REQUEST, PAUSE, RESUME])
+@pytest.mark.parametrize("request_", [NO_REQUEST, PAUSE, RESUME, PILOT])
 def test_nothing_but_arm_ends_a_fail_safe(mode, request_):
     assert ask(mode, request_, reason=flow.LEAK) == (mode, flow.LEAK)
 
@@ -355,8 +358,8 @@ def test_readings_that_are_no_numbers_change_nothing():
 def test_begins_idle_and_thrusters_are_on_in_all_modes_but_idle_and_aborted():
     memory = SUPERVISOR.init(jax.random.key(0), Start.at())
     assert int(memory.mode.mode) == MODE_IDLE and not memory.mode.active
-    active = [bool(Mode(jnp.asarray(m), jnp.asarray(0)).active) for m in range(7)]
-    assert active == [False, True, True, True, True, True, False]
+    active = [bool(Mode(jnp.asarray(m), jnp.asarray(0)).active) for m in range(8)]
+    assert active == [False, *[True] * 6, False]
 
 
 def test_a_polygon_that_is_not_convex():

@@ -14,10 +14,10 @@ from rovtwin.core.numerics import Array, jnp
 
 PHASES = (
     *("idle", "dive", "turn", "go", "hold", "paused", "finished", "aborted"),
-    *("held", "returning", "returned", "surfacing", "surfaced"),
+    *("held", "returning", "returned", "surfacing", "surfaced", "piloted"),
 )
 IDLE, DIVE, TURN, GO, HOLD, PAUSED, FINISHED, ABORTED = range(8)
-HELD, RETURNING, RETURNED, SURFACING, SURFACED = range(8, 13)
+HELD, RETURNING, RETURNED, SURFACING, SURFACED, PILOTED = range(8, 14)
 FAIL_SAFE_PHASES = ("aborted", "held", "returning", "returned", "surfacing", "surfaced")
 ENDS = (FINISHED, ABORTED, RETURNED, SURFACED)  # after which nothing more happens unless an operator wants it
 
@@ -31,7 +31,7 @@ NO_REASON, NOT_A_NUMBER, OPERATOR, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, L
 FILTER_DIVERGED, POSITIONS_LOST, THRUSTER_FAILED, SATURATED, LINK_LOST, DEADLINE_MISSED = range(8, 14)
 BATTERY_LOW, GEOFENCE, ALTITUDE_LIMIT, TIME_OUT, OPERATOR_SILENT, SENSOR_SILENT, NO_WAY_HOME = range(14, 21)
 
-NO_REQUEST, PAUSE, RESUME, ABORT, ARM = range(5)
+NO_REQUEST, PAUSE, RESUME, ABORT, ARM, PILOT = range(6)
 
 FEW_ROWS = 32  # of a mission: up to here a masked sum picks a row faster than an index
 
@@ -279,11 +279,20 @@ class Host(eqx.Module):
 
 
 class AutopilotInput(eqx.Module):
-    """What one autopilot tick takes: readings since the last tick, the operator's request, int, and the host."""
+    """What one autopilot tick takes.
+
+    Attributes:
+        measurements: Readings since the last tick.
+        request: The operator's, int.
+        host: Ages and lateness.
+        pilot: Wanted velocity over ground along the heading, surge, sway, heave [m/s], and turn rate [rad/s], shape
+            (4,); counts while the vehicle is piloted.
+    """
 
     measurements: Measurements
     request: Array
     host: Host = eqx.field(default_factory=Host)
+    pilot: Array = eqx.field(default_factory=lambda: jnp.zeros(4))
 
 
 class AutopilotOutput(eqx.Module):

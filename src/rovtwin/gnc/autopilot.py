@@ -145,7 +145,9 @@ class Autopilot(Block):
         known = _usable(estimate)
         terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)
         guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(known, mission, mode), dt)
-        contingency, setpoint = self.contingency.step(memory.contingency, ContingencyInput(asked, known, mode), dt)
+        contingency, setpoint = self.contingency.step(
+            memory.contingency, ContingencyInput(asked, known, mode, input.pilot), dt
+        )
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
         on = mode.active

@@ -1,29 +1,40 @@
-"""Where a vehicle goes that no longer follows its mission: nowhere, home, or up.
+"""Where a vehicle goes that does not follow its mission: nowhere, home, up, or where its pilot wants it.
 
 A point moves from where the vehicle is, with bounded speed and acceleration, as the supervisor says:
 
     holding    it comes to rest                        until the operator arms again
     returning  level, to where the mission began       returned, once the vehicle is there
     surfacing  up, at the place where it was           surfaced, once the vehicle is there
+    piloted    with the velocity that the pilot wants  along an axis of which he wants none it stays
 
-After that, and until the mission goes on, it stays there.
+After that, and until the mission goes on, it stays there. A pilot with no wish at all thus keeps the station, one who
+wants surge keeps depth and heading. The point never leaves a vehicle behind that cannot follow.
 """
 
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import HELD, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
-from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler
+from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_HOLDING, MODE_PAUSED, MODE_RETURNING, MODE_SURFACING, Mode
+from rovtwin.gnc.supervisor import (
+    MODE_ABORTED,
+    MODE_HOLDING,
+    MODE_PAUSED,
+    MODE_PILOTED,
+    MODE_RETURNING,
+    MODE_SURFACING,
+    Mode,
+)
 
 
 class ContingencyInput(eqx.Module):
-    """What guidance asks for, what the observer believes and what the supervisor decided."""
+    """What guidance asks for, what the observer believes, what the supervisor decided, and the pilot's wish, (4,)."""
 
     setpoint: Setpoint
     estimate: Estimate
     mode: Mode
+    pilot: Array = eqx.field(default_factory=lambda: jnp.zeros(4))
 
 
 class ContingencyMemory(eqx.Module):
@@ -55,6 +66,8 @@ class Contingency(Block):
         surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
         near: How close to home is there [m].
         afloat: How close to the surface is there [m].
+        fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
+        leash: How far the point goes ahead of a piloted vehicle [m].
     """
 
     speed: Array = eqx.field(converter=as_array, default=0.2)
@@ -62,6 +75,8 @@ class Contingency(Block):
     surface: Array = eqx.field(converter=as_array, default=0.2)
     near: Array = eqx.field(converter=as_array, default=0.5)
     afloat: Array = eqx.field(converter=as_array, default=0.15)
+    fastest: Array = eqx.field(converter=as_array, default=(0.5, 0.5, 0.3, 0.5))
+    leash: Array = eqx.field(converter=as_array, default=0.7)
 
     def init(self, key: Array, start: Start) -> ContingencyMemory:
         heading = euler_from_quaternion(start.attitude)[2]
@@ -72,24 +87,29 @@ class Contingency(Block):
     def step(self, memory: ContingencyMemory, input: ContingencyInput, dt: float) -> tuple[ContingencyMemory, Setpoint]:
         mode, asked = input.mode.mode, input.setpoint
         holding, returning, surfacing = (mode == m for m in (MODE_HOLDING, MODE_RETURNING, MODE_SURFACING))
-        takes = holding | returning | surfacing
+        piloted = mode == MODE_PILOTED
+        takes = holding | returning | surfacing | piloted
         follows = takes | (memory.away & (mode == MODE_PAUSED))
         # After an abort, too, the vehicle stays where it has drifted to until the operator resumes.
         away = follows | (mode == MODE_ABORTED)
 
         began = self._beside(memory, input.estimate)
         base = jax.tree.map(lambda old, new: jnp.where(memory.follows, old, new), memory, began)
-        velocity = self._velocity(base, returning, surfacing, dt)
-        eta = base.eta.at[:3].add(dt * velocity)
-        eta = eta.at[5].set(jnp.where(returning, self._homeward(base, input.estimate), eta[5]))
+        wish = jnp.where(piloted, jnp.clip(input.pilot, -self.fastest, self.fastest), 0.0)
+        wanted = _turned(input.estimate.eta[5]) @ wish[:3]  # along the heading that the vehicle has, not is to have
+        velocity = self._velocity(base, returning, surfacing, wanted, dt)
+        eta = base.eta.at[:3].add(dt * velocity).at[5].add(dt * wish[3])
+        eta = jnp.where(piloted, self._leashed(eta, input.estimate), eta)
+        eta = eta.at[5].set(jnp.where(returning, self._homeward(base, input.estimate), wrap(eta[5])))
         there = self._there(base, input.estimate, returning, surfacing)
         after = ContingencyMemory(memory.home, eta, velocity, away, follows, there & takes)
 
         phase = jnp.where(surfacing, jnp.where(there, SURFACED, SURFACING), HELD)
         phase = jnp.where(returning, jnp.where(there, RETURNED, RETURNING), phase)
+        phase = jnp.where(piloted, PILOTED, phase)
         own = Setpoint(
             eta=eta,
-            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(3)]),
+            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(2), wish[3:]]),
             leg_start=asked.leg_start,
             leg_end=asked.leg_end,
             on_leg=jnp.asarray(False),
@@ -112,17 +132,26 @@ class Contingency(Block):
         no = jnp.asarray(False)
         return ContingencyMemory(memory.home, eta, velocity, no, no, no)
 
-    def _velocity(self, memory: ContingencyMemory, returning: Array, surfacing: Array, dt: float) -> Array:
-        """Of the point, n [m/s], shape (3,): towards the goal, as fast as it can still be stopped there."""
+    def _velocity(
+        self, memory: ContingencyMemory, returning: Array, surfacing: Array, wanted: Array, dt: float
+    ) -> Array:
+        """Of the point, n [m/s], shape (3,): as the pilot wishes, or to the goal, so that it can be stopped there."""
         level = jnp.where(returning, memory.home[:2] - memory.eta[:2], 0.0)
         up = jnp.where(surfacing, jnp.minimum(self.surface - memory.eta[2], 0.0), 0.0)
         goal = jnp.append(level, up)
         distance = jnp.sqrt(goal @ goal + 1e-12)
         # The square root alone would ask for a jerk at the end; half a second's way keeps it finite.
         speed = jnp.minimum(self.speed, jnp.minimum(jnp.sqrt(self.acceleration * distance), 2.0 * distance))
-        change = goal / distance * speed - memory.velocity
+        change = goal / distance * speed + wanted - memory.velocity
         size = jnp.sqrt(change @ change + 1e-12)
         return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)
+
+    def _leashed(self, eta: Array, estimate: Estimate) -> Array:
+        """The point, no further ahead of the vehicle than the leash, and not above the surface."""
+        place = estimate.eta[:3] - estimate.wave[:3]
+        away = eta[:3] - place
+        near = place + away * jnp.minimum(1.0, self.leash / jnp.sqrt(away @ away + 1e-12))
+        return eta.at[:3].set(near).at[2].max(jnp.minimum(self.surface, place[2]))
 
     def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
         """Heading from the vehicle towards home, or as it is once home is near.

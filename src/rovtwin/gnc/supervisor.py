@@ -1,6 +1,7 @@
 """Supervisor: whether the vehicle may act at all, and if not, why. It knows limits and requests, not way-points.
 
 idle ── first tick without PAUSE ──> running <── RESUME / PAUSE ──> paused
+running, paused ── PILOT ──> piloted ── RESUME / PAUSE ──> running / paused
 any ── a rule ──> holding < returning < surfacing < aborted (thrusters off)
 
 A rule is a condition that lasts, and the action it asks for: see `rules`. A graver action takes over from a lesser one
@@ -12,13 +13,14 @@ starts a thruster.
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import ALTITUDE_LIMIT, ARM, NO_REASON, PAUSE, RESUME
+from rovtwin.core.flow import ALTITUDE_LIMIT, ARM, NO_REASON, PAUSE, PILOT, RESUME
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.gnc.ability import HEAVE_LOST
 from rovtwin.gnc.rules import IGNORE, STOP, SURFACE, Rules, Watch, Watched
 
-MODES = ("idle", "running", "paused", "holding", "returning", "surfacing", "aborted")
-MODE_IDLE, MODE_RUNNING, MODE_PAUSED, MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED = range(len(MODES))
+MODES = ("idle", "running", "piloted", "paused", "holding", "returning", "surfacing", "aborted")
+MODE_IDLE, MODE_RUNNING, MODE_PILOTED, MODE_PAUSED = range(4)
+MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED = range(4, len(MODES))
 
 
 class Mode(eqx.Module):
@@ -73,8 +75,10 @@ class Supervisor(Block):
         wanted = before.mode
         wanted = jnp.where((before.mode == MODE_IDLE) & (request == ARM), MODE_PAUSED, wanted)
         wanted = jnp.where((wanted == MODE_IDLE) & (request != PAUSE), MODE_RUNNING, wanted)
-        wanted = jnp.where((before.mode == MODE_RUNNING) & (request == PAUSE), MODE_PAUSED, wanted)
-        wanted = jnp.where((before.mode == MODE_PAUSED) & (request == RESUME), MODE_RUNNING, wanted)
+        flies = (wanted >= MODE_RUNNING) & (wanted <= MODE_PAUSED) & (before.mode != MODE_IDLE)
+        flies = flies | ((before.mode == MODE_IDLE) & (request == PILOT))
+        for asked, mode in ((PAUSE, MODE_PAUSED), (RESUME, MODE_RUNNING), (PILOT, MODE_PILOTED)):
+            wanted = jnp.where(flies & (request == asked), mode, wanted)
         wanted = jnp.where(rearmed, MODE_PAUSED, wanted)
         reason = jnp.where(rearmed, NO_REASON, before.reason)
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from rovtwin.core import flow
+from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.topside import Topside
 
@@ -15,5 +16,8 @@ def topside_of(scenario: Scenario) -> Topside | None:
     for fault in scenario.faults:
         if fault.fault in KINDS:
             spans[KINDS[fault.fault]].append((fault.at, np.inf if fault.until is None else fault.until))
+    if scenario.test and any(request.ask == "pilot" for request in scenario.operator):
+        raise ConfigError(f"{scenario.name}: operator: found pilot, but a test flies its own time-line; leave it out")
     requests = [(request.at, getattr(flow, request.ask.upper())) for request in scenario.operator]
-    return Topside.of(**spans, requests=requests) if requests or any(spans.values()) else None
+    pilot = [(*request.velocity, np.radians(request.turn_rate_deg)) for request in scenario.operator]
+    return Topside.of(**spans, requests=requests, pilot=pilot) if requests or any(spans.values()) else None

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
+from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
 from rovtwin.scenario.score import Flown
 
-_OWN = (PAUSED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
+_OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 
 def decisions(flown: Flown, thrusters: Sequence[str]) -> list[dict[str, Any]]:

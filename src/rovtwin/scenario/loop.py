@@ -9,7 +9,7 @@ import numpy as np
 from rovtwin.core.batch import batched
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flat import Layout
-from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Host, Measurements
+from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.battery import BatteryState
 from rovtwin.simulation.tether import Line
@@ -77,8 +77,10 @@ class Loop(eqx.Module):
 
     def tick(self, memory: LoopMemory, k: Array, control_dt: float) -> tuple[LoopMemory, Record]:
         """One control period; k counts control ticks and is the same for all vehicles of a batch."""
-        host, request = self.topside.at(k * control_dt, control_dt) if self.topside else (Host(), NO_REQUEST)
-        inputs = AutopilotInput(memory.measurements, jnp.asarray(request), host)
+        inputs = AutopilotInput(memory.measurements, jnp.asarray(NO_REQUEST))
+        if self.topside:
+            host, request, pilot = self.topside.at(k * control_dt, control_dt)
+            inputs = AutopilotInput(memory.measurements, request, host, pilot)
         autopilot, decided = self.autopilot.step(memory.autopilot, inputs, control_dt)
         record = Record(
             memory.state,

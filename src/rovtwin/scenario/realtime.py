@@ -10,6 +10,8 @@ from rovtwin.core.flat import Layout, Packer
 from rovtwin.core.flow import NO_REQUEST, AutopilotInput, AutopilotOutput, Command, Measurement, Measurements
 from rovtwin.core.numerics import Array, in_one_piece, jax, jnp
 
+NO_WISH = (0.0, 0.0, 0.0, 0.0)  # of a pilot: the vehicle stays
+
 
 class HostAutopilot:
     """An autopilot stepped by a host program; it keeps its memory and what the last tick took and gave.
@@ -39,7 +41,7 @@ class HostAutopilot:
         places = self._takes.places()
         output_places, _ = self._gives.places()
         self._pack = Packer(self._takes, slots, places.measurements)
-        self._request = places.request.start
+        self._request, self._pilot = places.request.start, places.pilot
         self._host = [x.start for x in (places.host.link_age, places.host.operator_age, places.host.lateness)]
         self._u, self._phase = output_places.command.u, output_places.setpoint.phase.start
 
@@ -57,7 +59,11 @@ class HostAutopilot:
         self._tick(self._parameters, self._after, self.taken).block_until_ready()
 
     def step(
-        self, readings: Sequence[Measurement], request: int = NO_REQUEST, host: Sequence[float] = (0.0, 0.0, 0.0)
+        self,
+        readings: Sequence[Measurement],
+        request: int = NO_REQUEST,
+        host: Sequence[float] = (0.0, 0.0, 0.0),
+        pilot: Sequence[float] = NO_WISH,
     ) -> Command:
         """One tick: the command for the readings since the last one.
 
@@ -65,10 +71,12 @@ class HostAutopilot:
             readings: In order of arrival.
             request: The operator's, one of core.flow.NO_REQUEST, ...
             host: Age of the link [s], of the operator's last sign [s], lateness [control periods]; see core.flow.Host.
+            pilot: Wanted surge, sway, heave [m/s] and turn rate [rad/s], see core.flow.AutopilotInput.
         """
         taken = self._pack(readings)
         taken[self._request] = request
         taken[self._host] = host
+        taken[self._pilot] = pilot
         self._after = self._tick(self._parameters, self._after, taken)
         self.taken, self.given = taken, np.asarray(self._after)
         return Command(self.given[self._u])  # type: ignore[arg-type]  (NumPy: it goes to a link)

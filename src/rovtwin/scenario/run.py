@@ -1,7 +1,7 @@
 """Runs, as a stream of records: one simulated second at a time, from the compiled loop or tick by tick in real time."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,7 @@ from rovtwin.core.flow import ENDS, NO_REQUEST, Command, Measurement, Measuremen
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.links.twin import TwinLink
 from rovtwin.scenario.loop import HostLoop, Loop, Record, start_loop
-from rovtwin.scenario.realtime import HostAutopilot
+from rovtwin.scenario.realtime import NO_WISH, HostAutopilot
 from rovtwin.simulation.topside import Topside
 from rovtwin.simulation.twin import TwinInput
 
@@ -95,9 +95,9 @@ def realtime_chunks(
             while link.tick < k:
                 sleep(max(0.0, k * control_dt - now()))
                 readings = link.read()
-            (link_age, operator_age, late), request = above(k)
+            (link_age, operator_age, late), request, pilot = above(k)
             late = max(late, (now() - k * control_dt) / control_dt)
-            link.send(autopilot.step(readings, request, (link_age, operator_age, late)))
+            link.send(autopilot.step(readings, request, (link_age, operator_age, late), pilot))
             # The command is out; from here on there is time.
             rows.append((truth.now, autopilot.taken, autopilot.given))
             if len(rows) == ticks or k == total - 1 or autopilot.phase in ENDS:
@@ -108,15 +108,18 @@ def realtime_chunks(
                     return
 
 
-def _above(topside: Topside | None, control_dt: float) -> Callable[[int], tuple[tuple[float, float, float], int]]:
-    """What the host of a tick knows (see `HostAutopilot.step`), and the operator's request."""
+Above = tuple[tuple[float, float, float], int, Sequence[float]]
+
+
+def _above(topside: Topside | None, control_dt: float) -> Callable[[int], Above]:
+    """What the host of a tick knows, the operator's request and the pilot's wish, see `HostAutopilot.step`."""
     if topside is None:
-        return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST)
+        return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST, NO_WISH)
     look = jax.jit(lambda t: topside.at(t, control_dt))
 
-    def at(k: int) -> tuple[tuple[float, float, float], int]:
-        host, request = jax.device_get(look(k * control_dt))
-        return (float(host.link_age), float(host.operator_age), float(host.lateness)), int(request)
+    def at(k: int) -> Above:
+        host, request, pilot = jax.device_get(look(k * control_dt))
+        return (float(host.link_age), float(host.operator_age), float(host.lateness)), int(request), pilot
 
     return at
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.flow import ABORT, NO_REQUEST, Host
+from rovtwin.core.flow import ABORT, NO_REQUEST, PILOT, Host
 from rovtwin.core.numerics import Array, as_array, jnp
 
 Spans = Sequence[tuple[float, float]]
@@ -21,6 +21,7 @@ class Topside(eqx.Module):
         late: In which ticks come late, shape (m, 2) [s].
         times: Of the operator's requests, shape (k,) [s].
         requests: Those of core.flow, shape (k,), int.
+        pilot: Velocity that each asks for, shape (k, 4), see core.flow.AutopilotInput.
     """
 
     link: Array
@@ -28,29 +29,40 @@ class Topside(eqx.Module):
     late: Array
     times: Array
     requests: Array
+    pilot: Array
 
     @classmethod
     def of(
-        cls, link: Spans = (), operator: Spans = (), late: Spans = (), requests: Sequence[tuple[float, int]] = ()
+        cls,
+        link: Spans = (),
+        operator: Spans = (),
+        late: Spans = (),
+        requests: Sequence[tuple[float, int]] = (),
+        pilot: Sequence[Sequence[float]] | None = None,
     ) -> "Topside":
         """From lists; of two requests in one control tick the later one counts, and ABORT before all others."""
-        ordered = sorted(requests, key=lambda one: (one[1] == ABORT, one[0]))
+        order = sorted(range(len(requests)), key=lambda i: (requests[i][1] == ABORT, requests[i][0]))
+        ordered = [requests[i] for i in order]
+        wishes = [(0.0, 0.0, 0.0, 0.0) if pilot is None else pilot[i] for i in order]
         return cls(
             link=as_array(np.reshape(link, (-1, 2))),
             operator=as_array(np.reshape(operator, (-1, 2))),
             late=as_array(np.reshape(late, (-1, 2))),
             times=as_array([t for t, _ in ordered]),
             requests=jnp.asarray([r for _, r in ordered], dtype=int),
+            pilot=as_array(np.reshape(wishes, (-1, 4))),
         )
 
-    def at(self, t: Array, dt: float) -> tuple[Host, Array]:
-        """What the host knows at time t [s], and the request of a tick of dt seconds, int."""
+    def at(self, t: Array, dt: float) -> tuple[Host, Array, Array]:
+        """What the host knows at time t [s], the request of a tick of dt seconds, int, and the pilot's wish, (4,)."""
         host = Host(_age(self.link, t), _age(self.operator, t), jnp.where(_age(self.late, t) > 0.0, LATE, 0.0))
         now = jnp.round(self.times / dt) == jnp.round(t / dt)
-        request = jnp.asarray(NO_REQUEST)
+        request, wish = jnp.asarray(NO_REQUEST), jnp.zeros(4)
         for i in range(self.times.shape[0]):
             request = jnp.where(now[i], self.requests[i], request)
-        return host, request
+            wished = (self.requests[i] == PILOT) & (jnp.round(self.times[i] / dt) <= jnp.round(t / dt))
+            wish = jnp.where(wished, self.pilot[i], wish)
+        return host, request, wish
 
 
 def _age(spans: Array, t: Array) -> Array:

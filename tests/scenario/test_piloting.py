@@ -1,0 +1,42 @@
+"""A vehicle flown by hand, in the compiled loop and tick by tick."""
+
+import numpy as np
+import pytest
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import PHASES, PILOTED
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.flight import fly
+
+STICKS = "operator=[{at: 0, ask: pilot}, {at: 0.5, ask: pilot, velocity: [0.2, 0, 0], turn_rate_deg: 6}]"
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(load_scenario("square", [STICKS, "duration=4"]))
+
+
+def test_the_set_point_moves_as_the_pilot_wants(flight):
+    phase, reference = flight.log["autopilot/mode"]["phase"], flight.log["autopilot/setpoint"]
+    assert np.all(phase == PILOTED) and flight.summary["phase"] == PHASES[PILOTED]
+    psi = reference["psi"]
+    assert np.allclose(np.diff(psi[-20:]) / np.diff(reference.t[-20:]), np.radians(6.0), atol=1e-6)
+
+
+def test_what_a_pilot_cannot_ask_is_refused():
+    with pytest.raises(ConfigError, match="with ask: pilot only"):
+        load_scenario("square", ["operator=[{at: 0, ask: pause, velocity: [0.2, 0, 0]}]"])
+    with pytest.raises(ConfigError, match="a test flies its own time-line"):
+        compose(load_scenario("test_decay", [STICKS]))
+
+
+@pytest.mark.slow
+def test_what_is_not_asked_for_is_held():
+    run = fly(load_scenario("examples/piloting.yaml"))
+    eta, nu = run.log["truth/eta"], run.log["truth/nu"]
+    ahead, aside = (nu.t > 30) & (nu.t < 41), (nu.t > 67) & (nu.t < 74)
+    assert np.abs(nu["u"][ahead] - 0.25).max() < 0.02 and np.abs(nu["v"][aside] - 0.15).max() < 0.02
+    assert np.ptp(eta["z"][ahead | aside]) < 0.03 and np.ptp(eta["psi"][aside]) < 0.05
+    last = eta.values[eta.t > 83][:, :3]
+    assert np.ptp(last, axis=0).max() < 0.1
