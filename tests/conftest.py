@@ -16,8 +16,15 @@ settings.register_profile(
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-# Modules that take long begin first, so that no process waits for the other at the end (make: --no-loadscope-reorder).
-_LONG = ("test_docs.py", "test_joint.py", "test_devices.py", "test_cli.py", "test_twin.py", "test_tether.py")
+# Modules that take long begin first, the longest before all, so that no process waits for the other at the end (make:
+# --no-loadscope-reorder).
+_LONG = (
+    *("test_docs.py", "test_joint.py", "test_fail_safes.py", "test_navigation.py", "test_ekf.py", "test_tether.py"),
+    *("test_cli.py", "test_model_based.py", "test_observer.py", "test_filming.py", "test_twin.py", "test_devices.py"),
+    *("test_priority_allocation.py", "test_track.py", "test_autopilot.py", "test_checks.py", "test_commands.py"),
+    *("test_trial.py", "test_smoothing.py", "test_html.py", "test_block_contract.py", "test_free_running.py"),
+    *("test_parameters.py", "test_panel.py", "test_thesis.py", "test_observer_model.py", "test_realtime.py"),
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

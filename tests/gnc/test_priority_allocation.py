@@ -212,6 +212,7 @@ def test_largest_factor_is_the_linear_programmes(seed):
     np.testing.assert_allclose(got, found.x[-1] if found.status == 0 else 0.0, atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_left_of_two_bodies():
     thrusters = thirty_kg().thrusters
     what = jax.jit(remaining)

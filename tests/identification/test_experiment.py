@@ -93,6 +93,7 @@ def test_information_is_that_of_finite_differences_of_the_plant(parameters, sens
     assert found == pytest.approx(wanted, rel=2e-3, abs=2e-3 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_what_is_not_excited_stays_as_unknown_as_before(vehicle, parameters, sensed):
     prior = default_prior(parameters, vehicle)
     told = sensed()

@@ -113,6 +113,7 @@ def test_an_identified_vehicle_is_no_part_of_another(old, tmp_path):
         load_vehicle(path)
 
 
+@pytest.mark.slow
 def test_held_out_tests_of_a_prediction_are_predicted(old):
     vehicle = load_vehicle("double_blueye")
     t, u = steps_command(vehicle, 0, 10.0)

@@ -287,6 +287,7 @@ def test_two_cameras_see_more_than_one():
     assert errors(out, d).max() < 0.015
 
 
+@pytest.mark.slow
 def test_with_a_port_the_right_model_is_as_good_and_without_it_is_told_by_the_residuals():
     wet = camera(lens_from([780, 780], [959.5, 539.5], (1920, 1080), (), Port.of(0.03, 0.005)))
     dry = camera(lens_from([780, 780], [959.5, 539.5], (1920, 1080)))

@@ -62,6 +62,7 @@ def test_an_action_can_be_chosen():
     assert np.all(run.log["autopilot/command"].values[-1] == 0.0)
 
 
+@pytest.mark.slow
 def test_a_battery_that_runs_low_sends_it_home():
     run = flight("battery.charge=0.18", "autopilot.supervisor.battery_low.after=30", duration=90)
     assert phases(run)[-2:] == ["returning", "returned"] and run.summary["reason"] == "battery low"
@@ -80,9 +81,12 @@ CAUSES = {
     "position": ("surfacing", "positions lost", 10.0),
     "operator_silent": ("held", "operator silent", 10.0),
 }
+QUICK = ("link_lost", "position")
 
 
-@pytest.mark.parametrize("fault", list(CAUSES))
+@pytest.mark.parametrize(
+    "fault", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in CAUSES if name not in QUICK)]
+)
 def test_what_is_lost_is_noticed_in_time(fault):
     phase, reason, after = CAUSES[fault]
     limits = ("autopilot.supervisor.operator_silent=10", "autopilot.supervisor.positions_lost=10")
@@ -116,6 +120,7 @@ def test_a_polygon_turns_it_back():
     assert run.summary["reason"] == "geofence" and run.log["truth/eta"]["x"].max() < 5.0
 
 
+@pytest.mark.slow
 def test_it_stops_where_the_floor_is_near():
     run = flight("autopilot.supervisor.altitude_limit=1.5", duration=40)  # the floor is at 4 m, the mission at 3 m
     assert phases(run)[-1] == "held" and run.summary["reason"] == "altitude limit"

@@ -127,6 +127,7 @@ def test_tick_by_tick_is_the_scan(twin, flight):
             np.testing.assert_allclose(a, b[k], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_crowd_flies_like_each_alone(twin, flight):
     def crowd(keys):
         tick = jax.vmap(twin.step, in_axes=(0, TwinInput(Command(None), None), None))
