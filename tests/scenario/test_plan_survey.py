@@ -75,6 +75,16 @@ def test_the_command_writes_scenario_picture_and_json(tmp_path):
     assert said["heading_deg"] == pytest.approx(90) and said["depth_m"] == 3 and said["scenario"] == str(out)
     assert picture.stat().st_size > 10_000 and load_scenario(out).world.floor == 4
     assert load_scenario(out).vehicle == "bluerov2"
+    assert all(w.altitude is None for w in load_scenario(out).waypoints)
+
+
+def test_with_an_altimeter_on_board_the_floor_is_followed(tmp_path):
+    out = tmp_path / "s.yaml"
+    words = ("--area", POOL, "--swath", 1.6, "-o", out, "--scenario", "terrain_following", "--altitude", 1.2)
+    result = run(*words)
+    assert result.exit_code == 0, result.output
+    assert {w.altitude for w in load_scenario(out).waypoints} == {1.2}
+    assert {w.position[2] for w in load_scenario(out).waypoints} == {4.5 - 1.2}
 
 
 BAD = {

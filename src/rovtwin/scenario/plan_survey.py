@@ -197,6 +197,8 @@ def _scenario(
     duration = 60.0 * math.ceil((PATIENCE * plan.seconds + 60.0 + depth / plan.pace.speed) / 60.0)
     if duration > 86_400:
         raise ConfigError(f"area: the survey takes {plan.seconds / 3600:.1f} h, a run at most 24 h: split the area")
+    # With an altimeter on board the floor is followed, and the depth is what holds where it says nothing.
+    follows = {"altitude": request.altitude} if request.altitude and base.sensors.altimeter.on_board else {}
     first = points[1] - points[0]
     area = pathlib.Path(request.area)
     data = base.model_dump(mode="json", exclude_defaults=True) | {
@@ -213,7 +215,9 @@ def _scenario(
         "mission": {
             "name": "survey",
             "description": f"{len(plan.lines.all)} lines, {len(plan.room.laps)} laps, {plan.length:.0f} m over ground",
-            "waypoints": [{"position": [*point.tolist(), depth], "speed": plan.pace.speed} for point in points],
+            "waypoints": [
+                {"position": [*point.tolist(), depth], "speed": plan.pace.speed} | follows for point in points
+            ],
         },
     }
     # The thesis's own gains stop short and its reference has no speed (docs/guidance_and_control.md).
