@@ -14,6 +14,7 @@ from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.problem import Noise
+from rovtwin.identification.judgement.remarks import about_thrust
 from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.judgement.verdict import Blind, verdicts
 from rovtwin.identification.judgement.whiteness import Residuals, autocorrelation
@@ -219,6 +220,25 @@ def test_what_is_not_known_with_a_width_has_no_band(vehicle):
     found = curves(Subject("x", lambda _: model, np.zeros(0), None, {"all": (0,)}, {}), speeds, np.array([-1.0, 1.0]))
     assert np.all(np.isnan(found.damping["yaw"].low)) and found.thrust["all"].y[1] > 0 > found.thrust["all"].y[0]
     assert found.added_mass["heave"].y[0] == pytest.approx(model.added_mass[2, 2])
+
+
+def test_forces_are_shown_of_directions_that_were_estimated(vehicle):
+    """All six where nothing was, as in a plain vehicle file."""
+    parameters = choose(catalogue(vehicle), ["linear_damping.sway", "quadratic_damping.yaw"])
+    speeds = {d: np.linspace(-0.1, 0.1, 3) for d in ("surge", "sway", "heave", "roll", "pitch", "yaw")}
+    subject = Subject(
+        "x", lambda theta: parameters.model_at(theta)[0], np.zeros(2), 1e-4 * np.eye(2), {"all": (0,)}, {}
+    )
+    assert curves(subject, speeds, np.array([-1.0, 1.0])).estimated == [1, 5]
+    assert curves(replace(subject, covariance=None), speeds, np.array([-1.0, 1.0])).estimated == [0, 1, 2, 3, 4, 5]
+
+
+def test_thrust_that_was_taken_as_exact_is_named(vehicle):
+    every = catalogue(vehicle)
+    (said,) = about_thrust(choose(every, ["added_mass.surge", "*_damping.surge"]))
+    assert "taken as exact" in said and "anchors" in said
+    assert about_thrust(choose(every, ["*.surge", "thrusters.*"])) == []
+    assert about_thrust(choose(every, ["restoring.*"])) == []
 
 
 @pytest.mark.parametrize("ranges", [[(-0.2, 0.3)], [(-0.1, 0.3), (-0.2, 0.1)], [(0.0, 0.3)], []])

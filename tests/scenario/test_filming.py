@@ -90,6 +90,7 @@ def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
     assert "wrote" in capsys.readouterr().out
     (record,) = read_records(path, vehicle)
     assert is_test and record.scale_std == 0.005  # the layout's own: a printer and a tape
+    assert record.name == f"{run.folder.name}_aruco"  # not log_aruco, as the track of every other run
     positions = record.signals["horizontal"].value
     assert len(positions) > 15 and np.ptp(positions[:, 0]) > 0.2
     with pytest.raises(ConfigError, match="--track: found 'qr', expected aruco"):

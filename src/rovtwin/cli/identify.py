@@ -84,6 +84,7 @@ def identify(
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)
     tests: dict[Path, bool] = {}
+    given, held_back = logs, validate
     if track is not None:
         tests, held = (_tracked(screen, wanted, track, paths or []) for paths in (logs, validate))
         logs, validate = list(tests), list(held)
@@ -102,14 +103,14 @@ def identify(
             options=said.file.options if said else None,
             progress=told,
         )
-    more = [word for path in validate or [] for word in ("--validate", path.name)]
+    more = [word for path in held_back or [] for word in ("--validate", _short(path))]
     more += [word for pattern in free or [] for word in ("--free", f"'{pattern}'")]
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
     more += ["--trust-logs"] if trust_logs else []
     more += ["--track", track] if track else []
     # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
     data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
-    out.write_text(to_yaml(data, _command_line(vehicle, logs, evidence, prior, more)), encoding="utf-8")
+    out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         emit(as_object(result) | {"file": str(out), "report": None if page is None else str(page)})

@@ -141,9 +141,8 @@ def _print(found: "Track", out: Path) -> None:
     rows = table("map", "marker", "north [m]", "east [m]", "down [m]", "std [mm]", "tilt std [deg]")
     for marker in found.markers:
         place = [f"{x:.3f}" for x in marker.position]
-        rows.add_row(
-            str(marker.id), *place, f"{1e3 * marker.std[:3].max():.1f}", f"{degrees(marker.std[3:].max()):.2f}"
-        )
+        sure = [f"{1e3 * marker.std[:3].max():.1f}", f"{degrees(marker.std[3:].max()):.2f}"]
+        rows.add_row(str(marker.id), *place, *(sure if marker.std.any() else ["given", "given"]))
     screen.print(rows)
     for note in found.notes:
         screen.print(f"- {note}", markup=False, soft_wrap=True)

@@ -22,7 +22,14 @@ from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
-from rovtwin.identification.judgement.remarks import about_parts, about_scale, about_solution, about_tether, about_water
+from rovtwin.identification.judgement.remarks import (
+    about_parts,
+    about_scale,
+    about_solution,
+    about_tether,
+    about_thrust,
+    about_water,
+)
 from rovtwin.identification.judgement.tested import Range, tested_ranges
 from rovtwin.identification.judgement.validation import Prediction, predict
 from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
@@ -179,9 +186,7 @@ def identify(
     solution = estimate(
         problem,
         max_steps=settings.max_steps,
-        progress=lambda k, change: told(
-            f"step {k}, largest change {change:.2g} standard deviations", 0.9 * k / settings.max_steps
-        ),
+        progress=lambda k, change: told(_step(k, change), 0.9 * k / settings.max_steps),
     )
     response = scale_response(problem, solution)
     solution = with_scale(solution, response)
@@ -194,7 +199,7 @@ def identify(
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
-    findings += about_scale(parameters, records, solution, response)
+    findings += about_thrust(parameters) + about_scale(parameters, records, solution, response)
     findings += about_solution(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
     )
@@ -202,6 +207,11 @@ def identify(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
     )  # fmt: skip
+
+
+def _step(number: int, change: float) -> str:
+    """Of the estimate, for who waits; before the second there is no change."""
+    return f"step {number}" + (f", largest change {change:.2g} standard deviations" if np.isfinite(change) else "")
 
 
 def _predicted(

@@ -218,7 +218,9 @@ def _notes(recording: Recording, filter: MarkerEkf, out: Outputs) -> tuple[str, 
         moved.setdefault(int(out.ids[k - 1, place]), []).append(float(t[k]))
     for number, times in moved.items():
         more = f", {len(times)} times in all" if len(times) > 1 else ""
-        notes.append(f"marker {number} contradicts the others from {times[0]:g} s: taken for moved{more}")
+        notes.append(
+            f"marker {number} contradicts the others from {times[0]:g} s: moved, or its reflection taken for it{more}"
+        )
     double = np.asarray(recording.frames.sightings.valid) & ~np.asarray(recording.frames.sightings.single)
     if double.any():
         k, slot = np.argwhere(double)[0]

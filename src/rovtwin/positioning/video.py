@@ -166,5 +166,5 @@ class Video:
             raise ConfigError(
                 f"{self.path}: found frames of {width} x {height} pixels, but the camera is calibrated for "
                 f"{self.size[0]} x {self.size[1]}. Calibrate in the mode that was recorded (rovtwin calibrate), or "
-                "give that camera's file"
+                "give that camera's file (--lens)"
             )

@@ -77,6 +77,12 @@ class Curves:
     thrust: dict[str, Curve]
     added_mass: dict[str, Curve]
 
+    @property
+    def estimated(self) -> list[int]:
+        """Directions whose damping has a band; all of them where none has."""
+        found = [i for i, name in enumerate(DIRECTIONS) if np.isfinite(self.damping[name].low).any()]
+        return found or list(range(len(DIRECTIONS)))
+
 
 def curves(subject: Subject, speeds: Mapping[str, np.ndarray], commands: np.ndarray) -> Curves:
     """Curves of a subject.

@@ -38,17 +38,24 @@ Ranges = Mapping[str, Sequence[float]]
 
 def damping_figure(now: Curves, before: Curves) -> Figure:
     """Damping against speed by direction, with the bands before and after."""
-    figure = new_figure(5.0)
-    for i, (axes, name) in enumerate(zip(figure.subplots(2, 3).ravel(), DIRECTIONS, strict=True)):
+    shown = now.estimated
+    columns, rows = min(3, len(shown)), -(-len(shown) // 3)
+    figure = new_figure(2.4 * rows + 0.2)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for k, (axes, i) in enumerate(zip(grid, shown, strict=False)):
+        name = DIRECTIONS[i]
         _before_and_after(axes, before.damping[name], now.damping[name])
-        row = i // 3 == 1
-        dress(axes, f"Damping [{FORCE_UNITS[i]}]" if i % 3 == 0 else "", f"Speed [{SPEED_UNITS[i]}]" if row else "")
-        if not row:
+        last = k + columns >= len(shown)
+        unit = k % columns == 0 or FORCE_UNITS[i] != FORCE_UNITS[shown[k - 1]]
+        dress(axes, f"Damping [{FORCE_UNITS[i]}]" if unit else "", f"Speed [{SPEED_UNITS[i]}]" if last else "")
+        if not last:
             axes.set_xlabel(f"[{SPEED_UNITS[i]}]", fontsize=FONT)
         axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
         name_panel(axes, name)
         wide = _at_fastest(now.damping[name])
         note(axes, f"±{100 * wide:.2g} % at the fastest" if np.isfinite(wide) else "not estimated")
+    for axes in grid[len(shown) :]:
+        axes.set_visible(False)
     legend_above(figure, _before_after_handles(), 4)
     return figure
 

@@ -99,7 +99,8 @@ def parameter_table(result: Any, couplings: bool) -> Table:
 def force_table(result: Any, now: Curves, before: Curves) -> Table:
     """Damping force at the ends of the tested speeds."""
     rows = []
-    for i, name in enumerate(DIRECTIONS):
+    for i in now.estimated:
+        name = DIRECTIONS[i]
         curve, old = now.damping[name], before.damping[name]
         for k in (0, len(curve.x) - 1):
             if curve.x[k] == 0.0:
@@ -228,7 +229,11 @@ def correlated_table(result: Any) -> Table:
     for members in _joined(np.abs(correlation) > _STRONG):
         signs = np.sign(correlation[members[0], members])
         up, down = ([names[i] for i, s in zip(members, signs, strict=True) if s == way] for way in (1.0, -1.0))
-        said = "rise and fall together: only ratios are known" if not down else "make good for each other"
+        said = (
+            "rise and fall together: their ratios are known better than they are"
+            if not down
+            else "make good for each other"
+        )
         rows.append([f"{in_families(names, up)}{' against ' + in_families(names, down) if down else ''}", said])
     return Table("Known together only", ["Parameters", "Their errors"], rows, f"Correlations beyond ±{_STRONG}.")
 

@@ -193,6 +193,7 @@ def _shared(result: Any, i: int, correlation: np.ndarray, ratio: float) -> str:
 
 def assumptions(result: Any) -> list[str]:
     """What the intervals rest on, so that a reader can judge them."""
+    forces = "" if any(name.startswith("thrusters.") for name in result.parameters.names) else " and their forces"
     said = [
         "They are 95 % intervals of a Gaussian around the most probable values (Gauss and Newton's approximation of "
         "the curvature), in the logarithm of what must be positive: hence not symmetric.",
@@ -202,7 +203,7 @@ def assumptions(result: Any) -> list[str]:
         "diagonal, thrust curves shared within a group, still water or the stated current. A mistake of form shows as "
         "residuals that are not white and as held-out tests that are predicted worse, not as wider intervals.",
         "Parameters that were not free (mass, centre of gravity, moments of inertia of the rigid body, places of the "
-        "thrusters) are taken as exact.",
+        f"thrusters{forces}) are taken as exact.",
         "Noise of each sensor and the disturbance of each direction are Gaussian and white, their sizes estimated from "
         "these tests.",
     ]

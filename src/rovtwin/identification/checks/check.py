@@ -93,8 +93,10 @@ def _flat_tops(record: Record, weight: np.ndarray) -> list[Finding]:
     if not cut:
         return []
     i, limit, share = max(cut, key=lambda c: c[2])
-    said = f"{len(cut)} commands are cut off, thruster {i + 1} at {limit:.3g} for {share:.0%} of the time."
-    fix = "Log what is sent to the thrusters, after all limits; or drive more gently."
+    said = (
+        f"{len(cut)} commands stay at their largest value, thruster {i + 1} at {limit:.3g} for {share:.0%} of the time."
+    )
+    fix = "If a limit acts after they are logged, log what it lets through; if not, all is well."
     return [Finding("warning", "clipped", "commands", said, fix)]
 
 

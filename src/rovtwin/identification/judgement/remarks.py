@@ -60,6 +60,20 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
     ]
 
 
+def about_thrust(parameters: Parameters) -> list[str]:
+    """Whether forces of the water were estimated against forces of the thrusters that were not."""
+    names = parameters.names
+    thrust = any(name.startswith("thrusters.") and ".force_" in name for name in names)
+    water = any(name.startswith(("added_mass.", "linear_damping", "quadratic_damping")) for name in names)
+    if thrust or not water:
+        return []
+    return [
+        "forces of the thrusters were not estimated but taken as exact from the vehicle file: where they are 1 % off, "
+        "damping and total inertia are too, and no interval shows it. To estimate them, --free 'thrusters.*' with one "
+        "pull on a scale (anchors in an evidence file)"
+    ]
+
+
 def about_scale(
     parameters: Parameters, records: Sequence[Record], solution: Solution, response: np.ndarray
 ) -> list[str]:

@@ -133,7 +133,8 @@ def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Rec
     parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
     merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
     origin = merged.first
-    record = _record(merged.on_clock(-origin, 0.0), spec, origin, density, length)
+    name = spec.name or _name_of(located[0])
+    record = _record(name, merged.on_clock(-origin, 0.0), spec, origin, density, length)
     record = replace(record, scale_std=max(raw.scale_std for raw in raws))
     return record, [(a - origin, b - origin) for a, b in raws[0].touched]
 
@@ -185,7 +186,7 @@ def _joined(parts: list[Part]) -> Part:
     return Part(commanding[0].t_command, commanding[0].command, signals, source, notes)
 
 
-def _record(part: Part, spec: LogSpec, origin: float, density: float | None, length: float | None) -> Record:
+def _record(name: str, part: Part, spec: LogSpec, origin: float, density: float | None, length: float | None) -> Record:
     assert part.t_command is not None and part.command is not None
     if not len(part.t_command) or not part.signals:
         raise IdentificationError(f"{part.source}: found no {'signals' if len(part.t_command) else 'commands'}")
@@ -194,7 +195,7 @@ def _record(part: Part, spec: LogSpec, origin: float, density: float | None, len
     if abs(origin) > 1e-9:
         notes.append(f"time zero is {origin:.3f} s of the recording's clock")
     record = Record(
-        name=spec.name or _name_of(Path(spec.sources[0].file)),
+        name=name,
         t_command=part.t_command,
         command=part.command,
         signals=part.signals,
@@ -248,8 +249,10 @@ def _for_use(record: Record, spec: LogSpec) -> list[Test]:
 
 
 def _name_of(file: Path) -> str:
-    """A run's log goes by the name of its folder: all of them are called log.mcap."""
-    return file.parent.name if file.stem == "log" and file.parent.name else file.stem
+    """A run's log goes by the name of its folder, all are called log.mcap: `pool`, and its track `pool_aruco`."""
+    what, _, more = file.stem.partition("_")
+    folder = file.absolute().parent.name
+    return f"{folder}_{more}".rstrip("_") if what == "log" and folder else file.stem
 
 
 __all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]
