@@ -47,8 +47,8 @@ class Arrow:
             if s > 0:
                 own = self.own[s] - self.next[s - 1].T @ gains[s - 1, :, :d]
                 columns[s, :, d:] -= self.next[s - 1].T @ gains[s - 1, :, d:]
-            inverses[s] = cho_solve(cho_factor(own), np.eye(d))
-            gains[s] = inverses[s] @ columns[s]
+            factor = cho_factor(own)
+            gains[s], inverses[s] = cho_solve(factor, columns[s]), cho_solve(factor, np.eye(d))
         # All nodes at once: a product for each of them keeps the threads of BLAS waiting for each other.
         told = columns[:, :, d:-1].reshape(S * d, n).T @ gains[:, :, d:].reshape(S * d, n + 1)
         corner = self.corner - told[:, :-1]
