@@ -13,7 +13,7 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.estimate import _not_astray, estimate
 from rovtwin.identification.joint.nodes import NODE
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.joint.payload import predicted_change
@@ -169,6 +169,12 @@ def test_derivatives_of_the_ends_of_segments(found):
     for direction, share in ((one_sd, 1e-3), (equal_motion, 1e-7)):
         terms = np.abs(columns) @ np.abs(direction)
         np.testing.assert_allclose(columns @ direction, by_differences(direction), atol=share * terms.max())
+
+
+def test_a_node_goes_no_further_in_a_step_than_readings_can_be_wrong():
+    small, wild = np.full(12, 0.01), np.full(12, 0.01)
+    wild[6] = 2.0  # m/s
+    np.testing.assert_allclose(_not_astray(np.stack([small, wild])), [small, 0.1 * wild])
 
 
 def test_records_predicted_side_by_side_are_those_predicted_alone(found):
