@@ -42,15 +42,18 @@ class Arrow:
         n = len(self.b_corner)
         # Columns of what each node is solved for: the next node, the border, the right-hand side.
         columns = np.concatenate([self.next, self.border, self.b[:, :, None]], axis=2)
-        gains, inverses, own = np.empty_like(columns), np.empty((S, d, d)), self.own[0]
+        half, roots, own = np.empty_like(columns), np.empty((S, d, d)), self.own[0]
         for s in range(S):
             if s > 0:
-                own = self.own[s] - self.next[s - 1].T @ gains[s - 1, :, :d]
-                columns[s, :, d:] -= self.next[s - 1].T @ gains[s - 1, :, d:]
-            factor = cho_factor(own)
-            gains[s], inverses[s] = cho_solve(factor, columns[s]), cho_solve(factor, np.eye(d))
-        # All nodes at once: a product for each of them keeps the threads of BLAS waiting for each other.
-        told = columns[:, :, d:-1].reshape(S * d, n).T @ gains[:, :, d:].reshape(S * d, n + 1)
+                tie = half[s - 1, :, :d].T
+                own = self.own[s] - tie @ tie.T
+                columns[s, :, d:] -= tie @ half[s - 1, :, d:]
+            # LAPACK's triangular solvers start threads even for 12 rows, and wait for them on a busy machine.
+            roots[s] = np.linalg.inv(np.linalg.cholesky(own))
+            half[s] = roots[s] @ columns[s]
+        back = np.swapaxes(roots, 1, 2)
+        gains, inverses = back @ half, back @ roots
+        told = half[:, :, d:-1].reshape(S * d, n).T @ half[:, :, d:].reshape(S * d, n + 1)
         corner = self.corner - told[:, :-1]
         return Factored(gains, inverses, 0.5 * (corner + corner.T), self.b_corner - told[:, -1])
 
