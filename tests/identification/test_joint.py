@@ -13,7 +13,8 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.estimate import _not_astray, estimate
+from rovtwin.identification.joint.nodes import NODE
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.joint.payload import predicted_change
 from rovtwin.identification.joint.prior import default_prior
@@ -21,6 +22,7 @@ from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import cut
 from rovtwin.identification.judgement.remarks import about_scale
+from rovtwin.identification.judgement.validation import predict
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION = 30.0
@@ -147,6 +149,45 @@ def test_gradients_agree_with_differences(found):
     h = 1e-4
     assert abs(slope) > 100.0
     assert slope == pytest.approx((cost(h) - cost(-h)) / (2 * h), rel=1e-3)
+
+
+def test_derivatives_of_the_ends_of_segments(found):
+    """Against differences of the integration; much closer along equal motion, or its scale would seem known."""
+    problem, here = found.problem, found.solution.unknowns
+    shooting, n = problem.shooting, len(found.theta)
+    columns = problem.blocks(here, found.solution.noise).defect_jacobian[:, :, NODE : NODE + n]
+
+    def by_differences(direction, h=1e-4):
+        ends = [
+            shooting.residuals(found.theta + x * direction, here.offsets, here.nodes, problem.segments.arrays)[1]
+            for x in (h, -h)
+        ]
+        return np.asarray(ends[0] - ends[1]) / (2 * h)
+
+    one_sd = found.std * np.random.default_rng(1).standard_normal(n)
+    equal_motion = np.asarray(shooting.scale_tangent(found.theta))
+    for direction, share in ((one_sd, 1e-3), (equal_motion, 1e-7)):
+        terms = np.abs(columns) @ np.abs(direction)
+        np.testing.assert_allclose(columns @ direction, by_differences(direction), atol=share * terms.max())
+
+
+def test_a_node_goes_no_further_in_a_step_than_readings_can_be_wrong():
+    small, wild = np.full(12, 0.01), np.full(12, 0.01)
+    wild[6] = 2.0  # m/s
+    np.testing.assert_allclose(_not_astray(np.stack([small, wild])), [small, 0.1 * wild])
+
+
+def test_records_predicted_side_by_side_are_those_predicted_alone(found):
+    (record,) = found.problem.segments.records
+    records = [record, record.cut(record.start, record.start + 7.3)]
+    together = predict(found.parameters, found.theta, records)
+    for record, prediction in zip(records, together, strict=True):
+        (alone,) = predict(found.parameters, found.theta, [record])
+        assert alone.excited == prediction.excited
+        for name, (t, measured, predicted) in alone.readings.items():
+            np.testing.assert_allclose(prediction.readings[name][0], t)
+            np.testing.assert_allclose(prediction.readings[name][1], measured)
+            np.testing.assert_allclose(prediction.readings[name][2], predicted, atol=1e-9)
 
 
 def test_an_error_of_scale_moves_the_estimate_as_foretold(found):

@@ -166,7 +166,7 @@ def identify(
     if not records and not anchors:
         nothing = ["prior only"] * len(parameters)
         mean, C = start.mean, start.covariance
-        held_out = _predicted(parameters, mean, validate, settings)
+        _, held_out = _predicted(parameters, mean, (), validate, settings)
         return Identification(
             vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], held_out, {},
             seconds=time.perf_counter() - begin,
@@ -193,8 +193,7 @@ def identify(
     theta = solution.unknowns.theta
     told("validating", 0.9)
     offsets = _offsets(problem, solution)
-    fitted = predict(parameters, theta, records, step=settings.step, offsets=offsets)
-    held_out = _predicted(parameters, theta, validate, settings, offsets)
+    fitted, held_out = _predicted(parameters, theta, records, validate, settings, offsets)
     residuals = residual_analysis(problem, solution)
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
@@ -218,12 +217,16 @@ def _predicted(
     parameters: Parameters,
     theta: np.ndarray,
     records: Sequence[Record],
+    validate: Sequence[Record],
     settings: Options,
     offsets: dict[str, np.ndarray] | None = None,
-) -> list[Prediction]:
-    """Whole records from their first state, and windows of them where that was asked for."""
-    windows = [None, settings.window] if settings.window else [None]
-    return [p for window in windows for p in predict(parameters, theta, records, window, settings.step, offsets)]
+) -> tuple[list[Prediction], list[Prediction]]:
+    """Fitted and held-out records from their first state, and windows of the latter where that was asked for."""
+    whole = predict(parameters, theta, [*records, *validate], None, settings.step, offsets)
+    fitted, held_out = whole[: len(records)], whole[len(records) :]
+    if settings.window:
+        held_out += predict(parameters, theta, validate, settings.window, settings.step, offsets)
+    return fitted, held_out
 
 
 def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]:

@@ -40,22 +40,22 @@ class Arrow:
         """Raises LinAlgError where H is not positive definite."""
         S, d = self.b.shape
         n = len(self.b_corner)
-        corner, b_corner = self.corner.copy(), self.b_corner.copy()
-        gains = np.empty((S, d, d + n + 1))
-        inverses = np.empty((S, d, d))
-        own, border, b = self.own[0], self.border[0], self.b[0]
+        # Columns of what each node is solved for: the next node, the border, the right-hand side.
+        columns = np.concatenate([self.next, self.border, self.b[:, :, None]], axis=2)
+        half, roots, own = np.empty_like(columns), np.empty((S, d, d)), self.own[0]
         for s in range(S):
-            factor = cho_factor(own)
-            gains[s] = cho_solve(factor, np.concatenate([self.next[s], border, b[:, None]], axis=1))
-            inverses[s] = cho_solve(factor, np.eye(d))
-            corner -= border.T @ gains[s, :, d:-1]
-            b_corner -= border.T @ gains[s, :, -1]
-            if s + 1 < S:
-                update = self.next[s].T @ gains[s]
-                own = self.own[s + 1] - update[:, :d]
-                border = self.border[s + 1] - update[:, d:-1]
-                b = self.b[s + 1] - update[:, -1]
-        return Factored(gains, inverses, 0.5 * (corner + corner.T), b_corner)
+            if s > 0:
+                tie = half[s - 1, :, :d].T
+                own = self.own[s] - tie @ tie.T
+                columns[s, :, d:] -= tie @ half[s - 1, :, d:]
+            # LAPACK's triangular solvers start threads even for 12 rows, and wait for them on a busy machine.
+            roots[s] = np.linalg.inv(np.linalg.cholesky(own))
+            half[s] = roots[s] @ columns[s]
+        back = np.swapaxes(roots, 1, 2)
+        gains, inverses = back @ half, back @ roots
+        told = half[:, :, d:-1].reshape(S * d, n).T @ half[:, :, d:].reshape(S * d, n + 1)
+        corner = self.corner - told[:, :-1]
+        return Factored(gains, inverses, 0.5 * (corner + corner.T), self.b_corner - told[:, -1])
 
 
 @dataclass(eq=False)

@@ -18,6 +18,7 @@ from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
 _NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
 _REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
 _NODES = 1e4  # damping of theta from which nodes are held back too
+_STRAY = np.array([0.5] * 3 + [0.2] * 3 + [0.2] * 6)  # m, rad, m/s, rad/s by which a node moves at most in one step
 _SMALL = 0.01  # change in standard deviations at which the estimate is done
 _GAIN = 0.01  # of the cost by two steps in a row, below which it is done too: a standard deviation costs 1
 
@@ -127,7 +128,7 @@ def _better(
         if free and before is not None:
             tries.insert(0, (1.0, _going(corner, before)))
         for k, (share, step) in enumerate(tries):
-            trial = _stepped(here, share * factored.nodes(step), step)
+            trial = _stepped(here, share * _not_astray(factored.nodes(step)), step)
             new = problem.cost(trial, noise)
             if np.isfinite(new) and new <= cost * (1 + 1e-9):
                 change = np.inf if held_back or damping > 1e-2 else change
@@ -137,6 +138,14 @@ def _better(
             return here, cost, 0.0, change, None  # nothing is left but rounding
         damping = max(10 * damping, 0.1)
     return None
+
+
+def _not_astray(x: np.ndarray) -> np.ndarray:
+    """Steps of nodes, shape (S, 12), each as far as readings can be wrong about a state.
+
+    Where theta is held back, what it leaves is pushed onto the nodes, those most that nothing holds from behind.
+    """
+    return x / np.maximum(np.abs(x / _STRAY).max(axis=1, keepdims=True), 1.0)
 
 
 def _going(step: np.ndarray, before: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import numpy as np
 
 from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_normalise, quaternion_rate, rotation_from_quaternion
@@ -22,6 +23,7 @@ from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved
 from rovtwin.identification.joint.parameters import Extras, Parameters
 from rovtwin.identification.joint.readings import gaps_along, offsets_by_signal, squared
 from rovtwin.identification.joint.segments import Segments
+from rovtwin.identification.joint.sensitivities import sensitivities
 from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.model import Model
 
@@ -66,51 +68,45 @@ class Shooting:
 
     # Thrust: known from the commands alone, so that it is integrated once through each whole record.
 
-    def _wrenches(self, theta: Array, arrays: dict[str, Any]) -> Array:
+    def _wrenches(self, parts: Any, arrays: dict[str, Any]) -> Array:
         """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6)."""
-        model, _ = self.parameters.model_at(theta)
+        model: Model = eqx.combine(parts[0], self._static)
         return thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.segments.grid.step)
 
+    def _parts(self, theta: Array) -> Any:
+        """What depends on theta: the model's arrays, and the test's own parameters."""
+        model, extras = self.parameters.model_at(theta)
+        return eqx.partition(model, eqx.is_inexact_array)[0], extras
+
     def _linearised(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Any, Array, Array]:
-        """Model arrays and wrenches with their derivatives by theta, leading axis n; wrench derivatives (S, n, ...)."""
-
-        def parts(theta: Array) -> Any:
-            model, extras = self.parameters.model_at(theta)
-            return eqx.partition(model, eqx.is_inexact_array)[0], extras
-
-        unit = jnp.eye(len(self.parameters))
-        flexible = parts(theta)
-        d_flexible = jax.vmap(lambda e: jax.jvp(parts, (theta,), (e,))[1])(unit)
-        wrench = partial(self._wrenches, arrays=arrays)
-        tau = wrench(theta)
-        d_tau = jax.vmap(lambda e: jax.jvp(wrench, (theta,), (e,))[1], out_axes=1)(unit)
-        return flexible, d_flexible, tau, d_tau
+        """Parts and wrenches with their derivatives by theta, leading axis n and shape (S, K, 3, 6, n)."""
+        n = len(self.parameters)
+        parts = self._parts(theta)
+        d_parts = jax.vmap(lambda e: jax.jvp(self._parts, (theta,), (e,))[1])(jnp.eye(n))
+        # Few parameters are the thrusters' own.
+        own = np.array([i for i, name in enumerate(self.parameters.names) if name.startswith("thrusters.")], int)
+        wrenches = partial(self._wrenches, arrays=arrays)
+        tau = wrenches(parts)
+        d_own = jax.vmap(lambda d: jax.jvp(wrenches, (parts,), (d,))[1], out_axes=-1)(
+            jax.tree.map(lambda x: x[own], d_parts)
+        )
+        return parts, d_parts, tau, jnp.zeros((*tau.shape, n)).at[..., own].set(d_own)
 
     # One segment.
 
-    def _simulated(
-        self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
-    ) -> tuple[dict[str, Array], Nodes]:
-        """Prediction less reading of one segment, by signal (R, k), and the state at its end."""
-        path, rates = self._path(error, flexible, tau, node, own)
-        gaps = gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step)
-        return gaps, jax.tree.map(lambda x: x[-1], path)
-
-    def _path(
-        self, error: Array, flexible: Any, tau: Array, node: Nodes, own: dict[str, Any]
-    ) -> tuple[Nodes, Array | None]:
-        """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
-        model: Model = eqx.combine(flexible[0], self._static)
-        extras: Extras = flexible[1]
+    def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
+        """nu_dot in a segment, shape (6,), of parts, state and the thrusters' wrench."""
+        model: Model = eqx.combine(parts[0], self._static)
+        extras: Extras = parts[1]
         if "ballast_mass" in own:
-            heavier = model.rigid_body_mass + own["ballast_mass"]
-            model = model.replace(rigid_body_mass=heavier)
+            model = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
         calm = Environment.calm(velocity=own["current"])
-        step = self.segments.grid.step
+        return acceleration(model, x.position, x.attitude, x.nu, wrench + load_wrench(x, own, extras), calm)
 
-        def rate(x: Nodes, wrench: Array) -> Array:
-            extra = load_wrench(x, own, extras)
-            return acceleration(model, x.position, x.attitude, x.nu, wrench + extra, calm)
+    def _path(self, parts: Any, tau: Array, node: Nodes, own: dict[str, Any]) -> tuple[Nodes, Array | None]:
+        """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
+        step = self.segments.grid.step
+        rate = partial(self._rate, own, parts)
 
         def advance(x: Nodes, wrenches: Array) -> tuple[Nodes, Nodes]:
             at = {0.0: wrenches[0], 0.5 * step: wrenches[1], step: wrenches[2]}
@@ -123,13 +119,15 @@ class Shooting:
             after = after._replace(attitude=quaternion_normalise(after.attitude))
             return after, after
 
-        start = moved(node, error)
-        _, path = jax.lax.scan(advance, start, tau)
-        path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, path)
+        _, path = jax.lax.scan(advance, node, tau)
+        path = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), node, path)
         if "accelerometer" not in self._names:
             return path, None
-        wrench = jnp.concatenate([tau[:, 0], tau[-1:, 2]])
-        return path, jax.vmap(rate)(path, wrench)
+        return path, jax.vmap(rate)(path, jnp.concatenate([tau[:, 0], tau[-1:, 2]]))
+
+    def _gaps(self, path: Nodes, rates: Array | None, own: dict[str, Any]) -> dict[str, Array]:
+        """Prediction less reading of one segment, by signal (R, k)."""
+        return gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step)
 
     def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
         """Next nodes, and what belongs to each segment apart from commands."""
@@ -139,24 +137,27 @@ class Shooting:
 
     def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
         """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
-        flexible, d_flexible, tau, d_tau = self._linearised(theta, arrays)
+        parts, d_parts, tau, d_tau = self._linearised(theta, arrays)
         following, own = self._per_segment(nodes, arrays)
 
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
+            path, rates = self._path(parts, tau, node, own)
+            rate = partial(self._rate, own)
+            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step)
 
-            def outputs(error: Array, flexible: Any, tau: Array) -> tuple[dict[str, Array], Array]:
-                gaps, end = self._simulated(error, flexible, tau, node, own)
-                return gaps, difference(next_node, end)
+            def gaps(errors: Array, more: Array) -> dict[str, Array]:
+                return self._gaps(jax.vmap(moved)(path, errors), None if rates is None else rates + more, own)
 
-            zero = jnp.zeros(NODE)
-            value, columns = jax.vmap(
-                lambda de, df, dt: jax.jvp(outputs, (zero, flexible, tau), (de, df, dt)), out_axes=(None, -1)
-            )(*_directions(d_flexible, d_tau))
-            by_next = jax.jacfwd(lambda e: value[1] + difference(moved(next_node, e), next_node))(zero)
-            defect_jacobian = own["linked"] * jnp.concatenate([columns[1], by_next], axis=1)
-            found = squared(self._names, value[0], columns[0], own, offsets, sigma)
-            return Blocks(*found, own["linked"] * value[1], defect_jacobian)
+            still = jnp.zeros(S.shape[:2]), jnp.zeros(d_rates.shape[:2])
+            value, columns = jax.vmap(lambda *d: jax.jvp(gaps, still, d), in_axes=-1, out_axes=(None, -1))(S, d_rates)
+            end = jax.tree.map(lambda x: x[-1], path)
+            by_end, by_next = jax.jacfwd(
+                lambda *errors: difference(moved(next_node, errors[1]), moved(end, errors[0])), argnums=(0, 1)
+            )(jnp.zeros(NODE), jnp.zeros(NODE))
+            defect_jacobian = own["linked"] * jnp.concatenate([by_end @ S[-1], by_next], axis=1)
+            found = squared(self._names, value, columns, own, offsets, sigma)
+            return Blocks(*found, own["linked"] * difference(next_node, end), defect_jacobian)
 
         return _chunked(one, (nodes, following, tau, d_tau, own))
 
@@ -164,39 +165,24 @@ class Shooting:
         self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
     ) -> tuple[dict[str, Array], Array]:
         """Residuals by signal (S, R, k), prediction less reading, and defects (S, 12)."""
-        flexible, tau = self._plain(theta, arrays)
+        parts = self._parts(theta)
         following, own = self._per_segment(nodes, arrays)
 
         def one(segment: Any) -> tuple[dict[str, Array], Array]:
             node, next_node, tau, own = segment
-            gaps, end = self._simulated(jnp.zeros(NODE), flexible, tau, node, own)
+            path, rates = self._path(parts, tau, node, own)
+            gaps = self._gaps(path, rates, own)
             split = offsets_by_signal(self._names, gaps, offsets)
             residual = {name: gaps[name] + split[name] for name in self._names}
-            return residual, own["linked"] * difference(next_node, end)
+            return residual, own["linked"] * difference(next_node, jax.tree.map(lambda x: x[-1], path))
 
-        return _chunked(one, (nodes, following, tau, own))
-
-    def _plain(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Array]:
-        """Model arrays and wrenches."""
-        model, extras = self.parameters.model_at(theta)
-        return (eqx.partition(model, eqx.is_inexact_array)[0], extras), self._wrenches(theta, arrays)
+        return _chunked(one, (nodes, following, self._wrenches(parts, arrays), own))
 
     def _trajectories(self, theta: Array, nodes: Nodes, arrays: dict[str, Any]) -> Nodes:
         """States at all grid points from each node, leading axes (S, K + 1)."""
-        flexible, tau = self._plain(theta, arrays)
+        parts = self._parts(theta)
         _, own = self._per_segment(nodes, arrays)
-        return _chunked(lambda s: self._path(jnp.zeros(NODE), flexible, s[1], s[0], s[2])[0], (nodes, tau, own))
-
-
-def _directions(d_flexible: Any, d_tau: Array) -> tuple[Array, Any, Array]:
-    """All directions to differentiate along, one after the other: the node's error, then theta."""
-    count = d_tau.shape[0]
-    d_error = jnp.concatenate([jnp.eye(NODE), jnp.zeros((count, NODE))])
-
-    def after_nodes(x: Array) -> Array:
-        return jnp.concatenate([jnp.zeros((NODE, *x.shape[1:])), x])
-
-    return d_error, jax.tree.map(after_nodes, d_flexible), after_nodes(d_tau)
+        return _chunked(lambda s: self._path(parts, s[1], s[0], s[2])[0], (nodes, self._wrenches(parts, arrays), own))
 
 
 def _chunked(function: Any, segments: Any) -> Any:

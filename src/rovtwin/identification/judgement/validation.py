@@ -87,36 +87,65 @@ def predict(
         step: Of the integration [s].
         offsets: Constant errors of the sensors by signal, taken off the readings for the start.
     """
-    return [_predict_one(parameters, theta, record, window, step, offsets or {}) for record in records]
+    found: dict[int, Prediction] = {}
+    for places in _alike(records):
+        some = [records[i] for i in places]
+        found |= zip(places, _predict_alike(parameters, theta, some, window, step, offsets or {}), strict=True)
+    return [found[i] for i in range(len(records))]
 
 
-def _predict_one(
+def _alike(records: Sequence[Record]) -> list[list[int]]:
+    """Places of records that can be simulated side by side: the same sensors at the same places."""
+    groups: dict[str, list[int]] = {}
+    for i, record in enumerate(records):
+        sensors = sorted((name, np.asarray(signal.lever).tolist()) for name, signal in record.signals.items())
+        groups.setdefault(repr(sensors), []).append(i)
+    return list(groups.values())
+
+
+def _predict_alike(
     parameters: Parameters,
     theta: np.ndarray,
-    record: Record,
+    records: Sequence[Record],
     window: float | None,
     step: float,
     offsets: dict[str, np.ndarray],
-) -> Prediction:
-    steps = whole_steps(record, step) if window is None else round(window / step)
-    segments = cut([record], Grid(step, steps, 50.0))
+) -> list[Prediction]:
+    """Simulated in one go: one program, where each length of a record would need its own."""
+    steps = max(whole_steps(record, step) for record in records) if window is None else round(window / step)
+    segments = cut(records, Grid(step, steps, 50.0))
     shooting = Shooting(parameters, segments)
-    path = _run(shooting, segments, theta, offsets)
-    readings: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    nodes = _run(shooting, segments, theta, offsets)
     zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
-    residual, _ = shooting.residuals(as_array(theta), as_array(zero), path, segments.arrays)
+    residual, _ = shooting.residuals(as_array(theta), as_array(zero), nodes, segments.arrays)
+    gaps = {name: np.asarray(gap) for name, gap in residual.items()}
+    bounds = [*segments.first, segments.count]
+    configuration = np.asarray(parameters.model.thrusters.configuration)
+    return [
+        _judged_by(record, segments, slice(a, b), gaps, window, pushed_axes(configuration, record))
+        for record, a, b in zip(records, bounds, bounds[1:], strict=False)
+    ]
+
+
+def _judged_by(
+    record: Record,
+    segments: Segments,
+    own: slice,
+    gaps: dict[str, np.ndarray],
+    window: float | None,
+    pushed: np.ndarray,
+) -> Prediction:
+    """A record beside its prediction, `own` of all segments; gaps are prediction less reading by signal, (S, R, k)."""
+    readings: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
     scores, excited = {}, {}
-    pushed = pushed_axes(np.asarray(parameters.model.thrusters.configuration), record)
-    starts = segments.starts()
-    for name, gap in residual.items():
-        rows = segments.arrays[name]
+    for name in gaps:
+        rows = {key: value[own] for key, value in segments.arrays[name].items()}
         used = rows["used"] > 0
-        t = (starts[:, None] + step * (rows["row"] + rows["share"]))[used]
-        measured = rows["value"][used]
-        gap = np.asarray(gap)[used]
-        measured, predicted = _angles(measured, gap) if name == "attitude" else (measured, measured + gap)
+        t = (segments.starts()[own, None] + segments.grid.step * (rows["row"] + rows["share"]))[used]
         if len(t) == 0:
             continue
+        measured, gap = rows["value"][used], gaps[name][own][used]
+        measured, predicted = _angles(measured, gap) if name == "attitude" else (measured, measured + gap)
         readings[name] = (t, measured, predicted)
         window_of = np.nonzero(used)[0]
         for i, component in enumerate(SIGNALS[name][0]):
@@ -153,12 +182,13 @@ def _run(shooting: Shooting, segments: Segments, theta: np.ndarray, offsets: dic
     """Nodes at the measured state; what is not measured comes from the window before."""
     found = nodes_from_data(segments, offsets, exact=True)
     nodes = Nodes(found["position"], found["attitude"], found["nu"])
-    if {"velocity", "position", "horizontal"} & set(segments.levers) or len(nodes.nu) == 1:
+    before = np.flatnonzero(segments.arrays["linked"])
+    if {"velocity", "position", "horizontal"} & set(segments.levers) or len(before) == 0:
         return nodes
-    for _ in range(min(_PASSES, len(nodes.nu))):
+    for _ in range(min(_PASSES, len(before) + 1)):
         path = shooting.trajectories(as_array(theta), nodes, segments.arrays)
         nu = np.array(nodes.nu)
-        nu[1:, :3] = np.asarray(path.nu)[:-1, -1, :3]
+        nu[before + 1, :3] = np.asarray(path.nu)[before, -1, :3]
         nodes = nodes._replace(nu=nu)
     return nodes
 
