@@ -98,3 +98,22 @@ def test_the_point_goes_as_fast_against_the_current_as_thrusters_do_and_brakes_b
 def test_a_current_that_seems_too_strong_slows_the_point_but_does_not_strand_it():
     speed, *_ = speeds(PathGuidance.of(MODEL), (-0.6, 0.0))
     assert speed[-1] == pytest.approx(SLOWEST * 0.25, abs=1e-4)
+
+
+def test_what_is_left_for_a_corner_is_the_thrust_less_what_holds_against_the_current():
+    flow, heading = 0.2, 0.3
+    current = flow * jnp.array([-np.sin(heading), np.cos(heading)])  # to starboard
+    drag = float(damping_wrench(MODEL, jnp.zeros(6).at[1].set(flow))[1])
+    mass = float(MODEL.mass[1, 1])
+    for side, expected in ((1.0, (10.0 + drag) / mass), (-1.0, (10.0 - drag) / mass)):
+        assert SUSTAINED.aside(jnp.asarray(heading), jnp.asarray(side), current) == pytest.approx(expected, rel=1e-6)
+
+
+def test_corners_are_slower_in_a_current_from_the_side():
+    guidance = PathGuidance.of(MODEL)
+    calm, strong = (speeds(guidance, current) for current in ((0.0, 0.0), (0.0, -0.17)))
+    left = float(SustainedSpeed.of(MODEL).aside(jnp.asarray(0.0), jnp.asarray(1.0), jnp.array([0.0, -0.17])))
+    radius = 0.2 / (np.sqrt(2.0) - 1.0)
+    expected = np.sqrt(left * radius)
+    assert expected < 0.7 * calm[0][calm[2]].min()  # or the test would be of something else
+    assert strong[0][strong[2]].min() == pytest.approx(expected, abs=1e-3)

@@ -157,7 +157,7 @@ class PathGuidance(Block):
         return dataclasses.replace(memory, s=s, speed=speed)
 
     def _sustained(self, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> tuple[Array, Array]:
-        """Largest speeds that thrusters keep up here and behind the corner, the latter also within what it allows."""
+        """Largest speeds that thrusters keep up here, and in and behind the corner within what it allows."""
         if self.sustained is None:
             return jnp.asarray(jnp.inf), piece.after
         current, least = self.sustained.current(estimate), SLOWEST * piece.speed
@@ -165,8 +165,13 @@ class PathGuidance(Block):
         heading = following if self.steering is None else following + eta[5] - direction
         heading = jnp.where(piece.fixed_heading, piece.heading, heading)
         here = jnp.maximum(self.sustained.along(direction, eta[5], current), least)
-        behind = jnp.maximum(self.sustained.along(following, heading, current), least)
-        return here, jnp.minimum(piece.after, behind)
+        behind = self.sustained.along(following, heading, current)
+        # In the corner the vehicle is pushed to its inner side, beside holding against the current.
+        left = [self.sustained.aside(psi, piece.turn, current) for psi in (piece.direction, following)]
+        inwards = jnp.maximum(jnp.minimum(*left), 0.0) * piece.radius
+        bent = (piece.turn != 0.0) & ~piece.fixed_heading
+        corner = jnp.where(bent, jnp.sqrt(jnp.where(bent, inwards, 1.0) + 1e-12), jnp.inf)
+        return here, jnp.minimum(piece.after, jnp.maximum(jnp.minimum(behind, corner), least))
 
     def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""

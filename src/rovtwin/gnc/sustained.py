@@ -27,16 +27,20 @@ class SustainedSpeed(eqx.Module):
     Attributes:
         linear: Damping [N s/m], shape (2, 2).
         quadratic: Damping [N s2/m2], shape (2, 2).
+        push: Acceleration by all of the thrust, to starboard and to port [m/s2], shape (2,); FREE without thrusters.
+        mass: That sway accelerates, added mass included [kg].
         through_water: Speed that the thrust keeps up [m/s], shape (2, 2); FREE along an axis without thrusters.
     """
 
     linear: Array = eqx.field(converter=as_array)
     quadratic: Array = eqx.field(converter=as_array)
     through_water: Array = eqx.field(converter=as_array)
+    push: Array = eqx.field(converter=as_array)
+    mass: Array = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model, share: float = 0.9) -> "SustainedSpeed":
-        """For a model; what `share` leaves of the thrust is the feedback's."""
+        """For a model; what `share` leaves of the thrust is the feedback's, but for corners, which are soon over."""
         ahead = [model.linear_damping_ahead, model.quadratic_damping_ahead]
         astern = [model.linear_damping_astern, model.quadratic_damping_astern]
         linear, quadratic = (np.stack([_horizontal(a), _horizontal(b)]) for a, b in zip(ahead, astern, strict=True))
@@ -45,14 +49,15 @@ class SustainedSpeed(eqx.Module):
         force = np.stack([upper[:2], -lower[:2]])
         some = force > RANK_TOLERANCE * np.max(np.maximum(upper, -lower), initial=0.0)
         speed = np.where(some, np.asarray(_speed(linear, quadratic, share * force)), FREE)
-        return cls(linear, quadratic, speed)  # type: ignore[arg-type]  (NumPy)
+        mass = _horizontal(model.mass)[1]
+        push = np.where(some, force / mass, FREE)[:, 1]
+        return cls(linear, quadratic, speed, push, mass)  # type: ignore[arg-type]  (NumPy)
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
         to_n = _turn(estimate.eta[5])
         nu = estimate.nu[:2] - to_n.T @ estimate.wave[3:5]
-        d_1, d_2 = self._sided(nu, self.linear), self._sided(nu, self.quadratic)
-        drag = d_1 * nu + d_2 * nu * jnp.abs(nu) - to_n.T @ estimate.bias[:2]
+        drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
         speed = _speed(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
         return to_n @ (nu - jnp.sign(drag) * speed)
 
@@ -69,6 +74,14 @@ class SustainedSpeed(eqx.Module):
         counts = jnp.abs(part) > ALONG
         most = self._sided(part, self.through_water) + jnp.sign(part) * flow
         return jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
+
+    def aside(self, heading: Array, side: Array, current: Array) -> Array:
+        """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
+        carried = self._drag(_turn(heading).T @ current)[1] / self.mass
+        return jnp.where(side >= 0.0, self.push[0] + carried, self.push[1] - carried)
+
+    def _drag(self, nu_r: Array) -> Array:
+        return self._sided(nu_r, self.linear) * nu_r + self._sided(nu_r, self.quadratic) * nu_r * jnp.abs(nu_r)
 
     def _sided(self, sign: Array, of: Array) -> Array:
         return jnp.where(sign >= 0.0, of[0], of[1])
