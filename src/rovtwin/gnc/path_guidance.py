@@ -2,10 +2,11 @@
 
     dive ──> go ──> (corner) ──> go ... ──> hold ──> dive or go ... ──> finished
 
-The point's way s has a speed bounded by the leg's, an acceleration bounded by a share of what thrusters can push
-(braking may take twice as much), and a jerk that lets the acceleration change no faster than thrusters do. It waits for
-a vehicle that is not there. The set-point is this point: unlike with a way-point as set-point, being late along the
-path pulls nothing sideways.
+The point's way s has a speed bounded by the leg's and by what thrusters can keep up, at that heading and in that
+current, here and behind the corner ahead; an acceleration bounded by a share of what thrusters can push (braking may
+take twice as much), and a jerk that lets it change no faster than thrusters do. It waits for a vehicle that is not
+there. The set-point is this point: unlike with a way-point as set-point, being late along the path pulls nothing
+sideways.
 
 Reference: Fossen (2021), sec. 12.5 (path following with a speed assignment); Skjetne, Fossen and Kokotovic (2004).
 """
@@ -23,8 +24,11 @@ from rovtwin.gnc.guidance import GuidanceInput
 from rovtwin.gnc.path import Piece, piece_of
 from rovtwin.gnc.steering import Steering, SteeringInput
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, Mode
+from rovtwin.gnc.sustained import SustainedSpeed
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
+
+SLOWEST = 0.1  # share of the leg's speed that is always tried: a wrong estimate must not strand the vehicle
 
 
 class PathMemory(eqx.Module):
@@ -67,6 +71,7 @@ class PathGuidance(Block):
         depth_tolerance: Depth error at which a dive is complete [m].
         heading_tolerance: Heading error at which a leg may begin [rad].
         steering: Line of sight for a vehicle that cannot push sideways; None for one that can, and crabs.
+        sustained: How fast thrusters can go; None does not ask.
     """
 
     acceleration: Array = eqx.field(converter=as_array, default=0.05)
@@ -77,6 +82,7 @@ class PathGuidance(Block):
     depth_tolerance: Array = eqx.field(converter=as_array, default=0.05)
     heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
     steering: Steering | None = None
+    sustained: SustainedSpeed | None = None
 
     @classmethod
     def of(cls, model: Model, steering: Steering | None = None) -> "PathGuidance":
@@ -84,7 +90,7 @@ class PathGuidance(Block):
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         push = np.minimum(-lower, upper)[:2] / np.diagonal(np.asarray(model.mass))[:2]
         ahead, sideways = np.clip(push * [0.25, 0.5], 0.01, 0.1)
-        return cls(acceleration=ahead, sideways=sideways, steering=steering)
+        return cls(acceleration=ahead, sideways=sideways, steering=steering, sustained=SustainedSpeed.of(model))
 
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
@@ -143,11 +149,12 @@ class PathGuidance(Block):
             behind = jnp.abs(away[0] * jnp.cos(direction) + away[1] * jnp.sin(direction))
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         left = jnp.maximum(piece.length - memory.s, 0.0)
+        here, after = self._sustained(piece, estimate, eta, direction)
         # What can still be braked, the way of lag and onset included: v^2 / 2a + v (lag + onset) = left.
         brake = self.acceleration * (self.lag + self.onset)
-        slower = jnp.sqrt(brake**2 + piece.after**2 + 2.0 * self.acceleration * left) - brake
-        wanted = jnp.where(memory.on_arc, piece.after, jnp.minimum(piece.speed, jnp.maximum(slower, piece.after)))
-        wanted = jnp.where(going, wanted * waits, 0.0)
+        slower = jnp.sqrt(brake**2 + after**2 + 2.0 * self.acceleration * left) - brake
+        wanted = jnp.where(memory.on_arc, after, jnp.minimum(piece.speed, jnp.maximum(slower, after)))
+        wanted = jnp.where(going, jnp.minimum(wanted, here) * waits, 0.0)
         asked = jnp.clip((wanted - memory.speed) / self.lag, -2.0 * self.acceleration, self.acceleration)
         change = 2.0 * self.acceleration / self.onset * dt
         rate = memory.rate + jnp.clip(asked - memory.rate, -change, change)
@@ -156,6 +163,23 @@ class PathGuidance(Block):
         ends = ~memory.on_arc & (piece.after <= 0.0)
         s = jnp.where(ends, jnp.minimum(s, piece.length), s)
         return dataclasses.replace(memory, s=s, speed=speed, rate=jnp.where(speed > 0.0, rate, 0.0))
+
+    def _sustained(self, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> tuple[Array, Array]:
+        """Largest speeds that thrusters keep up here, and in and behind the corner within what it allows."""
+        if self.sustained is None:
+            return jnp.asarray(jnp.inf), piece.after
+        current, least = self.sustained.current(estimate), SLOWEST * piece.speed
+        following = piece.direction + piece.turn
+        heading = following if self.steering is None else following + eta[5] - direction
+        heading = jnp.where(piece.fixed_heading, piece.heading, heading)
+        here = jnp.maximum(self.sustained.along(direction, eta[5], current), least)
+        behind = self.sustained.along(following, heading, current)
+        # In the corner the vehicle is pushed to its inner side, beside holding against the current.
+        left = [self.sustained.aside(psi, piece.turn, current) for psi in (piece.direction, following)]
+        inwards = jnp.maximum(jnp.minimum(*left), 0.0) * piece.radius
+        bent = (piece.turn != 0.0) & ~piece.fixed_heading
+        corner = jnp.where(bent, jnp.sqrt(jnp.where(bent, inwards, 1.0) + 1e-12), jnp.inf)
+        return here, jnp.minimum(piece.after, jnp.maximum(jnp.minimum(behind, corner), least))
 
     def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""

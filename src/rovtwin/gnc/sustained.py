@@ -1,0 +1,102 @@
+"""The speed that thrusters can keep up along a path, at a heading and against what disturbs the vehicle.
+
+The disturbance is read as a current: along each horizontal axis of the body the vehicle goes through the water at the
+speed w whose drag is that of its speed u over ground less the disturbance, and the current is u - w. Thrusters give a
+speed through the water W whose drag is their force; over ground this is W and the current. If the disturbance is no
+current the answer is inexact, but as the vehicle nears the speed in question w nears W, and there it is exact.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.flow import Estimate
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+
+ALONG = 0.05  # shares of the speed below this are across the axis
+FREE = 100.0  # through the water along an axis that is not to count [m/s]: finite, for gradients
+DRAGLESS = 1e-3  # least linear damping, of which a speed is asked [N s/m]
+
+
+class SustainedSpeed(eqx.Module):
+    """Drag and thrust of surge and sway; rows are ahead and astern, columns the axes.
+
+    Attributes:
+        linear: Damping [N s/m], shape (2, 2).
+        quadratic: Damping [N s2/m2], shape (2, 2).
+        push: Acceleration by all of the thrust, to starboard and to port [m/s2], shape (2,); FREE without thrusters.
+        mass: That sway accelerates, added mass included [kg].
+        through_water: Speed that the thrust keeps up [m/s], shape (2, 2); FREE along an axis without thrusters.
+    """
+
+    linear: Array = eqx.field(converter=as_array)
+    quadratic: Array = eqx.field(converter=as_array)
+    through_water: Array = eqx.field(converter=as_array)
+    push: Array = eqx.field(converter=as_array)
+    mass: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def of(cls, model: Model, share: float = 0.9) -> "SustainedSpeed":
+        """For a model; what `share` leaves of the thrust is the feedback's, but for corners, which are soon over."""
+        ahead = [model.linear_damping_ahead, model.quadratic_damping_ahead]
+        astern = [model.linear_damping_astern, model.quadratic_damping_astern]
+        linear, quadratic = (np.stack([_horizontal(a), _horizontal(b)]) for a, b in zip(ahead, astern, strict=True))
+        linear = np.maximum(linear, DRAGLESS)
+        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        force = np.stack([upper[:2], -lower[:2]])
+        some = force > RANK_TOLERANCE * np.max(np.maximum(upper, -lower), initial=0.0)
+        speed = np.where(some, np.asarray(_speed(linear, quadratic, share * force)), FREE)
+        mass = _horizontal(model.mass)[1]
+        push = np.where(some, force / mass, FREE)[:, 1]
+        return cls(linear, quadratic, speed, push, mass)  # type: ignore[arg-type]  (NumPy)
+
+    def current(self, estimate: Estimate) -> Array:
+        """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
+        to_n = _turn(estimate.eta[5])
+        nu = estimate.nu[:2] - to_n.T @ estimate.wave[3:5]
+        drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
+        speed = _speed(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
+        return to_n @ (nu - jnp.sign(drag) * speed)
+
+    def along(self, direction: Array, heading: Array, current: Array) -> Array:
+        """Largest speed over ground that both axes can keep up [m/s]: negative where one would be swept back.
+
+        Args:
+            direction: Of the motion over ground [rad].
+            heading: Of the vehicle [rad].
+            current: In n [m/s], shape (2,).
+        """
+        crab = direction - heading
+        part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), _turn(heading).T @ current
+        counts = jnp.abs(part) > ALONG
+        most = self._sided(part, self.through_water) + jnp.sign(part) * flow
+        return jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
+
+    def aside(self, heading: Array, side: Array, current: Array) -> Array:
+        """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
+        carried = self._drag(_turn(heading).T @ current)[1] / self.mass
+        return jnp.where(side >= 0.0, self.push[0] + carried, self.push[1] - carried)
+
+    def _drag(self, nu_r: Array) -> Array:
+        return self._sided(nu_r, self.linear) * nu_r + self._sided(nu_r, self.quadratic) * nu_r * jnp.abs(nu_r)
+
+    def _sided(self, sign: Array, of: Array) -> Array:
+        return jnp.where(sign >= 0.0, of[0], of[1])
+
+
+def _speed(linear: Any, quadratic: Any, force: Any) -> Array:
+    """Speed whose drag is a force >= 0; in a form that holds without quadratic damping, with a gradient at zero."""
+    return 2.0 * force / (linear + jnp.sqrt(linear**2 + 4.0 * quadratic * force))
+
+
+def _turn(heading: Array) -> Array:
+    """From b to n in the plane, shape (2, 2)."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
+
+
+def _horizontal(damping: Any) -> np.ndarray:
+    return np.diagonal(np.asarray(damping))[:2]
