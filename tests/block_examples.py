@@ -433,8 +433,17 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
 
 # Compiling these takes long: they run in `make test-all`.
 SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed", "positioning.ekf.MarkerEkf"}
-# tests/simulation/test_twin.py batches twins, tests/scenario/test_model_based.py filters.
-SLOW_BATCH = SLOW | {"gnc.navigation.filter.NavigationFilter", "simulation.twin.Twin"}
-SLOW_GRADIENT = SLOW_BATCH | {"gnc.observer.Ekf: consistent", "simulation.tether.Tether"}
+# Of several examples of a class one is batched and differentiated in the quick set.
+_ONE_EACH = {name.split(":")[0]: name for name in sorted(EXAMPLES, reverse=True)}.values()
+OTHERS = EXAMPLES.keys() - set(_ONE_EACH)
+# tests/simulation/test_twin.py batches twins, tests/scenario/test_model_based.py filters and autopilots.
+SLOW_BATCH = (
+    SLOW | OTHERS | {"gnc.navigation.filter.NavigationFilter", "simulation.twin.Twin", "gnc.autopilot.Autopilot"}
+)
+SLOW_GRADIENT = SLOW_BATCH | {
+    "gnc.observer.Ekf: consistent",
+    "simulation.tether.Tether",
+    "gnc.priority_allocation.PriorityAllocation",
+}
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

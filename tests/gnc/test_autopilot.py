@@ -197,6 +197,7 @@ def test_unknown_gains_are_named(model):
 # The contract of a Block
 
 
+@pytest.mark.slow
 def test_loop_scan_and_batch_agree(model):
     autopilot = pilot(model, gains="pole_placement")
     n = 40

@@ -74,7 +74,7 @@ def last_error(kind, push):
     return float(np.mean(np.asarray(truth)[-round(20 / DT) :, 1]))
 
 
-@pytest.mark.parametrize("push", [1.5, -1.5])
+@pytest.mark.parametrize("push", [1.5, pytest.param(-1.5, marks=pytest.mark.slow)])
 def test_only_what_learns_the_crab_angle_comes_back_to_the_path(push):
     off = {kind: last_error(kind, push) for kind in KINDS}
     assert abs(off["los"]) > 0.3 and np.sign(off["los"]) == np.sign(push)

@@ -177,6 +177,7 @@ def test_a_node_goes_no_further_in_a_step_than_readings_can_be_wrong():
     np.testing.assert_allclose(_not_astray(np.stack([small, wild])), [small, 0.1 * wild])
 
 
+@pytest.mark.slow
 def test_records_predicted_side_by_side_are_those_predicted_alone(found):
     (record,) = found.problem.segments.records
     records = [record, record.cut(record.start, record.start + 7.3)]

@@ -312,6 +312,7 @@ def test_a_step_takes_less_than_two_milliseconds():
     assert np.median(spent) < 2e-3
 
 
+@pytest.mark.slow
 def test_more_markers_than_the_map_holds_are_left_out():
     many = wall([(-0.7 + 0.2 * k, 0.65 + 0.2 * (k % 2)) for k in range(9)], size=0.1)
     rng, d = np.random.default_rng(0), drive()

@@ -16,6 +16,7 @@ def test_a_lens_calibrated_in_water_has_the_focal_length_of_the_water_and_a_pinc
     assert rms < 0.3
 
 
+@pytest.mark.slow
 def test_ignored_a_port_makes_everything_seem_nearer_by_a_quarter_and_modelled_it_costs_nothing(tmp_path):
     cost = port_cost(distances=[1.0, 4.0])
     ignored, in_water, modelled = cost.error.values()

@@ -169,6 +169,7 @@ def test_luenberger_holds_all_markers_and_says_what_it_does_not_do():
     assert not any("layout" in note for note in track(recording, [EYE], "luenberger").notes)
 
 
+@pytest.mark.slow
 def test_a_camera_behind_a_port_beside_one_without():
     dry = camera(y=0.29)
     wet = Camera("wet", replace(dry.lens, port=Port.of(0.03, 0.005)), dry.position, dry.R_bc)

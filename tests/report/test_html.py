@@ -139,6 +139,7 @@ def test_rates_are_counted(page):
     assert re.search(r"pressure depth \[m\] \d+ 42 42 0\.0238 0\.0", page.text)
 
 
+@pytest.mark.slow
 def test_map_coordinates_where_the_log_has_a_datum(tmp_path, page):
     assert "On the map" not in page.text and "Latitude" not in page.text
     log = synthetic(dt=0.5)

@@ -106,6 +106,14 @@ def test_nothing_but_the_operator_goes_on():
     assert [round(one["t"]) for one in run.summary["decisions"]] == [20, 36, 40]
 
 
+def test_a_pilot_moves_the_set_point():
+    sticks = [{"at": 0.0, "ask": "pilot"}, {"at": 0.5, "ask": "pilot", "velocity": [0.2, 0, 0], "turn_rate_deg": 6}]
+    run = flight(requests=sticks, duration=4)
+    assert phases(run) == ["piloted"]
+    psi = run.log["autopilot/setpoint"]["psi"][-20:]
+    assert np.allclose(np.diff(psi) * 10.0, np.radians(6.0), atol=1e-6)  # logged at 10 Hz
+
+
 @pytest.mark.slow
 def test_a_fence_turns_it_back():
     run = flight("autopilot.supervisor.geofence=3", duration=70)

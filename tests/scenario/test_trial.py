@@ -189,6 +189,7 @@ def test_identification_reads_the_log_and_leaves_out_the_hands(flight, records):
     assert np.degrees(read[1].signals["attitude"].value[0, 0]) == pytest.approx(30, abs=1), "from when it was let go"
 
 
+@pytest.mark.slow
 def test_vehicles_side_by_side_have_noise_and_parameters_of_their_own(scenario, records):
     model = load_vehicle("double_blueye").model()
     plants = stack([model, perturbed(model, jax.random.key(3), 0.3, 1.2, 0.8)])

@@ -78,7 +78,7 @@ class Tuning(eqx.Module):
         force_walk: float = 0.03,
         turning_force_walk: float = 3e-3,
         drag_std: float = 0.14,
-        force_std: float = 0.5,
+        force_std: float = 1.0,
         turning_force_std: float = 0.15,
         current_std: float = 0.1,
         acceleration_noise: float = 1e-3,
