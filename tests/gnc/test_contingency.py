@@ -155,13 +155,16 @@ def test_without_a_wish_the_pilot_keeps_the_station():
 def test_a_pilot_gets_no_more_than_the_vehicle_may_and_does_not_leave_it_behind():
     nu = np.asarray(flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 30.0), wish=(9.0, 0.0, 0.0, 9.0)).nu)
     assert np.abs(nu[:, :2]).max() <= 0.5 + 1e-9 and nu[-1, 5] == 0.5
+    still = flown((MODE_RUNNING, 1.0), (MODE_PILOTED, 5.0), wish=(np.nan, 0.0, 0.0, np.nan))
+    assert np.isfinite(np.asarray(still.eta)).all(), "what is not a number is no wish"
     memory, here = BLOCK.init(jax.random.key(0), START), estimate_of(AT)
     for _ in range(200):  # a vehicle that is stuck
         given = ContingencyInput(
-            ON_LEG, here, Mode(jnp.asarray(MODE_PILOTED), jnp.asarray(0)), as_array([0.4, 0, 0, 0])
+            ON_LEG, here, Mode(jnp.asarray(MODE_PILOTED), jnp.asarray(0)), as_array([0.4, 0, 0, 0.4])
         )
         memory, asked = BLOCK.step(memory, given, DT)
     assert np.isclose(np.linalg.norm(np.asarray(asked.eta)[:3] - AT[:3]), 0.7, atol=1e-6)
+    assert np.isclose(asked.eta[5] - AT[5], 0.8, atol=1e-6)
 
 
 def test_paused_after_piloting_it_stays_where_the_pilot_left_it_and_resumed_the_mission_goes_on():

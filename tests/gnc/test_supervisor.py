@@ -243,6 +243,8 @@ def test_a_rule_can_be_ignored_or_answered_otherwise(name):
 def test_a_sensor_that_falls_silent_is_missed_after_3_s_and_one_that_is_not_there_never(name):
     told = {one: Slot(jnp.zeros((1, 3)), jnp.ones(1, dtype=bool), jnp.zeros(1)) for one in VITAL}
     mute = told | {name: Slot(jnp.zeros((1, 3)), jnp.zeros(1, dtype=bool), jnp.zeros(1))}
+    odd = told | {name: Slot(jnp.full((1, 3), jnp.nan), jnp.ones(1, dtype=bool), jnp.zeros(1))}
+    assert go_on(begun(), watched(readings=odd), 4.0, only("sensor silent"))[1] == MODE_SURFACING
     supervisor = only("sensor silent")
     memory, mode, _ = go_on(begun(), watched(readings=told), 10.0, supervisor)
     assert mode == MODE_RUNNING
@@ -254,7 +256,7 @@ def test_a_sensor_that_falls_silent_is_missed_after_3_s_and_one_that_is_not_ther
 
 
 def test_a_return_that_does_not_come_nearer_is_given_up():
-    far, near = watched(estimate=at(x=12.0)), watched(estimate=at(x=0.5, y=0.5))
+    far, near = watched(estimate=at(x=12.0)), watched(estimate=at(x=0.3, y=0.3))
     memory, mode, _ = go_on(begun(MODE_RETURNING, flow.BATTERY_LOW), far, 60.0)
     assert mode == MODE_RETURNING
     assert go_on(memory, far, 3 * DT)[1:] == (MODE_SURFACING, flow.NO_WAY_HOME)

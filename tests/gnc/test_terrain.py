@@ -27,7 +27,7 @@ def seen(ranges, eta):
 
 
 def depths(ranges, eta=lambda k: (0.0, 0.0, 2.0, 0.0, 0.0, 0.0), block=BLOCK):
-    """Depth asked for at the first way-point, tick by tick, for ranges (n,)."""
+    """Depth asked for at the way-points, tick by tick, for ranges (n,); their noise makes all different."""
     memory, out = block.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0))), []
     for k, one in enumerate(ranges):
         memory, told = STEP(block, memory, jnp.asarray(float(one)), jnp.asarray(eta(k), dtype=float))
@@ -42,13 +42,14 @@ def every_fifth(values):
 
 def test_level_floor_gives_its_depth_less_the_altitude_and_leaves_other_way_points_alone():
     asked = depths(every_fifth(np.full(100, 3.0)))
-    assert np.allclose(asked[:, 0], 5.0 - 1.5, atol=1e-9) and np.all(asked[:, 1] == 2.0)
+    assert np.all(asked[:20, 0] == 2.0), "five echoes have to agree"
+    assert np.allclose(asked[20:, 0], 5.0 - 1.5, atol=1e-9) and np.all(asked[:, 1] == 2.0)
 
 
 def test_before_the_first_echo_and_long_after_the_last_the_own_depth_holds():
     ranges = np.concatenate([np.zeros(20), every_fifth(np.full(50, 3.0)), np.zeros(300)])
     asked = depths(ranges)[:, 0]
-    assert np.all(asked[:20] == 2.0) and asked[25] == pytest.approx(3.5)
+    assert np.all(asked[:40] == 2.0) and asked[45] == pytest.approx(3.5)
     silent = (np.arange(len(ranges)) - 65) * DT  # the last echo came at tick 65
     assert np.allclose(asked[(silent > 0) & (silent < 4.9)], 3.5, atol=1e-6) and np.all(asked[silent > 5.05] == 2.0)
 
@@ -65,19 +66,39 @@ def test_tilt_and_place_of_the_altimeter_count():
     block = dataclasses.replace(BLOCK, lever=jnp.array([0.5, 0.0, 0.1]))
     sensor = 2.0 - 0.5 * np.sin(0.3) + 0.1 * np.cos(0.3)
     reading = (5.0 - sensor) / np.cos(0.3)
-    asked = depths(every_fifth(np.full(20, reading)), lambda k: (0.0, 0.0, 2.0, 0.0, 0.3, 0.0), block)
-    assert np.allclose(asked[:, 0], 3.5, atol=1e-9)
+    asked = depths(every_fifth(np.full(40, reading)), lambda k: (0.0, 0.0, 2.0, 0.0, 0.3, 0.0), block)
+    assert np.allclose(asked[-1, 0], 3.5, atol=1e-9)
 
 
 def test_a_fish_moves_the_floor_by_a_fraction_only():
     ranges = every_fifth(np.full(200, 3.0))
     ranges[100] = 0.4
     asked = depths(ranges)[:, 0]
+    asked = np.where(np.arange(200) < 20, 3.5, asked)
     assert 0.02 < np.abs(asked - 3.5).max() < 0.2 and np.abs(asked[150:] - 3.5).max() < 0.02
 
 
-def test_never_above_the_surface():
-    assert np.all(depths(every_fifth(np.full(20, 1.0)), lambda k: (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))[:, 0] == 0.0)
+def test_no_higher_than_afloat():
+    asked = depths(every_fifth(np.full(40, 1.0)), lambda k: (0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
+    assert asked[-1, 0] == pytest.approx(0.2)
+
+
+def test_a_frozen_altimeter_is_found_out_by_the_vehicle_that_sinks():
+    """A range that stays the same while the vehicle dives would be a floor that flees from it."""
+    asked = depths(every_fifth(np.full(400, 3.0)), lambda k: (0.0, 0.0, 2.0 + 0.004 * k, 0.0, 0.0, 0.0))
+    assert asked[60, 0] > 3.0 and np.all(asked[80:, 0] == 2.0)
+
+
+def test_no_altimeter_leads_deeper_than_the_band():
+    asked = depths(every_fifth(10.0 + 1e-3 * np.arange(100)))
+    assert np.all(asked[60:, 0] == 2.0 + 5.0)
+
+
+def test_a_wrong_first_echo_begins_nothing():
+    ranges = every_fifth(np.full(100, 3.0))
+    ranges[0] = 13.0
+    asked = depths(ranges)[:, 0]
+    assert np.all(asked[:25] == 2.0) and np.allclose(asked[25:], 3.5, atol=1e-9)
 
 
 def test_an_altitude_of_nothing_is_refused():

@@ -30,6 +30,7 @@ from rovtwin.gnc.terrain import TerrainFollowing, TerrainInput, TerrainMemory
 from rovtwin.gnc.thruster_health import HealthInput, HealthMemory, ThrusterHealth
 from rovtwin.vehicle.model import Model
 
+WISH_LIFE = 0.5  # a pilot's wish older than this is none [s]
 NEGLIGIBLE = 1e-6  # what allocation leaves by rounding [N, N m]
 
 Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
@@ -146,7 +147,7 @@ class Autopilot(Block):
         terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)
         guidance, asked = self.guidance.step(memory.guidance, GuidanceInput(known, mission, mode), dt)
         contingency, setpoint = self.contingency.step(
-            memory.contingency, ContingencyInput(asked, known, mode, input.pilot), dt
+            memory.contingency, ContingencyInput(asked, known, mode, _fresh(input)), dt
         )
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
@@ -196,6 +197,11 @@ class Autopilot(Block):
         before = memory.monitor.retried(request == ARM)
         monitor, found = self.monitor.step(before, HealthInput(estimate, memory.command), dt)
         return monitor, self.health * found, self.ability.judged(found)
+
+
+def _fresh(input: AutopilotInput) -> Array:
+    """The pilot's wish, shape (4,), or none of a pilot who has not been heard for a while."""
+    return jnp.where(input.host.operator_age < WISH_LIFE, input.pilot, 0.0)
 
 
 def _usable(estimate: Estimate) -> Estimate:

@@ -66,6 +66,7 @@ class Contingency(Block):
         surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
         near: How close to home is there [m].
         afloat: How close to the surface is there [m].
+        lead: How far its heading goes ahead of the vehicle's [rad].
         fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
         leash: How far the point goes ahead of a piloted vehicle [m].
     """
@@ -75,7 +76,8 @@ class Contingency(Block):
     surface: Array = eqx.field(converter=as_array, default=0.2)
     near: Array = eqx.field(converter=as_array, default=0.5)
     afloat: Array = eqx.field(converter=as_array, default=0.15)
-    fastest: Array = eqx.field(converter=as_array, default=(0.5, 0.5, 0.3, 0.5))
+    lead: Array = eqx.field(converter=as_array, default=0.8)
+    fastest: Array = eqx.field(converter=as_array, default=(0.5, 0.5, 0.2, 0.5))
     leash: Array = eqx.field(converter=as_array, default=0.7)
 
     def init(self, key: Array, start: Start) -> ContingencyMemory:
@@ -95,7 +97,8 @@ class Contingency(Block):
 
         began = self._beside(memory, input.estimate)
         base = jax.tree.map(lambda old, new: jnp.where(memory.follows, old, new), memory, began)
-        wish = jnp.where(piloted, jnp.clip(input.pilot, -self.fastest, self.fastest), 0.0)
+        wish = jnp.where(piloted & jnp.isfinite(input.pilot), input.pilot, 0.0)
+        wish = jnp.clip(wish, -self.fastest, self.fastest)
         wanted = _turned(input.estimate.eta[5]) @ wish[:3]  # along the heading that the vehicle has, not is to have
         velocity = self._velocity(base, returning, surfacing, wanted, dt)
         eta = base.eta.at[:3].add(dt * velocity).at[5].add(dt * wish[3])
@@ -151,7 +154,8 @@ class Contingency(Block):
         place = estimate.eta[:3] - estimate.wave[:3]
         away = eta[:3] - place
         near = place + away * jnp.minimum(1.0, self.leash / jnp.sqrt(away @ away + 1e-12))
-        return eta.at[:3].set(near).at[2].max(jnp.minimum(self.surface, place[2]))
+        turn = jnp.clip(wrap(eta[5] - estimate.eta[5]), -self.lead, self.lead)
+        return eta.at[:3].set(near).at[2].max(jnp.minimum(self.surface, place[2])).at[5].set(estimate.eta[5] + turn)
 
     def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
         """Heading from the vehicle towards home, or as it is once home is near.

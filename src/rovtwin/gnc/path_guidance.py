@@ -66,7 +66,7 @@ class PathGuidance(Block):
         acceleration: Largest along the path [m/s2].
         sideways: Largest in a corner [m/s2].
         lag: Of the speed behind the wanted one [s].
-        onset: Time in which the acceleration may rise to its largest: jerk is acceleration / onset [s].
+        onset: Twice the acceleration over it is the largest jerk [s].
         patience: How far off the vehicle may be before the point waits, and over how much more it comes to rest [m].
         depth_tolerance: Depth error at which a dive is complete [m].
         heading_tolerance: Heading error at which a leg may begin [rad].
@@ -147,6 +147,8 @@ class PathGuidance(Block):
             behind = jnp.sqrt(away @ away + 1e-12)
         else:  # beside the path it comes back by going on
             behind = jnp.abs(away[0] * jnp.cos(direction) + away[1] * jnp.sin(direction))
+        # Over a floor that rises the point waits for a vehicle that is still too deep.
+        behind = jnp.maximum(behind, slow_place(estimate)[2] - eta[2])
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         left = jnp.maximum(piece.length - memory.s, 0.0)
         here, after = self._sustained(piece, estimate, eta, direction)

@@ -17,7 +17,7 @@ IGNORE, HOLD_STATION, RETURN_HOME, SURFACE, STOP = range(len(ACTIONS))
 NIS_WINDOW = 40.0  # innovations over which positions are compared with what the filter says of itself: 20 s at 1 Hz
 FAR = 1e6  # from the floor, as long as no altimeter says [m]
 FEW = 8.0  # innovations in it, below which nothing is said
-PROGRESS, ARRIVED = 0.5, 1.0  # of a return: by how much nearer counts as nearer, and how near as there [m]
+PROGRESS, ARRIVED = 0.5, 0.5  # of a return: by how much nearer counts as nearer, and how near as there [m]
 VITAL = ("attitude", "pressure")  # sensors without which the filter does not know which way is up, or how deep it is
 
 
@@ -236,10 +236,13 @@ def is_finite(estimate: Estimate) -> Array:
 
 
 def _spoke(measurements: Measurements) -> Array:
-    """Whether each of VITAL gave a reading in this tick, shape (2,), bool; what is not on board is not missed."""
-    return jnp.stack(
-        [jnp.any(measurements[name].valid) if name in measurements else jnp.asarray(True) for name in VITAL]
-    )
+    """Whether each of VITAL gave numbers in this tick, shape (2,), bool; what is not on board is not missed."""
+    told = []
+    for name in VITAL:
+        slot = measurements.get(name)
+        numbers = True if slot is None else slot.valid & jnp.all(jnp.isfinite(slot.value), axis=1)
+        told.append(jnp.any(jnp.asarray(numbers)))
+    return jnp.stack(told)
 
 
 def _last(measurements: Measurements, name: str, before: Array) -> Array:

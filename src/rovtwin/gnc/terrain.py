@@ -1,8 +1,11 @@
 """Terrain following: way-points that ask for a distance to the floor get the depth that keeps it.
 
 Readings of the altimeter, with depth and attitude of the estimate, say how deep the floor is; an alpha-beta filter
-follows it and its rate, and looks as far ahead as the reference of the depth lags behind. While the altimeter is silent
-the floor stays where it was, and after `patience` the way-point's own depth holds: it has to be one that is safe.
+follows it and its rate, and looks as far ahead as the reference of the depth lags behind. What an altimeter says is
+believed once a few echoes agree, and no longer when its range stays the same to the last bit while the vehicle sinks or
+rises. While it is silent the floor is taken to go on for a second, then to be level, and after `patience` the
+way-point's own depth holds: it has to be one that is safe. However wrong an altimeter is, the vehicle goes no deeper
+than `band` below that depth.
 
 Reference: Bar-Shalom, Li and Kirubarajan (2001), sec. 6.5 (alpha-beta filter).
 """
@@ -12,9 +15,12 @@ import equinox as eqx
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Measurements, Mission
 from rovtwin.core.frames import rotation_from_euler
-from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.numerics import Array, as_array, jax, jnp
 
 NEVER = 1e6  # since the last echo, where there was none [s]
+AGREE, ENOUGH = 1.0, 5  # echoes that differ by less than so much [m], and so many of them, begin to be believed
+STUCK = 0.3  # sinking or rising while the range stays the very same [m]
+STEEPEST = 0.5  # rate of the floor [m/s]
 
 
 class TerrainInput(eqx.Module):
@@ -26,11 +32,23 @@ class TerrainInput(eqx.Module):
 
 
 class TerrainMemory(eqx.Module):
-    """Depth of the floor below the vehicle [m], its rate [m/s], and time since the last echo [s]."""
+    """What is known of the floor.
+
+    Attributes:
+        floor: Its depth below the vehicle [m].
+        rate: Of that [m/s].
+        silence: Since the last echo [s].
+        heard: Echoes that agreed so far, up to ENOUGH, int.
+        reading: The last range [m].
+        depth: Of the vehicle when the range was first that [m].
+    """
 
     floor: Array
     rate: Array
     silence: Array
+    heard: Array
+    reading: Array
+    depth: Array
 
 
 class TerrainFollowing(Block):
@@ -39,6 +57,8 @@ class TerrainFollowing(Block):
     Attributes:
         lever: Of the altimeter, seen from CO, b [m], shape (3,).
         beam: Its direction in b, shape (3,).
+        shallowest: Depth of CO afloat, or as far up as the vehicle is to come [m].
+        band: How far below a way-point's own depth it may go [m].
         time_constant: Of the floor's filter [s].
         jump: Largest step that one echo may ask for: a fish is no floor [m].
         lead: How far ahead the rate is believed [s].
@@ -47,42 +67,59 @@ class TerrainFollowing(Block):
 
     lever: Array = eqx.field(converter=as_array)
     beam: Array = eqx.field(converter=as_array)
+    shallowest: Array = eqx.field(converter=as_array, default=0.2)
+    band: Array = eqx.field(converter=as_array, default=5.0)
     time_constant: Array = eqx.field(converter=as_array, default=0.5)
     jump: Array = eqx.field(converter=as_array, default=0.15)
     lead: Array = eqx.field(converter=as_array, default=2.0)
     patience: Array = eqx.field(converter=as_array, default=5.0)
 
     def init(self, key: Array, start: Start) -> TerrainMemory:
-        return TerrainMemory(jnp.zeros(()), jnp.zeros(()), jnp.asarray(NEVER))
+        zero = jnp.zeros(())
+        return TerrainMemory(zero, zero, zero + NEVER, jnp.zeros((), dtype=int), zero, start.position[2])
 
     def step(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> tuple[TerrainMemory, Mission]:
         after = self._heard(memory, input, dt)
         mission = input.mission
         if mission.altitude is None:
             return after, mission
-        below = jnp.maximum(after.floor + self.lead * after.rate - mission.altitude, 0.0)
-        follows = (mission.altitude > 0.0) & (after.silence < self.patience)
-        depth = jnp.where(follows, below, mission.position[:, 2])
+        own = mission.position[:, 2]
+        below = jnp.clip(after.floor + self.lead * after.rate - mission.altitude, self.shallowest, own + self.band)
+        stuck = jnp.abs(input.estimate.eta[2] - after.depth) > STUCK
+        known = (after.heard >= ENOUGH) & (after.silence < self.patience) & ~stuck
+        depth = jnp.where((mission.altitude > 0.0) & known, below, own)
         position = jnp.concatenate([mission.position[:, :2], depth[:, None]], axis=1)
         return after, eqx.tree_at(lambda m: m.position, mission, position)
 
     def _heard(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> TerrainMemory:
-        """The floor a tick later, with the echoes that came."""
+        """A tick later, with the echoes that came."""
         eta, slot = input.estimate.eta, input.measurements["altimeter"]
         R_nb = rotation_from_euler(eta[3:])
-        floor, rate, silence = memory.floor + dt * memory.rate, memory.rate, memory.silence + dt
+        silence = memory.silence + dt
         # A rate that nobody confirms any more fades.
-        rate = jnp.where(silence > 1.0, 0.0, rate)
+        rate = jnp.where(silence > 1.0, 0.0, memory.rate)
+        now = TerrainMemory(memory.floor + dt * rate, rate, silence, memory.heard, memory.reading, memory.depth)
         for row in range(slot.valid.shape[0]):
-            seen = eta[2] + (R_nb @ (self.lever + slot.value[row, 0] * self.beam))[2]
+            length = slot.value[row, 0]
+            seen = eta[2] + (R_nb @ (self.lever + length * self.beam))[2]
             there = slot.valid[row] & jnp.isfinite(seen)
-            since = jnp.minimum(silence, self.time_constant)
-            theta = jnp.exp(-since / self.time_constant)
-            away = jnp.clip(jnp.where(there, seen - floor, 0.0), -self.jump, self.jump)
-            anew = there & (silence > self.patience)
-            near = floor + (1.0 - theta**2) * away
-            turned = rate + (1.0 - theta) ** 2 * away / jnp.maximum(since, dt)
-            floor = jnp.where(anew, jnp.where(there, seen, floor), jnp.where(there, near, floor))
-            rate = jnp.where(anew, 0.0, jnp.where(there, turned, rate))
-            silence = jnp.where(there, 0.0, silence)
-        return TerrainMemory(floor, rate, silence)
+            heard = self._with(now, jnp.where(there, seen, 0.0), length, eta[2], dt)
+            now = jax.tree.map(lambda new, old, there=there: jnp.where(there, new, old), heard, now)
+        return now
+
+    def _with(self, now: TerrainMemory, seen: Array, length: Array, depth: Array, dt: float) -> TerrainMemory:
+        """With one more echo, which sees the floor at a depth [m]."""
+        away = seen - now.floor
+        anew = (now.silence > self.patience) | ((now.heard < ENOUGH) & (jnp.abs(away) > AGREE))
+        since = jnp.minimum(now.silence, self.time_constant)
+        theta = jnp.exp(-since / self.time_constant)
+        step = jnp.clip(away, -self.jump, self.jump)
+        rate = jnp.clip(now.rate + (1.0 - theta) ** 2 * step / jnp.maximum(since, dt), -STEEPEST, STEEPEST)
+        return TerrainMemory(
+            floor=jnp.where(anew, seen, now.floor + (1.0 - theta**2) * step),
+            rate=jnp.where(anew, 0.0, rate),
+            silence=jnp.zeros(()),
+            heard=jnp.where(anew, 1, jnp.minimum(now.heard + 1, ENOUGH)),
+            reading=length,
+            depth=jnp.where(length == now.reading, now.depth, depth),
+        )

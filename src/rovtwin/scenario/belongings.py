@@ -55,7 +55,7 @@ def _copy_scene(name: str, target: Path) -> None:
             raise ConfigError(f"{scene.where}: objects: mesh: found file {mesh['file']}, but there is no file {source}")
         mesh["file"] = str(source)
     target.parent.mkdir(exist_ok=True)
-    within = f"{target.stem}_{MESHES}"
+    within = f"{target.name}_{MESHES}"  # with its ending: two scenes may differ in nothing else
     copies = _copied([mesh["file"] for mesh in meshes], target.parent / within)
     for mesh in meshes:
         mesh["file"] = f"{within}/{copies[mesh['file']]}"

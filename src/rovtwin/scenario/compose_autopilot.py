@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovtwin.core.flow import Mission
-from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.ability import Ability
 from rovtwin.gnc.allocation import reachable_share
 from rovtwin.gnc.autopilot import Autopilot
@@ -42,6 +42,10 @@ def autopilot_of(
     """The autopilot that the scenario asks for, around a model; names of thrusters say which fail together."""
     section = scenario.autopilot
     contingency = Contingency(surface=afloat(model) if scenario.world.surface else UP)
+    if isinstance(section, ModelBasedSection):  # no pilot gets more than the reference gives
+        control = section.control
+        fastest = [0.5, 0.5, control.dive_speed, math.radians(control.turn_rate_deg)]
+        contingency = replace(contingency, fastest=as_array(fastest))
     if isinstance(section, ThesisSection):
         made, rules = _thesis(section, model, sensors, mission, scenario.control_dt), THESIS_RULES
     else:
@@ -50,7 +54,7 @@ def autopilot_of(
         made,
         supervisor=Supervisor(rules_of(scenario, model, rules)),
         contingency=contingency,
-        terrain=_terrain(sensors, mission),
+        terrain=_terrain(sensors, mission, contingency.surface),
     )
     if section.supervisor.thruster_failed.action == "ignore" or rules is THESIS_RULES:
         return autopilot
@@ -85,12 +89,12 @@ def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Se
     )
 
 
-def _terrain(sensors: dict[str, Sensor], mission: Mission) -> TerrainFollowing | None:
+def _terrain(sensors: dict[str, Sensor], mission: Mission, surface: Array) -> TerrainFollowing | None:
     """With the altimeter's place and direction; None where no way-point has an altitude."""
     if mission.altitude is None:
         return None
     altimeter = sensors["altimeter"]
-    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0])
+    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface)
 
 
 def _steering(section: ModelBasedSection, model: Model) -> Steering | None:

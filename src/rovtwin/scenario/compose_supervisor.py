@@ -15,6 +15,7 @@ from rovtwin.vehicle.reach import wrench_limits
 _NAMES = {"attitude limit": "attitude_limit_deg", "estimate lost": "position_std_limit"}
 _CARRIED = np.array([False, False, False, True, True, False])  # roll and pitch right themselves
 _SENSORS = {"altitude_limit": "altimeter", "battery_low": "battery", "battery_critical": "battery", "leak": "leak"}
+NEARER = 0.35  # share of the least altitude that a mission asks for, below which the altitude limit acts by itself
 SHORT = 0.1  # of an axis's largest wrench, by which the controller may be short of what it wants
 # The thesis's autopilot has no fail-safes; those that its own weaknesses would call are off unless asked for.
 WEAK = ("filter diverged", "positions lost", "thruster failed", "saturated")
@@ -34,6 +35,9 @@ def rules_of(scenario: Scenario, model: Model, defaults: dict[str, Rule] = RULES
         for name, default in defaults.items()
         if hasattr(section, key := _NAMES.get(name, name.replace(" ", "_")))
     }
+    altitudes = [w.altitude for w in scenario.waypoints if w.altitude]
+    if altitudes and section.altitude_limit.limit is None:
+        changes["altitude limit"] = changes["altitude limit"]._replace(limit=NEARER * min(altitudes))
     lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
     allowance = np.where(_CARRIED, np.inf, SHORT * np.maximum(-lower, upper))
     return Rules.of(defaults | changes, section.geofence.polygon, allowance)

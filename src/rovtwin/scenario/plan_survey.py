@@ -164,9 +164,11 @@ def _clearance(model: Model) -> float:
 def _depth(request: SurveyRequest, base: Scenario, model: Model) -> float:
     """Of the lines [m]."""
     floor = base.world.floor if request.floor is None else request.floor
-    if request.altitude is not None:
+    if request.altitude is not None and request.depth is not None and base.sensors.altimeter.on_board:
+        depth = request.depth  # safe where the altimeter says nothing
+    elif request.altitude is not None:
         if request.depth is not None:
-            raise ConfigError("--depth and --altitude: found both, expected one")
+            raise ConfigError("--depth and --altitude: found both, expected one (both with an altimeter on board)")
         if floor is None:
             raise ConfigError(f"--altitude: {request.scenario} has no floor; say how deep it is: --floor 12")
         depth = floor - request.altitude

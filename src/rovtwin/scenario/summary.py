@@ -26,10 +26,13 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
     else:
         reason = figures["reason"] or f"not finished after {flown.duration:.0f} s"
     speed = float(np.sqrt(np.mean(np.sum(flown.nu[:, :2] ** 2, axis=1))))
+    altitude = altitude_error(flown, composed.scenario)
+    if altitude is not None:
+        figures["depth_rms_m"] = None  # the depth asked for leads the floor: no error of the vehicle
     return figures | {
         "reason": reason,
         "interrupted": interrupted,
-        "altitude_rms_m": altitude_error(flown, composed.scenario),
+        "altitude_rms_m": altitude,
         "decisions": decisions(flown, composed.thruster_names),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,

@@ -73,7 +73,8 @@ class SupervisorSection(Strict):
     battery_critical: _Charge = Field(default=ShareRuleSection(), description="charge of the emptiest battery")
     battery_low: _Charge = Field(default=ShareRuleSection(), description="charge of the emptiest battery")
     filter_diverged: _Rule = Field(
-        default=RuleSection(), description="mean squared normalised innovation of positions, by axis, over 20 s"
+        default=RuleSection(),
+        description="mean squared normalised innovation of positions, by axis, over some 20 of them",
     )
     positions_lost: _Rule = Field(default=RuleSection(), description="since a position was believed [s]")
     thruster_failed: _Switch = Field(
