@@ -149,6 +149,7 @@ def test_slurm_without_its_package_and_a_scheduler_that_is_not_there(monkeypatch
     monkeypatch.setattr("rovtwin.campaign.workers.find_spec", lambda name: None)
     with pytest.raises(ConfigError, match="dask-jobqueue"), on_slurm(2):
         pass
+    monkeypatch.setattr("rovtwin.campaign.workers.CONNECT", "1s")
     with pytest.raises(ConfigError, match="nobody answers there"), at_scheduler("tcp://127.0.0.1:9"):
         pass
 

@@ -40,6 +40,7 @@ def rms(a, b):
     return np.sqrt(((a - b) ** 2).sum(axis=1).mean())
 
 
+@pytest.mark.slow
 def test_smoothing_is_better_than_filtering():
     pytest.importorskip("gtsam")
     (online, d), (smoothed, _) = tracked("ekf"), tracked("smoother")

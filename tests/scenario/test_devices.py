@@ -77,6 +77,7 @@ def test_the_filter_passes_over_what_it_does_not_know(flight):
     assert not dof["altimeter"].any() and not dof["leak"].any() and dof["pressure"].any()
 
 
+@pytest.mark.slow
 def test_log_and_report_name_the_faults(flight, tmp_path):
     listed = json.loads(flight.log.metadata["faults"])
     assert listed[0] == {"what": "port.surge dead", "start": 2.0, "end": 4.0, "thrusters": ["port.surge"]}

@@ -255,6 +255,7 @@ def test_a_mission_is_no_test_and_a_test_has_no_scores(scenario):
     assert isinstance(result.exception, ConfigError) and "has no scores" in str(result.exception)
 
 
+@pytest.mark.slow
 def test_a_depth_limit_ends_a_test():
     deep = short(autopilot={"supervisor": {"depth_limit": 2.9}})  # it starts at 3 m
     with pytest.raises(ConfigError, match=r"short, seed 1: aborted after 0 s \(depth limit\)"):

@@ -20,6 +20,7 @@ from rovtwin.core.errors import ConfigError, RovtwinError
 
 Stopped = Callable[[], bool]
 PATIENCE = 0.3  # how long a wish to stop may go unheard [s]
+CONNECT = "10s"  # within which a scheduler has to answer
 AHEAD = 3  # portions handed over for each core, so that none waits
 
 
@@ -171,7 +172,7 @@ def at_scheduler(address: str) -> Iterator[Workers]:
     from distributed import Client
 
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout=CONNECT)
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(
             f"--scheduler {address}: nobody answers there ({str(error).splitlines()[0] or type(error).__name__}); "
