@@ -51,7 +51,7 @@ class SustainedSpeed(eqx.Module):
         speed = np.where(some, np.asarray(_speed(linear, quadratic, share * force)), FREE)
         mass = _horizontal(model.mass)[1]
         push = np.where(some, force / mass, FREE)[:, 1]
-        return cls(linear, quadratic, speed, push, mass)  # type: ignore[arg-type]  (NumPy)
+        return cls(*map(as_array, (linear, quadratic, speed, push, mass)))
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""

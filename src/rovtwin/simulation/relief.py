@@ -34,7 +34,8 @@ class Relief(eqx.Module):
         rows = [
             (2.0 * np.pi / length * np.cos(along), 2.0 * np.pi / length * np.sin(along)) for _, length, along in waves
         ]
-        return cls(depth, slope, [wave[0] for wave in waves], np.reshape(rows, (len(rows), 2)))  # type: ignore[arg-type]
+        amplitude, number = [wave[0] for wave in waves], np.reshape(rows, (len(rows), 2))
+        return cls(as_array(depth), as_array(slope), as_array(amplitude), as_array(number))
 
     def under(self, place: Array) -> tuple[Array, Array]:
         """Depth of the floor [m] below a place, north and east [m], shape (2,), and its slope there, shape (2,)."""
