@@ -1,20 +1,38 @@
-"""Link: one face to any vehicle, simulated, replayed or real."""
+"""Link: one face to any vehicle, simulated, replayed or real; Source: one to what only measures."""
 
 import abc
+from typing import Self
 
 from rovtwin.core.flow import Command, Measurement
 
 
-class Link(abc.ABC):
-    """What an autopilot needs of a vehicle.
+class Source(abc.ABC):
+    """Something that measures: a vehicle, or an instrument beside it (acoustic positions, motion capture, a DVL).
 
-    `send` after `stop` is ignored: stop latches until the link is closed. All methods return at once and never raise
-    for a quiet vehicle (`read` returns an empty list); `LinkError` means that the vehicle cannot be used any more.
+    All methods return at once and never raise for a quiet instrument (`read` returns an empty list); `LinkError` means
+    that it cannot be used any more. Times of readings are those of the clock that the source was given [s].
     """
 
     @abc.abstractmethod
     def read(self) -> list[Measurement]:
         """Readings that arrived since the last call, those of each sensor in order of arrival."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Let go of it; may be called twice. Nothing is read any more."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Link(Source):
+    """What an autopilot needs of a vehicle.
+
+    `send` after `stop` is ignored: stop latches until the link is closed. All methods return at once.
+    """
 
     @abc.abstractmethod
     def send(self, command: Command) -> None:
@@ -27,9 +45,3 @@ class Link(abc.ABC):
     @abc.abstractmethod
     def close(self) -> None:
         """Stop and let go of the vehicle; may be called twice."""
-
-    def __enter__(self) -> "Link":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

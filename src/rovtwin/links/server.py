@@ -1,0 +1,55 @@
+"""Server: a vendor's protocol spoken for a vehicle, and who may reach it."""
+
+import abc
+import ipaddress
+from collections.abc import Sequence
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.links.station import Station
+
+
+class Server(abc.ABC):
+    """A vendor's protocol, spoken for a vehicle. Picklable before it runs: it runs in a process of its own."""
+
+    @abc.abstractmethod
+    async def run(self, station: Station) -> None:
+        """Serve until cancelled. When it returns or is cancelled, all sockets are closed and no drone is armed.
+
+        Raises:
+            LinkError: An address cannot be bound.
+        """
+
+    @property
+    @abc.abstractmethod
+    def addresses(self) -> list[str]:
+        """Hosts it binds, for `require_loopback`."""
+
+
+def require_loopback(servers: Sequence[Server], exposed: bool) -> list[str]:
+    """The addresses that others than this machine reach; there must be none unless `exposed`.
+
+    Raises:
+        ConfigError: There are, and nobody said that this is wanted.
+    """
+    found = [address for server in servers for address in server.addresses if not _is_loopback(address)]
+    if found and not exposed:
+        raise ConfigError(
+            f"--address {found[0]}: others on the network could steer the vehicle; expected a loopback address "
+            "(127.0.0.1, 127.0.0.2, ..). If this is what you want, add --expose"
+        )
+    return found
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
+
+
+def address_taken(where: str, error: Exception) -> str:
+    """What to say of an address that cannot be bound."""
+    return (
+        f"{where}: cannot be bound ({getattr(error, 'strerror', None) or error}). Is another server running there? "
+        "Stop it, or choose another --address or --port"
+    )
