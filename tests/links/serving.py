@@ -1,0 +1,67 @@
+"""A protocol's server in a thread, for tests that talk to it as a client would."""
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rovtwin.core.flow import Measurement
+from rovtwin.links.server import Server
+from rovtwin.links.station import Station
+from rovtwin.links.wish import Wish
+
+
+class Served:
+    """A running server and the vehicle it speaks for: `feed` is what the vehicle measures, `wishes` what it is asked."""
+
+    def __init__(self, drones: Sequence[str], speed: float):
+        self.wishes: list[Wish] = []
+        self.said: list[str] = []
+        self.loop = asyncio.new_event_loop()
+        self.station = Station(drones, self.wishes.append, self.said.append, speed)
+
+    def feed(self, now: float, readings: list[Measurement]) -> None:
+        self.call(lambda: self.station.feed(now, readings))
+
+    def call(self, function: Callable[[], None]) -> None:
+        """Run a function within the server's loop and wait for it."""
+        done = threading.Event()
+
+        def run() -> None:
+            function()
+            done.set()
+
+        self.loop.call_soon_threadsafe(run)
+        assert done.wait(5), "the server's loop is blocked"
+
+
+@contextmanager
+def serving(*servers: Server, drones: Sequence[str] = ("",), speed: float = 1.0) -> Iterator[Served]:
+    """Servers that run in one loop in a thread until the block is left; an error of theirs comes out there."""
+    served = Served(drones, speed)
+
+    async def run_all() -> None:
+        await asyncio.gather(*(server.run(served.station) for server in servers))
+
+    task = served.loop.create_task(run_all())
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            served.loop.run_until_complete(task)
+        except asyncio.CancelledError:
+            pass
+        except BaseException as error:  # it is raised in the test thread
+            failed.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield served
+    finally:
+        served.loop.call_soon_threadsafe(task.cancel)
+        thread.join(10)
+        assert not thread.is_alive(), "the server does not end when it is cancelled"
+        served.loop.close()
+    if failed:
+        raise failed[0]
