@@ -44,6 +44,7 @@ from rovtwin.gnc.mission import mission
 from rovtwin.gnc.navigation.filter import NavigationFilter
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.observer import Ekf, ObserverInput
+from rovtwin.gnc.onboard import Onboard, OnboardInput, Order, Sense
 from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
@@ -302,6 +303,27 @@ def contingency() -> Example:
     return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode, over_time(4, seed=46)))
 
 
+def onboard() -> Example:
+    """A stick in one half of the time, holds in the other."""
+    half = jnp.arange(TICKS) < TICKS // 2
+    holds = jnp.stack([~half, ~half, half, ~half], axis=1)
+    order = Order(
+        every_tick(jnp.asarray(True)), over_time(6, seed=51, size=0.5), holds, over_time(4, seed=52), half & False
+    )
+    seen = estimates()
+    return Example(
+        Onboard.of(model().thrusters, jnp.full(6, 10.0)), OnboardInput(order, seen.eta, seen.nu), differentiable=False
+    )
+
+
+def sense() -> Example:
+    one = every_tick(jnp.ones((1,), dtype=bool))
+    t = every_tick(jnp.zeros(1))
+    read = {"pressure": 1, "attitude": 3, "gyro": 3}
+    slots = {name: Slot(over_time(1, size, seed=53), one, t) for name, size in read.items()}
+    return Example(Sense(("pressure", "attitude", "gyro"), 42.0), slots)
+
+
 def tracking() -> Example:
     return Example(Tracking.of(model()), ControlInput(estimates(), references(), over_time(6, seed=17)))
 
@@ -410,6 +432,8 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
         ThrusterHealth.of(model()), HealthInput(estimates(), commands()), differentiable=False
     ),
     "gnc.tracking.PathReference": lambda: Example(PathReference.of(), setpoints()),
+    "gnc.onboard.Onboard": onboard,
+    "gnc.onboard.Sense": sense,
     "gnc.tracking.Tracking": tracking,
     "gnc.trial.Trial": trial,
     "positioning.ekf.MarkerEkf": marker_filter,

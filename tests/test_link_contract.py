@@ -6,15 +6,19 @@ Links are found by importing the package; a new one gets its line in RIGS.
 import importlib
 import inspect
 import pkgutil
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from tests.links.vehicles import PlainLink, ThreadHosted
 
 import rovtwin.links
 from rovtwin.core.flow import Command, Measurement, Slot
 from rovtwin.core.link import Link
+from rovtwin.core.log import Channel, Log
+from rovtwin.links.replay import ReplayLink
 from rovtwin.links.twin import TwinLink
 
 THRUSTERS = 3
@@ -67,7 +71,42 @@ def twin_rig() -> Rig:
     return Rig(link, wait, listen, applied)
 
 
-RIGS: dict[str, Callable[[], Rig]] = {"twin.TwinLink": twin_rig}
+def replay_rig() -> Rig:
+    """A log of two sensors, and a clock by hand."""
+    now, t = [0.0], PERIOD * np.arange(1, 500)
+    depth = Channel("sensor/pressure", ("depth", "t_valid"), ("m", "s"), "n")
+    rates = Channel("sensor/gyro", tuple("xyz"), "rad/s", "b")
+    data = {"sensor/pressure": (t, np.stack([2.0 + t, t], axis=1)), "sensor/gyro": (t[4::5], np.zeros((99, 3)))}
+    link = ReplayLink(Log.from_arrays([depth, rates], data), THRUSTERS, lambda: now[0])
+
+    def wait(seconds: float) -> None:
+        now[0] += seconds
+
+    return Rig(link, wait, link.read, lambda: link.command)
+
+
+def hosted_rig() -> Rig:
+    """A link that believes every command for ever, hosted in a thread; the process is tested by itself."""
+    inner: list[PlainLink] = []
+
+    def opener() -> PlainLink:
+        inner.append(PlainLink())
+        return inner[0]
+
+    link = ThreadHosted(opener, THRUSTERS)
+
+    def applied() -> np.ndarray:
+        time.sleep(0.05)
+        return inner[0].u
+
+    return Rig(link, time.sleep, lambda: (time.sleep(0.1), link.read())[1], applied)
+
+
+RIGS: dict[str, Callable[[], Rig]] = {
+    "twin.TwinLink": twin_rig,
+    "replay.ReplayLink": replay_rig,
+    "hosted.HostedLink": hosted_rig,
+}
 
 
 def find_links() -> set[str]:

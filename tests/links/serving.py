@@ -12,7 +12,7 @@ from rovtwin.links.wish import Wish
 
 
 class Served:
-    """A running server and the vehicle it speaks for: `feed` is what the vehicle measures, `wishes` what it is asked."""
+    """A running server and the vehicle it speaks for: `feed` is what the vehicle measures, `wishes` what is asked."""
 
     def __init__(self, drones: Sequence[str], speed: float):
         self.wishes: list[Wish] = []

@@ -34,6 +34,18 @@ class Link(Source):
     `send` after `stop` is ignored: stop latches until the link is closed. All methods return at once.
     """
 
+    def arm(self) -> None:
+        """Make the vehicle ready to obey. One that needs no such step does nothing here.
+
+        Raises:
+            LinkError: It refuses.
+        """
+
+    @property
+    def age(self) -> float:
+        """Since the vehicle was last heard [s]; of several lines that of the quietest. Always 0 in a twin."""
+        return 0.0
+
     @abc.abstractmethod
     def send(self, command: Command) -> None:
         """Hand over thruster commands; values beyond +-1 are clipped, a non-finite command counts as `stop`."""

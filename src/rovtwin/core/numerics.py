@@ -80,11 +80,25 @@ def in_one_piece(function: Callable[..., Any]) -> Callable[..., Any]:
     if jax.default_backend() != "cpu":
         return compiled
 
+    @jax.jit
     def whole(*arguments: Any) -> Any:
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
             return compiled(*arguments)
 
-    return jax.jit(whole)
+    chosen: list[Callable[..., Any]] = []
+
+    def call(*arguments: Any) -> Any:
+        if not chosen:
+            try:
+                whole.lower(*arguments).compile()
+                chosen.append(whole)
+            except jax.errors.JaxRuntimeError as error:
+                if "UNIMPLEMENTED" not in str(error):
+                    raise
+                chosen.append(compiled)  # some operations XLA cannot put into such a piece
+        return chosen[0](*arguments)
+
+    return call
 
 
 __all__ = ["Array", "as_array", "cache_folder", "in_one_piece", "jax", "jnp", "module_for"]

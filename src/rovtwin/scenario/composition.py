@@ -90,18 +90,19 @@ class Composed:
         return [float(value) for value in result]
 
 
-def compose(scenario: Scenario, truth: Model | None = None) -> Composed:
+def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | None = None) -> Composed:
     """Blocks of a scenario.
 
     Args:
         scenario: What to fly.
         truth: The vehicle as it truly is, before what the world does to it (`thruster_health`, `net_buoyancy`); None:
             as the world's `water` and `mismatch` make it.
+        vehicle: In place of the scenario's.
 
     Raises:
         ConfigError: The vehicle cannot be used, or does not fit the scenario.
     """
-    vehicle = vehicle_of(scenario)
+    vehicle = vehicle or vehicle_of(scenario)
     model = vehicle.model()
     if not vehicle.thruster_names:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")

@@ -84,7 +84,7 @@ def fly(
     composed = compose(scenario)
     if folder is None:
         return _in_memory(scenario, composed, realtime, progress)
-    folder = _new_folder(folder)
+    folder = new_folder(folder)
     summary = _into_folder(scenario, composed, folder, realtime, progress, camera or film, film)
     flight = Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
     if report:
@@ -202,7 +202,12 @@ def run_folder(name: str, root: str | Path = "runs") -> Path:
     return path
 
 
-def _new_folder(folder: str | Path) -> Path:
+def new_folder(folder: str | Path) -> Path:
+    """A folder that was not there before.
+
+    Raises:
+        ConfigError: It was, or it cannot be made.
+    """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True)

@@ -71,7 +71,7 @@ def realtime_chunks(
     step_twin = jax.jit(lambda twin, memory, command, k: twin.step(memory, TwinInput(command, k), control_dt))
     move = partial(step_twin, loop.twin)  # parameters are arguments: as constants they would be compiled anew each time
     autopilot = HostAutopilot(loop.autopilot, memory.autopilot, memory.measurements, control_dt)
-    above = _above(loop.topside, control_dt)
+    seen_above = above(loop.topside, control_dt)
     off = jnp.zeros(loop.twin.model.thrusters.count)
     jax.block_until_ready(move(memory.twin, Command(off), 0))
 
@@ -83,7 +83,7 @@ def realtime_chunks(
         memory.twin.battery,
         memory.tethers,
     )
-    above(0)
+    seen_above(0)
     began = time.monotonic()
     now = clock or (lambda: time.monotonic() - began)
     link = TwinLink(truth.following(move), memory.twin, off.shape[0], control_dt, now)
@@ -95,7 +95,7 @@ def realtime_chunks(
             while link.tick < k:
                 sleep(max(0.0, k * control_dt - now()))
                 readings = link.read()
-            (link_age, operator_age, late), request, pilot = above(k)
+            (link_age, operator_age, late), request, pilot = seen_above(k)
             late = max(late, (now() - k * control_dt) / control_dt)
             link.send(autopilot.step(readings, request, (link_age, operator_age, late), pilot))
             # The command is out; from here on there is time.
@@ -111,7 +111,7 @@ def realtime_chunks(
 Above = tuple[tuple[float, float, float], int, Sequence[float]]
 
 
-def _above(topside: Topside | None, control_dt: float) -> Callable[[int], Above]:
+def above(topside: Topside | None, control_dt: float) -> Callable[[int], Above]:
     """What the host of a tick knows, the operator's request and the pilot's wish, see `HostAutopilot.step`."""
     if topside is None:
         return lambda k: ((0.0, 0.0, 0.0), NO_REQUEST, NO_WISH)

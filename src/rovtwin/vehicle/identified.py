@@ -8,7 +8,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
 from rovtwin.vehicle.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
 
-_NO_MATTER = ("source", "sources", "description", "visuals")  # for what a vehicle does
+# For what tests find. A pair that is driven as one gives the same force however far apart its two are.
+_NO_MATTER = ("source", "sources", "description", "visuals", "pair_spacing")
 
 
 def fingerprint(file: schema.VehicleFile) -> str:

@@ -1,5 +1,6 @@
 """Thrusters of a description as the arrays of `Thrusters`."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,30 @@ def configuration(thrusters: tuple[Mounted, ...]) -> np.ndarray:
         point = mounted.placement.point(np.array(mounted.item.position))
         columns.append(np.concatenate([force, np.cross(point, force)]) + 0.0)  # no -0.0
     return np.stack(columns, axis=1) if columns else np.zeros((6, 0))
+
+
+def pairs_apart(thrusters: tuple[Mounted, ...]) -> tuple[Mounted, ...]:
+    """The thrusters, with those that stand for a pair as two of half the force, `surge_port`, `surge_starboard`."""
+    apart: list[Mounted] = []
+    for mounted in thrusters:
+        item = mounted.item
+        assert isinstance(item, Thruster)
+        if item.pair_spacing is None:
+            apart.append(mounted)
+            continue
+        across = np.cross([0.0, 0.0, 1.0], direction_vector(item.direction))  # to starboard of one that pushes ahead
+        for side, way in (("port", -0.5), ("starboard", 0.5)):
+            place = np.array(item.position) + way * item.pair_spacing * across
+            half = _halved(item) | {"position": place.tolist(), "pair_spacing": None}
+            apart.append(replace(mounted, name=f"{mounted.name}_{side}", item=item.model_copy(update=half)))
+    return tuple(apart)
+
+
+def _halved(item: Thruster) -> dict[str, Any]:
+    """Force and power of one of the two; a thruster with a pair is described by its largest force, not by a table."""
+    assert item.force is not None
+    force = {k: v / 2 for k, v in item.force.items()} if isinstance(item.force, dict) else item.force / 2
+    return {"force": force, "power": None if item.power is None else item.power / 2}
 
 
 def thrust_points(thruster: Thruster, supply_voltage: float | None, where: str) -> np.ndarray | None:

@@ -116,6 +116,9 @@ class Thruster(Strict):
     quantisation: NonNegative = Field(0.0, description="step to which commands are rounded")
     health: Share = Field(1.0, description="share of the force left: 1 sound, 0 dead")
     power: Positive | None = Field(None, description="electrical, at its largest force [W]; else that of a T200")
+    pair_spacing: Positive | None = Field(
+        None, description="between two alike, side by side, that it stands for [m]; driven apart they turn the vehicle"
+    )
     source: Source = None
 
     @model_validator(mode="after")
@@ -125,6 +128,8 @@ class Thruster(Strict):
             raise ValueError("a table says force and dead band itself: leave out 'force' and 'dead_band'")
         if not tabulated and self.force is None:
             raise ValueError("missing force (at full command [N]: one number, or {ahead, astern})")
+        if tabulated and self.pair_spacing is not None:
+            raise ValueError("found pair_spacing beside a table: give the two thrusters of the pair themselves")
         return self
 
 

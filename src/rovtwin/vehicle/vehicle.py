@@ -15,7 +15,7 @@ from rovtwin.vehicle.assembly import Assembly, Mounted, assemble
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.energy import PowerSource, power_sources, specific_power
 from rovtwin.vehicle.identified import with_identified
-from rovtwin.vehicle.propulsion import thruster_arrays
+from rovtwin.vehicle.propulsion import pairs_apart, thruster_arrays
 from rovtwin.vehicle.schema import VehicleFile
 from rovtwin.vehicle.soundness import require_distinct_in_logs, require_sound
 from rovtwin.vehicle.water import check_density
@@ -32,11 +32,13 @@ class Vehicle:
         file: The description, all parts in place.
         where: File name, for messages.
         water_density: Of the water it is in [kg/m3]; None: the water the file is written for.
+        pairs_apart: Whether a pseudo-thruster that stands for a pair is two thrusters.
     """
 
     file: VehicleFile
     where: str
     water_density: float | None = None
+    pairs_apart: bool = False
 
     @property
     def name(self) -> str:
@@ -50,6 +52,8 @@ class Vehicle:
     def assembly(self) -> Assembly:
         """Totals at CO."""
         total = with_identified(assemble(self.file, self.where), self.file, self.where)
+        if self.pairs_apart:
+            total = replace(total, thrusters=pairs_apart(total.thrusters))
         require_distinct_in_logs([t.name for t in total.thrusters], self.where)
         require_distinct_in_logs([t.name for t in total.tethers], self.where, "tethers")
         return total if self.water_density is None else total.in_water(self.water_density)
@@ -90,6 +94,10 @@ class Vehicle:
             ConfigError: No water has that density.
         """
         return replace(self, water_density=check_density(density))
+
+    def with_pairs_apart(self) -> Vehicle:
+        """The vehicle as its own electronics drive it: each pair that the file counts as one thruster is two."""
+        return replace(self, pairs_apart=True)
 
     def without_identification(self) -> Vehicle:
         """The same parts with their own values, without what tests found of them."""

@@ -1,0 +1,164 @@
+"""The process that speaks protocols, apart from the physics, so that neither waits for the other.
+
+Either side may be killed at any time: the pipe between them closes, the vehicle turns its thrusters off, the server
+closes its sockets. A side that hangs is noticed by the age of its wishes.
+"""
+
+import asyncio
+import multiprocessing
+import select
+import signal
+import time
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Measurement
+from rovtwin.links.server import Server
+from rovtwin.links.station import Station
+from rovtwin.links.wish import Wish
+
+WISH_LIFE = 0.3  # a wish older than this is none [s]
+GONE = "it ended, or was killed; thrusters are off"
+ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
+STARTING = 20.0  # a new process must be up within this [s]
+
+
+class Protocols:
+    """Servers in a process of their own, seen from the vehicle: readings go there, wishes come back."""
+
+    def __init__(self, servers: Sequence[Server], drones: Sequence[str], speed: float = 1.0):
+        """Starts the process and waits until it runs.
+
+        Raises:
+            LinkError: It does not start.
+        """
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_main, args=(theirs, list(servers), tuple(drones), speed), daemon=True, name="rovtwin-protocols"
+        )
+        self._process.start()
+        theirs.close()  # or its end would never be seen closed here
+        self._wishes: dict[str, tuple[float, Wish]] = {}
+        self._said: list[str] = []
+        self._lost: str | None = None
+        self.left_out = 0
+        if not self._pipe.poll(STARTING):
+            self.close()
+            raise LinkError(f"the process of protocols: found no sign of life in {STARTING:g} s, expected it to run")
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process."""
+        return self._process.pid
+
+    def feed(self, now: float, readings: list[Measurement]) -> None:
+        """What the vehicle measured up to its time `now` [s]; left out while the other side does not read."""
+        _, writable, _ = select.select([], [self._pipe], [], 0.0)
+        if not writable or self._lost is not None:
+            self.left_out += 1
+            return
+        try:
+            self._pipe.send((now, [(r.sensor, r.value, r.t_valid) for r in readings]))
+        except OSError:
+            self._lost = self._lost or GONE
+
+    def wishes(self) -> dict[str, Wish]:
+        """The wishes that hold now, by drone."""
+        self._listen()
+        if self._lost is not None:
+            return {}
+        # Its age counts from when it was wished: one that waited in the pipe for a vehicle that hung is old.
+        oldest = time.monotonic() - WISH_LIFE
+        return {drone: wish for drone, (wished, wish) in self._wishes.items() if wished >= oldest}
+
+    def said(self) -> list[str]:
+        """What servers had to say since the last call.
+
+        Raises:
+            LinkError: The process is gone, or a server failed.
+        """
+        self._listen()
+        said, self._said = self._said, []
+        if self._lost is not None and not said:
+            raise LinkError(f"the process of protocols: {self._lost}")
+        return said
+
+    def _listen(self) -> None:
+        try:
+            while self._lost is None and self._pipe.poll():
+                kind, content = self._pipe.recv()
+                if kind == "wish":
+                    wished, wish = content
+                    self._wishes[wish.drone] = (wished, wish)
+                elif kind == "say":
+                    self._said.append(content)
+                elif kind == "failed":
+                    self._lost = content
+        except (EOFError, OSError):
+            self._lost = self._lost or GONE
+
+    def close(self) -> None:
+        """End the process; may be called twice."""
+        self._lost = self._lost or "closed"
+        self._pipe.close()
+        self._process.join(ENDING)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def __enter__(self) -> "Protocols":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _main(pipe: Connection, servers: list[Server], drones: tuple[str, ...], speed: float) -> None:
+    # Ctrl-C is for the physics: it closes the pipe, and that ends this process in order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        asyncio.run(_serve(pipe, servers, drones, speed))
+    except LinkError as error:
+        _tell(pipe, "failed", str(error))
+    except Exception as error:  # a mistake of ours: said there, where a user looks
+        _tell(pipe, "failed", f"{type(error).__name__}: {error}")
+        raise
+
+
+async def _serve(pipe: Connection, servers: list[Server], drones: tuple[str, ...], speed: float) -> None:
+    loop, over = asyncio.get_running_loop(), asyncio.Event()
+    station = Station(
+        drones, lambda wish: _tell(pipe, "wish", (time.monotonic(), wish)), lambda text: _tell(pipe, "say", text), speed
+    )
+
+    def hear() -> None:
+        try:
+            while pipe.poll():
+                now, readings = pipe.recv()
+                station.feed(now, [Measurement(*reading) for reading in readings])
+        except (EOFError, OSError):
+            loop.remove_reader(pipe.fileno())
+            over.set()
+
+    loop.add_reader(pipe.fileno(), hear)
+    _tell(pipe, "running", None)
+
+    async def until_over() -> None:
+        await over.wait()
+
+    tasks = [asyncio.create_task(work) for work in (until_over(), *(server.run(station) for server in servers))]
+    done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        task.result()  # what a server failed of
+
+
+def _tell(pipe: Connection, kind: str, content: object) -> None:
+    try:
+        pipe.send((kind, content))
+    except OSError:
+        pass  # the physics is gone; the reader sees it, too

@@ -1,0 +1,90 @@
+"""A log behind a Link: what the vehicle measured then comes again by the clock; commands are taken and move nothing."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.link import Link
+from rovtwin.core.log import Log
+from rovtwin.links.twin import COMMAND_LIFE
+
+SENSOR = "sensor/"
+
+
+class ReplayLink(Link):
+    """The readings of a log, each at the time at which the autopilot of that flight got it.
+
+    Attributes:
+        duration: Of the log [s].
+    """
+
+    def __init__(self, log: Log, thrusters: int, clock: Callable[[], float]):
+        """Time 0 of the clock is the beginning of the log.
+
+        Raises:
+            LinkError: The log has no readings.
+        """
+        self._arrivals, self._readings = readings_of(log)
+        if not self._readings:
+            raise LinkError(
+                "the log: found no channel sensor/.., expected readings of sensors. Fly with log.sensors on"
+            )
+        self._clock, self._off = clock, np.zeros(thrusters)
+        self._next, self._u, self._sent = 0, self._off, -np.inf
+        self._stopped = self._closed = False
+        self.duration = float(self._arrivals[-1])
+
+    def read(self) -> list[Measurement]:
+        if self._closed:
+            return []
+        end = int(np.searchsorted(self._arrivals, self._clock() + 5e-7, side="right"))
+        found, self._next = self._readings[self._next : end], max(end, self._next)
+        return found
+
+    def send(self, command: Command) -> None:
+        u = np.asarray(command.u, dtype=float)
+        if not np.all(np.isfinite(u)):
+            self.stop()
+        if not self._stopped:
+            self._u, self._sent = np.clip(u, -1.0, 1.0), self._clock()
+
+    @property
+    def command(self) -> np.ndarray:
+        """What thrusters would be told now, shape (n,)."""
+        live = not self._stopped and self._clock() - self._sent <= COMMAND_LIFE
+        return self._u if live else self._off
+
+    def stop(self) -> None:
+        self._stopped = True
+
+    def close(self) -> None:
+        self.stop()
+        self._closed = True
+
+
+def readings_of(log: Log) -> tuple[np.ndarray, list[Measurement]]:
+    """When the autopilot got each reading of a log [s], shape (n,), in order, and the readings.
+
+    Channels are `sensor/<name>` with the values and, where it is there, `t_valid` as last field.
+    """
+    arrivals: list[np.ndarray] = []
+    readings: list[Measurement] = []
+    for name in (n for n in log.channels if n.startswith(SENSOR)):
+        series: Any = log[name]
+        t, values = np.asarray(series.t), np.asarray(series.values)
+        valid = t
+        if series.channel.fields[-1] == "t_valid":
+            values, valid = values[:, :-1], values[:, -1]
+        sensor = name.removeprefix(SENSOR)
+        arrivals.append(t)
+        readings += [
+            Measurement(sensor, np.array(v, dtype=float), float(at)) for v, at in zip(values, valid, strict=True)
+        ]
+    if not readings:
+        return np.zeros(0), []
+    when = np.concatenate(arrivals)
+    order = np.argsort(when, kind="stable")
+    return when[order], [readings[i] for i in order]

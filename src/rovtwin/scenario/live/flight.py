@@ -1,0 +1,168 @@
+"""Flying over a link: listen, arm, a tick each control period, and thrusters off however it ends."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.flow import ENDS, PHASES, Command, Slot
+from rovtwin.core.jsontext import to_json
+from rovtwin.core.link import Link, Source
+from rovtwin.core.log import Log, LogWriter
+from rovtwin.core.numerics import jax
+from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.flight import Flight, Progress, new_folder
+from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.scenario.live.readiness import Ears, Readiness, listen
+from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
+from rovtwin.scenario.pace import Clock, Pace
+from rovtwin.scenario.provenance import provenance, scenario_to_replay
+from rovtwin.scenario.realtime import HostAutopilot
+from rovtwin.scenario.run import CHUNK, above, ticks_in
+from rovtwin.scenario.schema import Scenario
+
+ROOM = 8  # readings of a sensor in one tick: a link delivers them in bursts
+
+Arm = Callable[[Readiness], bool]
+
+
+def fly_live(
+    scenario: Scenario,
+    link: Link,
+    sources: Sequence[Source],
+    clock: Clock,
+    folder: str | Path,
+    *,
+    arm: Arm,
+    thrust: bool = True,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Flight:
+    """Fly a scenario's mission with the vehicle behind a link. The link is closed when this returns or raises.
+
+    Args:
+        scenario: Vehicle, autopilot, mission; its world counts for nothing.
+        link: To the vehicle, open.
+        sources: Instruments beside it, open.
+        clock: That link and sources stamp readings with.
+        folder: New folder for log, scenario and summary.
+        arm: Asked once everything is compiled and the sensors speak; False ends here, thrusters never having turned.
+        thrust: False sends zeros, and does all else.
+        progress: Called about once a second.
+        say: Takes lines for the user.
+
+    Raises:
+        ConfigError: The scenario cannot be composed, or is a test.
+        LinkError: The vehicle is not there, is silent, or refuses to arm. A link that is lost in flight ends it.
+    """
+    with link:
+        composed = compose(_without_world(scenario))
+        ears = Ears(link, sources)
+        readiness = listen(ears, composed.sensor_names, say, clock.speed)
+        loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
+        folder = new_folder(folder)
+        metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
+        metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
+        (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
+        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
+        with LogWriter(folder / "log.mcap", channels, metadata) as log:
+            recorder = LiveRecorder(scenario, log.write_many)
+            ending = "not armed"
+            if arm(readiness):
+                link.arm()
+                ending = loop.fly(recorder, progress)
+            link.stop()
+            summary = _summary(recorder, composed, ending, loop.pace)
+            log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
+        (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+    return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
+
+
+def _without_world(scenario: Scenario) -> Scenario:
+    """The scenario for a vehicle that swims elsewhere: nothing breaks by a time-line."""
+    if scenario.test:
+        raise ConfigError(f"{scenario.name}: tests cannot be flown over a link yet; choose a scenario with a mission")
+    return scenario.model_copy(update={"faults": []})
+
+
+class _LiveLoop:
+    """The fixed-rate loop around an autopilot that is compiled and waits."""
+
+    def __init__(
+        self,
+        composed: Composed,
+        scenario: Scenario,
+        readiness: Readiness,
+        link: Link,
+        ears: Ears,
+        clock: Clock,
+        thrust: bool,
+    ):
+        loop = composed.loop
+        slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in loop.twin.empty().items()}
+        key = jax.random.split(composed.key)[0]
+        memory = loop.autopilot.init(key, readiness.start)
+        self._autopilot = HostAutopilot(loop.autopilot, memory, slots, scenario.control_dt)
+        self._above = above(loop.topside, scenario.control_dt)
+        self._above(0)
+        self._link, self._ears, self._clock = link, ears, clock
+        self._dt, self._thrust = scenario.control_dt, thrust
+        self._total, self._chunk = ticks_in(scenario.duration, self._dt) + 1, ticks_in(CHUNK, self._dt)
+        self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
+        self.pace = Pace()
+
+    def fly(self, recorder: LiveRecorder, progress: Progress | None) -> str:
+        """Fly to the end of the mission, the duration, Ctrl-C or a lost link; why it ended, "" for the mission's."""
+        rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
+        ending = ""
+        self._ears.drain()
+        self._ears.zero = began = self._clock()
+        with Interrupt() as interrupt:
+            for k in range(self._total):
+                try:
+                    rows.append(self._tick(k, began))
+                except LinkError as error:
+                    ending = f"link lost: {error}"
+                over = bool(ending) or interrupt.asked or self._autopilot.phase in ENDS
+                if rows and (over or len(rows) == self._chunk):
+                    self._record(recorder, rows)
+                    rows = []
+                    if progress:
+                        progress(recorder.seconds, PHASES[self._autopilot.phase])
+                if over:
+                    return ending or ("interrupted" if self._autopilot.phase not in ENDS else "")
+        if rows:
+            self._record(recorder, rows)
+        return ending
+
+    def _tick(self, k: int, began: float) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
+        late = self.pace.wait(began + k * self._dt, self._clock, self._clock.speed)
+        readings = self._ears.read()
+        (_, operator_age, _), request, pilot = self._above(k)
+        link_age = self._link.age * self._clock.speed
+        periods = late * self._clock.speed / self._dt
+        command = self._autopilot.step(readings, request, (link_age, operator_age, periods), pilot)
+        self._link.send(command if self._thrust else self._off)
+        return self._autopilot.taken, self._autopilot.given, (1e3 * late, link_age, float(self._thrust))
+
+    def _record(self, recorder: LiveRecorder, rows: list[Any]) -> None:
+        taken, given, host = zip(*rows, strict=True)
+        recorder.take(*self._autopilot.unpacked(taken, given), np.array(host))
+
+
+def _summary(recorder: LiveRecorder, composed: Composed, ending: str, pace: Pace) -> dict[str, Any]:
+    if not recorder.seconds:
+        return {"completed": False, "phase": "idle", "reason": ending, "interrupted": False, "decisions": []}
+    flown = recorder.flown()
+    figures = live_figures(flown)
+    reason = "" if figures["completed"] else ending or figures["reason"] or f"not finished after {flown.duration:.0f} s"
+    return figures | {
+        "reason": reason,
+        "interrupted": reason == "interrupted",
+        "decisions": decisions(flown, composed.thruster_names),
+        **pace.figures(),
+    }

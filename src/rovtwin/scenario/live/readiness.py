@@ -1,0 +1,112 @@
+"""Before anything moves: which sensors speak, and where the vehicle is."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.errors import LinkTimeout
+from rovtwin.core.flow import Measurement
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.link import Link, Source
+from rovtwin.core.numerics import as_array, jnp
+
+NEEDED = ("position", "pressure", "attitude", "gyro", "accelerometer")
+MEANT_BY = {  # where a reading can come from, for messages
+    "position": "--sensor ugps://.. or qtm://.., or a vehicle that knows its position",
+    "dvl": "--sensor dvl://..",
+    "altimeter": "--sensor dvl://..",
+}
+ENOUGH = 3  # positions that the start is the mean of
+PATIENCE = 20.0  # longest wait for all sensors [s]
+
+
+@dataclass(frozen=True)
+class Readiness:
+    """What was heard before arming.
+
+    Attributes:
+        start: Pose of the vehicle at rest.
+        rates: Readings a second of each sensor [Hz].
+        missing: Sensors that the scenario has and nobody heard; the flight does without.
+    """
+
+    start: Start
+    rates: dict[str, float]
+    missing: tuple[str, ...]
+
+
+class Ears:
+    """Link and sources as one: all readings in order of arrival, times since `zero` [s]."""
+
+    def __init__(self, link: Link, sources: Sequence[Source]):
+        self._all: list[Source] = [link, *sources]
+        self.zero = 0.0
+
+    def read(self) -> list[Measurement]:
+        """What came since the last call."""
+        found = [reading for one in self._all for reading in one.read()]
+        return [Measurement(r.sensor, r.value, r.t_valid - self.zero) for r in found]
+
+    def drain(self) -> None:
+        """Let go of what came while nobody listened, as during a compilation; a twin then is where its clock is."""
+        until = time.monotonic() + PATIENCE
+        while self.read() and time.monotonic() < until:
+            pass
+
+
+def listen(
+    ears: Ears,
+    sensors: Sequence[str],
+    say: Callable[[str], None] = lambda text: None,
+    speed: float = 1.0,
+    patience: float = PATIENCE,
+) -> Readiness:
+    """Listen until every sensor that the autopilot cannot do without has spoken, and all others had their time.
+
+    Args:
+        ears: What is heard.
+        sensors: Those of the scenario.
+        say: Told once a second what is waited for.
+        speed: Of the clock of readings.
+        patience: Longest wait [real s].
+
+    Raises:
+        LinkTimeout: One of NEEDED is not heard.
+    """
+    heard: dict[str, list[np.ndarray]] = {}
+    began = told = time.monotonic()
+    while True:
+        for reading in ears.read():
+            heard.setdefault(reading.sensor, []).append(reading.value)
+        waited = time.monotonic() - began
+        waiting = [name for name in NEEDED if len(heard.get(name, ())) < (ENOUGH if name == "position" else 1)]
+        others = [name for name in sensors if name not in heard and name not in NEEDED]
+        if not waiting and (not others or waited > patience / 4) and waited > 1.0 / speed:
+            break
+        if waited > patience:
+            raise LinkTimeout(_missing(waiting, sorted(heard), patience))
+        if time.monotonic() - told > 1.0:
+            told = time.monotonic()
+            say(f"waiting for {', '.join(waiting or others)}")
+        time.sleep(0.01)
+    return Readiness(_start(heard), {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
+
+
+def _missing(waiting: list[str], heard: list[str], patience: float) -> str:
+    found = ", ".join(heard) if heard else "nothing at all"
+    fixes = [f"{name}: {MEANT_BY[name]}" for name in waiting if name in MEANT_BY]
+    return (
+        f"the vehicle's sensors: found {found} within {patience:g} s, expected {', '.join(waiting)} too. "
+        f"{'; '.join(fixes) or 'Is the vehicle switched on, and are its telemetry rates above zero?'}"
+    )
+
+
+def _start(heard: dict[str, list[np.ndarray]]) -> Start:
+    """Mean position and depth of what was heard, and the last attitude, at rest."""
+    north, east = np.mean(heard["position"][-20:], axis=0)
+    depth = float(np.mean(heard["pressure"][-20:]))
+    attitude = quaternion_from_euler(as_array(heard["attitude"][-1]))
+    return Start(as_array([north, east, depth]), attitude, jnp.zeros(6))

@@ -1,0 +1,90 @@
+"""What is kept of a flight over a link: estimates, decisions, readings, and how the loop kept time; no truth."""
+
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import AutopilotOutput, Measurements
+from rovtwin.core.log import Channel
+from rovtwin.scenario.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
+from rovtwin.scenario.loop import Record
+from rovtwin.scenario.recorder import Write
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.score import Flown, distance_to_leg, score
+
+UNKNOWN = (  # without the truth nobody knows
+    *("position_error_rms_m", "nees_position_mean", "nees_effective_samples"),
+    *("effort_n2s", "energy_wh", "thruster_activity_n_per_s"),
+)
+HOST = ("late_ms", "link_age", "thrust_on")
+
+
+def live_channels(scenario: Scenario, thrusters: list[str], sensors: list[str]) -> list[Channel]:
+    """Channels of a flight over a link: those of a simulated one without the truth, and the host's."""
+    channels = log_channels(thrusters, sensors, scenario.log.rate, scenario.log.sensors)
+    known = [c for c in channels if not c.name.startswith("truth/") and c.name != "score/nees"]
+    host = Channel("host/timing", HOST, ("ms", "s", "1"), "", description="lateness of each tick, age of the link")
+    return [*known, host]
+
+
+class LiveRecorder:
+    """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate."""
+
+    def __init__(self, scenario: Scenario, write: Write):
+        self._dt = scenario.control_dt
+        self._log_every = scenario.rates.control // scenario.log.rate
+        self._sensors, self._write = scenario.log.sensors, write
+        self._tick = 0
+        self._kept: list[dict[str, np.ndarray]] = []
+
+    def take(self, measurements: Measurements, decided: AutopilotOutput, host: np.ndarray) -> None:
+        """Ticks in a row, leading axis ticks, NumPy; `host` has columns HOST."""
+        record = Record(None, None, None, measurements, decided)  # type: ignore[arg-type]  (nobody knows the truth)
+        k = self._tick + np.arange(len(host))
+        self._tick += len(host)
+        t, samples = k * self._dt, autopilot_samples(record)
+        logged = k % self._log_every == 0
+        logged[-1] = True
+        every = {name: (t[logged], values[logged]) for name, values in samples.items()}
+        every |= {name: (t, values) for name, values in nis_samples(record).items()} | {"host/timing": (t, host)}
+        if self._sensors:
+            every |= sensor_samples(record, t)
+        for name, (times, values) in every.items():
+            self._write(name, times, values)
+        kept = {name: values[logged] for name, values in samples.items()} | {"t": t[logged]}
+        on_leg = kept["autopilot/mode"][:, 3] > 0.5
+        distance = np.where(on_leg, distance_to_leg(kept["autopilot/eta"], kept["autopilot/leg"]), 0.0)
+        self._write("score/cross_track", kept["t"], np.stack([distance, on_leg.astype(float)], axis=1))
+        kept["saturated"] = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
+        self._kept.append(kept)
+
+    @property
+    def seconds(self) -> float:
+        """Time flown so far [s]."""
+        return max(self._tick - 1, 0) * self._dt
+
+    def flown(self) -> Flown:
+        """All of it; the estimate stands where the truth would."""
+        whole = {name: np.concatenate([chunk[name] for chunk in self._kept]) for name in self._kept[0]}
+        eta, nu = whole["autopilot/eta"], whole["autopilot/nu"]
+        return Flown(
+            t=whole["t"],
+            eta=eta,
+            nu=nu,
+            eta_hat=eta,
+            nu_hat=nu,
+            covariance=np.broadcast_to(np.eye(12), (len(eta), 12, 12)),
+            leg=whole["autopilot/leg"],
+            mode=whole["autopilot/mode"],
+            thrust=np.zeros((2, 1)),
+            saturated=whole["saturated"],
+            control_dt=self._dt,
+            duration=self.seconds,
+            health=whole["autopilot/health"],
+            reference=whole["autopilot/reference"],
+        )
+
+
+def live_figures(flown: Flown) -> dict[str, Any]:
+    """Scores as far as the estimate knows them."""
+    return score(flown) | dict.fromkeys(UNKNOWN) | {"judged_by": "the autopilot's own estimate"}

@@ -1,0 +1,191 @@
+"""A served vehicle: the twin with what a real one brings along, its own controllers and its own filter."""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import Command, Estimate, Measurements
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.observer import ObserverInput
+from rovtwin.gnc.onboard import Onboard, OnboardInput, OnboardMemory, Order, Sense, SenseMemory
+from rovtwin.scenario.compose_autopilot import navigation_filter
+from rovtwin.scenario.composition import Composed, compose, vehicle_of
+from rovtwin.scenario.schema import ModelBasedSection, Scenario
+from rovtwin.simulation.sensors import Sensor
+from rovtwin.simulation.twin import Twin, TwinInput
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.dynamics import State
+from rovtwin.vehicle.thrusters import Thrusters
+
+OF_A_DRONE = ("pressure", "accelerometer", "gyro", "attitude", "battery", "leak")  # each drone has its own
+MODEL_BASED = ModelBasedSection(type="model_based")  # whose filter stands for the vehicle's own
+
+
+class ServedMemory(eqx.Module):
+    """Memories of the parts, the readings of the last tick, and what thrusters were told."""
+
+    twin: Any
+    filter: Any
+    senses: dict[str, SenseMemory]
+    onboards: dict[str, OnboardMemory]
+    measurements: Measurements
+    command: Command
+
+
+class ServedOutput(eqx.Module):
+    """What one tick leaves.
+
+    Attributes:
+        state: Truth at its end.
+        measurements: Readings delivered within it; a drone's as `port/attitude`.
+        estimate: What the vehicle's own filter believes, before it.
+        command: Of all thrusters during it.
+        tau: Wrench that each drone's controller asked for, b at the drone [N, N m], by drone, shape (6,).
+    """
+
+    state: State
+    measurements: Measurements
+    estimate: Estimate
+    command: Command
+    tau: dict[str, Array]
+
+
+class Served(eqx.Module):
+    """Twin, controllers and filter. `tick` runs control period k: drones obey their orders, then the twin moves on.
+
+    Attributes:
+        twin: With the sensors of each drone.
+        filter: Of the whole vehicle, fed with the first drone's sensors.
+        senses: What each drone knows of itself; empty for a vehicle that is one: it has the filter.
+        onboards: Each drone's controller.
+        places: Which of the twin's thrusters are a drone's, by drone.
+    """
+
+    twin: Twin
+    filter: Any
+    senses: dict[str, Sense]
+    onboards: dict[str, Onboard]
+    places: dict[str, tuple[int, ...]] = eqx.field(static=True)
+
+    @property
+    def drones(self) -> tuple[str, ...]:
+        return tuple(self.places)
+
+    def init(self, key: Array, start: Start) -> ServedMemory:
+        """Memory before tick 0: no reading has come yet."""
+        return ServedMemory(
+            twin=self.twin.init(key, start),
+            filter=self.filter.init(key, start),
+            senses={name: sense.init(key, start) for name, sense in self.senses.items()},
+            onboards={name: onboard.init(key, start) for name, onboard in self.onboards.items()},
+            measurements=self.twin.empty(),
+            command=Command(jnp.zeros(self.twin.model.thrusters.count)),
+        )
+
+    def tick(
+        self, memory: ServedMemory, orders: dict[str, Order], k: Array, dt: float
+    ) -> tuple[ServedMemory, ServedOutput]:
+        """One control period; an order for each drone."""
+        seen = _of_drone(memory.measurements, self.drones[0])
+        filtered, estimate = self.filter.step(memory.filter, ObserverInput(seen, memory.command), dt)
+        senses, onboards, tau = {}, {}, {}
+        u = jnp.zeros_like(memory.command.u)
+        for name, onboard in self.onboards.items():
+            where = (estimate.eta, estimate.nu)
+            if name in self.senses:
+                senses[name], where = self.senses[name].step(memory.senses[name], memory.measurements, dt)
+            onboards[name], asked = onboard.step(memory.onboards[name], OnboardInput(orders[name], *where), dt)
+            mine = np.arange(u.shape[0])[:, None] == np.array(self.places[name])
+            u = u + jnp.sum(jnp.where(mine, asked.command.u, 0.0), axis=1)  # no scatter: it would not compile as one
+            tau[name] = asked.tau
+        command = Command(u)
+        twin, moved = self.twin.step(memory.twin, TwinInput(command, k), dt)
+        after = ServedMemory(twin, filtered, senses, onboards, moved.measurements, command)
+        return after, ServedOutput(moved.state, moved.measurements, estimate, command, tau)
+
+
+def _of_drone(measurements: Measurements, drone: str) -> Measurements:
+    """The readings that a filter of the whole vehicle takes: a drone's own, and the vehicle's."""
+    mine = {name.removeprefix(f"{drone}/"): slot for name, slot in measurements.items() if name.startswith(f"{drone}/")}
+    return {name: slot for name, slot in measurements.items() if "/" not in name} | mine
+
+
+def served_of(scenario: Scenario) -> tuple[Served, Composed]:
+    """The vehicle of a scenario in its world, with the controllers that it brings along.
+
+    Raises:
+        ConfigError: The scenario cannot be composed.
+    """
+    vehicle = vehicle_of(scenario).with_pairs_apart()
+    scenario = scenario.model_copy(update={"autopilot": MODEL_BASED})
+    composed = compose(scenario, vehicle=vehicle)
+    drones = drones_of(vehicle)
+    twin = composed.loop.twin
+    sensors = _sensors(twin.sensors, drones)
+    first = _of_drone(sensors, next(iter(drones)))  # type: ignore[arg-type]  (sensors by name, as readings are)
+    places, onboards = {}, {}
+    for name in drones:
+        prefix = f"{name}." if name else ""
+        places[name] = tuple(i for i, thruster in enumerate(vehicle.thruster_names) if thruster.startswith(prefix))
+        onboards[name] = _onboard(composed.model, places[name], drones[name], len(drones))
+    names = ("pressure", "attitude", "gyro")
+    senses = {
+        d: Sense(tuple(f"{d}/{n}" for n in names), sensors[f"{d}/pressure"].rate / 1000)  # type: ignore[arg-type]
+        for d in drones
+        if d
+    }
+    served = Served(
+        replace(twin, sensors=sensors),
+        navigation_filter(MODEL_BASED, composed.model, first),  # type: ignore[arg-type]
+        senses,
+        onboards,
+        places,
+    )
+    return served, composed
+
+
+def drones_of(vehicle: Vehicle) -> dict[str, np.ndarray]:
+    """Drones that a vehicle is made of and where they are in b [m], shape (3,); one without a name if it is one."""
+    parts = [part for part in vehicle.file.parts if part.name and any(t.name == "surge" for t in part.thrusters)]
+    if len(parts) < 2:
+        return {"": np.zeros(3)}
+    by_name = {t.name.split(".")[0]: t.placement.position for t in vehicle.assembly.thrusters}
+    return {part.name: by_name[part.name] for part in parts}
+
+
+def _sensors(sensors: dict[str, Sensor], drones: dict[str, np.ndarray]) -> dict[str, Sensor]:
+    """Sensors of the whole vehicle, and each drone's own at its place."""
+    if len(drones) == 1:
+        return sensors
+    own = {
+        f"{drone}/{name}": eqx.tree_at(lambda s: s.lever, sensor, sensor.lever + as_array(place))
+        for drone, place in drones.items()
+        for name, sensor in sensors.items()
+        if name in OF_A_DRONE
+    }
+    return {name: sensor for name, sensor in sensors.items() if name not in OF_A_DRONE} | own
+
+
+def _onboard(model: Model, places: tuple[int, ...], origin: np.ndarray, drones: int) -> Onboard:
+    """A drone's controller: its thrusters seen from its origin, its share of the whole's inertia."""
+    chosen = _chosen(model.thrusters, places)
+    T = np.asarray(chosen.configuration)
+    T = np.concatenate([T[:3], T[3:] - np.cross(np.broadcast_to(origin, (T.shape[1], 3)), T[:3].T).T])
+    inertia = np.diagonal(np.asarray(model.mass)) / drones
+    return Onboard.of(replace(chosen, configuration=as_array(T)), inertia)
+
+
+def _chosen(thrusters: Thrusters, places: tuple[int, ...]) -> Thrusters:
+    """Some of the thrusters."""
+    index = np.asarray(places)
+    shared = {"table_command": thrusters.table_command, "configuration": thrusters.configuration[:, index]}
+    rest = {f: getattr(thrusters, f)[index] for f in thrusters.__dataclass_fields__ if f not in shared}
+    return replace(thrusters, **shared, **rest)
+
+
+def orders(served: Served) -> dict[str, Order]:
+    """No order for any drone."""
+    return jax.tree.map(jnp.asarray, {name: Order.none() for name in served.drones})

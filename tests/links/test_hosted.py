@@ -1,0 +1,141 @@
+"""A link in a process of its own: whatever becomes of the autopilot, the vehicle's thrusters end at rest."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.links.vehicles import Opener, ThreadHosted, last_told
+
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Command
+from rovtwin.links import hosted
+from rovtwin.links.hosted import HostedLink
+from rovtwin.links.twin import COMMAND_LIFE
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def wait_for(condition, seconds=5.0):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until, "it never happened"
+        time.sleep(0.005)
+
+
+def resting(told: Path) -> bool:
+    return told.exists() and not last_told(told)[1].any()
+
+
+def moving(told: Path) -> bool:
+    return told.exists() and last_told(told)[1].any()
+
+
+def test_a_vehicle_that_cannot_be_reached_says_why():
+    with pytest.raises(LinkError, match="no route to the moon"):
+        HostedLink(Opener(refuses="no route to the moon"), 3)
+
+
+def test_a_vehicle_that_is_lost_in_flight_is_an_error_at_the_next_read(tmp_path):
+    with HostedLink(Opener(tmp_path / "told", dies_after=0.2), 3) as link, pytest.raises(LinkError, match="gone"):
+        until = time.monotonic() + 5.0
+        while time.monotonic() < until:
+            link.read()
+            time.sleep(0.01)
+    assert resting(tmp_path / "told")
+
+
+FLIES = """
+    import sys, time
+    from pathlib import Path
+    import numpy as np
+    from tests.links.vehicles import Opener
+    from rovtwin.core.flow import Command
+    from rovtwin.links.hosted import HostedLink
+
+    if __name__ == "__main__":
+        with HostedLink(Opener(Path(sys.argv[1])), 3) as link:
+            while True:
+                link.send(Command(np.full(3, 0.5)))
+                link.read()
+                time.sleep(0.01)
+                if len(sys.argv) > 2 and Path(sys.argv[1]).exists() and time.monotonic() > float(sys.argv[2]):
+                    1 / 0
+"""
+
+
+def flying(tmp_path, *arguments):
+    """An autopilot in a process of its own that flies a vehicle in another."""
+    script = tmp_path / "flies.py"
+    script.write_text(textwrap.dedent(FLIES))
+    environment = os.environ | {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"}
+    return subprocess.Popen(
+        [sys.executable, script, tmp_path / "told", *arguments], env=environment, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT])
+def test_an_autopilot_that_is_killed_or_hangs_leaves_no_thrust(tmp_path, number):
+    """Killed -9, terminated, interrupted, or stopped so that it no longer answers, and still holds the pipe."""
+    told = tmp_path / "told"
+    process = flying(tmp_path)
+    try:
+        wait_for(lambda: moving(told), 30.0)
+        process.send_signal(number)
+        struck = time.monotonic()
+        wait_for(lambda: resting(told))
+        assert last_told(told)[0] - struck < COMMAND_LIFE + 0.2
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_an_exception_in_the_autopilot_leaves_no_thrust(tmp_path):
+    told = tmp_path / "told"
+    process = flying(tmp_path, str(time.monotonic() + 1.0))
+    _, error = process.communicate(timeout=60)
+    assert "ZeroDivisionError" in error
+    assert resting(told)
+
+
+def test_a_computer_that_slept_flies_nothing_on(tmp_path, monkeypatch):
+    """A lid that was closed: the clock that counts sleep has gone on, the other one has not."""
+    slept = [0.0]
+    monkeypatch.setattr(hosted, "_asleep", lambda: slept[0])
+    told = tmp_path / "told"
+    with ThreadHosted(Opener(told), 3) as link:
+        link.send(Command(np.full(3, 0.5)))
+        wait_for(lambda: moving(told))
+        slept[0] = 60.0
+        with pytest.raises(LinkError, match="slept for 60 s"):
+            while True:
+                link.send(Command(np.full(3, 0.5)))
+                link.read()
+                time.sleep(0.01)
+    assert resting(told)
+
+
+def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(tmp_path, monkeypatch):
+    """The pipe fills up with readings; commands go on expiring, and the newest readings are kept."""
+    monkeypatch.setattr(hosted, "BACKLOG", 20)
+    told = tmp_path / "told"
+    with ThreadHosted(Opener(told), 3) as link:
+        for _ in range(3):
+            link.send(Command(np.full(3, 0.5)))
+            wait_for(lambda: moving(told))
+            wait_for(lambda: resting(told), 2.0)
+
+
+def test_age_grows_while_the_host_is_silent(tmp_path):
+    with ThreadHosted(Opener(), 3) as link:
+        time.sleep(0.2)
+        link.read()
+        assert link.age < 0.2
+        before = link.age
+        time.sleep(0.1)
+        assert link.age >= before + 0.09

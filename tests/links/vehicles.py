@@ -1,0 +1,88 @@
+"""Vehicles for tests of links, to be opened in other processes: what their thrusters do is told to a file."""
+
+import multiprocessing
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.link import Link
+from rovtwin.links import hosted
+from rovtwin.links.hosted import HostedLink
+
+PERIOD = 0.02
+
+
+class PlainLink(Link):
+    """A vehicle with a depth sensor at 50 Hz; it believes every command for ever, as the worst firmware would."""
+
+    def __init__(self, told: Path | None = None, dies_after: float = 1e9):
+        self.told, self.dies_after = told, dies_after
+        self.u = np.zeros(3)
+        self.stopped = False
+        self._began = time.monotonic()
+        self._read = 0
+
+    def read(self) -> list[Measurement]:
+        since = time.monotonic() - self._began
+        if since > self.dies_after:
+            raise LinkError("the vehicle is gone")
+        ticks = int(since / PERIOD)
+        first, self._read = self._read, max(ticks, self._read)
+        return [Measurement("pressure", np.array([2.0]), (k + 1) * PERIOD) for k in range(first, ticks)]
+
+    def send(self, command: Command) -> None:
+        if not self.stopped:
+            self._obey(np.array(command.u, dtype=float))
+
+    def stop(self) -> None:
+        self.stopped = True
+        self._obey(np.zeros(3))
+
+    def close(self) -> None:
+        self.stop()
+
+    def _obey(self, u: np.ndarray) -> None:
+        self.u = u
+        if self.told is not None:
+            with self.told.open("a") as stream:
+                stream.write(f"{time.monotonic()} {' '.join(str(x) for x in u)}\n")
+
+
+@dataclass(frozen=True)
+class Opener:
+    """Opens a PlainLink in the process that it is called in."""
+
+    told: Path | None = None
+    dies_after: float = 1e9
+    refuses: str = ""
+
+    def __call__(self) -> PlainLink:
+        if self.refuses:
+            raise LinkError(self.refuses)
+        return PlainLink(self.told, self.dies_after)
+
+
+def last_told(path: Path) -> tuple[float, np.ndarray]:
+    """When the thrusters were last told something [s, monotonic], and what."""
+    words = [float(word) for word in path.read_text().splitlines()[-1].split()]
+    return words[0], np.array(words[1:])
+
+
+class ThreadHosted(HostedLink):
+    """The host in a thread of this process: what it does with a link, without the time that a process takes."""
+
+    def _start(self, opener, thrusters):
+        self._pipe, theirs = multiprocessing.Pipe()
+        thread = threading.Thread(target=self._run, args=(theirs, opener, thrusters), daemon=True)
+        thread.start()
+        return thread
+
+    @staticmethod
+    def _run(pipe, opener, thrusters):
+        with pipe:
+            hosted.host(pipe, opener, thrusters)
