@@ -124,6 +124,8 @@ async def crowd(
         yield people
     finally:
         server.close()
+        for _ in range(4):  # those who were just let in get their task, so that it can be ended
+            await asyncio.sleep(0)
         for client in list(people.clients):
             client.drop()
         tasks = list(people._tasks)

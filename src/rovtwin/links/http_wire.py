@@ -115,11 +115,11 @@ def _head(head: bytes) -> tuple[str, dict[str, str]]:
         raise LinkError(f"head of more than {LONGEST_HEAD} bytes")
     first, *lines = head.decode("latin-1").split("\r\n")
     headers: dict[str, str] = {}
-    for line in lines:
+    for count, line in enumerate(lines):
         if not line:
             break
         name, colon, value = line.partition(":")
-        if not colon or len(headers) >= MOST_HEADERS:
+        if not colon or count >= MOST_HEADERS:
             raise LinkError(f"expected at most {MOST_HEADERS} headers of the form name: value")
         headers[name.strip().lower()] = value.strip()
     return first, headers

@@ -128,16 +128,23 @@ class UgpsSource(BackgroundSource):
             if self._closed.is_set():
                 raise LinkError("closed")
             connection.sendall(request_bytes(method, self._address[0], path, body))
-            data = b""
-            while True:
-                left = deadline - time.monotonic()
-                if left <= 0.0:
-                    raise LinkError(f"no whole answer within {PATIENCE:g} s")
-                connection.settimeout(left)
-                piece = connection.recv(16384)
-                data += piece
-                answer = parse_response(data, ended=not piece)
-                if answer is not None:
-                    return answer
-                if len(data) > 2 * LONGEST_BODY:
-                    raise LinkError("an endless answer")
+            try:
+                return _whole_answer(connection, deadline)
+            except TimeoutError:
+                raise LinkError(f"no whole answer within {PATIENCE:g} s") from None
+
+
+def _whole_answer(connection: socket.socket, deadline: float) -> Response:
+    """What comes until `deadline` [s, monotonic]; TimeoutError when that is not all."""
+    data = b""
+    while len(data) <= 2 * LONGEST_BODY:
+        left = deadline - time.monotonic()
+        if left <= 0.0:
+            raise TimeoutError
+        connection.settimeout(left)
+        piece = connection.recv(16384)
+        data += piece
+        answer = parse_response(data, ended=not piece)
+        if answer is not None:
+            return answer
+    raise LinkError("an endless answer")
