@@ -159,10 +159,15 @@ class QtmSource(BackgroundSource):
         place, R = 1e-3 * np.array(position, dtype=float), np.array(rotation.matrix, dtype=float).reshape(3, 3).T
         if np.isnan(place).any() or np.isnan(R).any():
             return  # lost
-        if not np.allclose(R @ R.T, np.eye(3), atol=NOT_ROUND) or np.linalg.det(R) < 0.0:
+        if not (np.isfinite(place).all() and _is_rotation(R)):
             self.dropped += 1
             return
         eta = self._lab.to_eta(place, R)
         for sensor, value in (("mocap", eta), ("position", eta[:2]), ("attitude", eta[3:])):
             if sensor in self._sensors:
                 self._keep(sensor, value, t_valid)
+
+
+def _is_rotation(R: np.ndarray) -> bool:
+    sane = bool((np.abs(R) < 2.0).all())
+    return sane and np.allclose(R @ R.T, np.eye(3), atol=NOT_ROUND) and bool(np.linalg.det(R) > 0.0)

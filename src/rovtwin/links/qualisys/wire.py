@@ -65,8 +65,20 @@ def split_packets(data: bytes, longest: int = LONGEST_PACKET) -> tuple[list[byte
         if len(data) - at < size:
             break
         packets.append(data[at : at + size])
+        _check_components(packets[-1])
         at += size
     return packets, data[at:]
+
+
+def _check_components(packet: bytes) -> None:
+    """A frame announces no more components than it holds: the vendor's client believes it."""
+    if HEADER.unpack_from(packet)[1] != DATA:
+        return
+    if len(packet) < HEADER.size + FRAME.size:
+        raise LinkError("frame without its head")
+    count = FRAME.unpack_from(packet, HEADER.size)[2]
+    if count * HEADER.size > len(packet):
+        raise LinkError(f"frame of {len(packet)} bytes announces {count} components")
 
 
 def command_words(body: bytes) -> list[str]:
@@ -184,7 +196,7 @@ def body_names(xml: bytes) -> list[str]:
     Raises:
         LinkError: It is no XML that QTM sends.
     """
-    if len(xml) > LONGEST_PACKET or b"<!" in xml:
+    if len(xml) > LONGEST_PACKET or b"<!DOCTYPE" in xml or b"<!ENTITY" in xml:
         raise LinkError("settings too long, or with declarations that QTM does not make")
     try:
         root = ElementTree.fromstring(xml.rstrip(b"\0").decode("utf-8", "replace"))
