@@ -1,0 +1,162 @@
+"""Crowd: many clients of one TCP port, none of which can hold up the others or the server."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+from rovtwin.core.errors import LinkError
+from rovtwin.links.server import address_taken
+
+MOST_CLIENTS = 16
+MOST_WAITING = 256 * 1024  # bytes that a client may leave unread before it is dropped, beside the kernel's buffers
+KERNEL_BUFFER = 64 * 1024  # bytes of the kernel's own sending buffer [as asked; Linux doubles it]
+KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))  # [s, s, probes]
+
+
+class Client:
+    """One connection. `send` never waits: a client that does not read is dropped.
+
+    Attributes:
+        name: Its address, for people.
+        gone: Whether the connection is closed or being so.
+    """
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter):
+        self.reader = reader
+        self._writer = writer
+        peer = writer.get_extra_info("peername")
+        self.name = f"{peer[0]}:{peer[1]}" if peer else "a client"
+        self.slow = False
+
+    @property
+    def gone(self) -> bool:
+        return self._writer.transport.is_closing()
+
+    def send(self, data: bytes) -> None:
+        """Queue bytes for it."""
+        transport = self._writer.transport
+        if transport.is_closing():
+            return
+        self._writer.write(data)
+        if transport.get_write_buffer_size() > MOST_WAITING:
+            self.slow = True
+            transport.abort()
+
+    async def finish(self) -> None:
+        """Close after what is queued has gone out, or after two seconds."""
+        self._writer.close()
+        with contextlib.suppress(OSError, TimeoutError):
+            await asyncio.wait_for(self._writer.wait_closed(), 2.0)
+        self.drop()
+
+    def drop(self) -> None:
+        """Close at once."""
+        self._writer.transport.abort()
+
+
+class Crowd:
+    """Those who are connected now, and how many could not be had."""
+
+    def __init__(self, say: Callable[[str], None]):
+        self.clients: set[Client] = set()
+        self.refused = self.dropped = 0
+        self._say = say
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def say_of(self, text: str) -> None:
+        """Tell the user, in plain ASCII: what clients send goes nowhere near a terminal."""
+        self._say(text.encode("ascii", "backslashreplace").decode())
+
+
+Handle = Callable[[Client], Awaitable[None]]
+
+
+@asynccontextmanager
+async def crowd(
+    what: str, host: str, port: int, handle: Handle, say: Callable[[str], None], line: int, most: int = MOST_CLIENTS
+) -> AsyncIterator[Crowd]:
+    """Listen on a port; each client that comes is given to `handle` in a task of its own, which ends with it.
+
+    Args:
+        what: Name of the service, for people.
+        host: Address to bind.
+        port: TCP port; 0 takes a free one.
+        handle: May end by any OSError or LinkError; the connection is closed then.
+        say: What a user should know.
+        line: Longest line that a client's reader takes [bytes].
+        most: Clients at a time; others are turned away.
+
+    Raises:
+        LinkError: The address cannot be bound.
+    """
+    people = Crowd(say)
+
+    async def meet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        client = Client(reader, writer)
+        if len(people.clients) >= most:
+            people.refused += 1
+            client.drop()
+            return
+        people.clients.add(client)
+        people._tasks.add(task)
+        _tune(writer)
+        people.say_of(f"{what}: {client.name} connected")
+        try:
+            await handle(client)
+        except (OSError, LinkError, asyncio.IncompleteReadError, asyncio.CancelledError):
+            pass  # a connection that breaks, and the end of the server, are all the same here
+        finally:
+            client.drop()
+            people.clients.discard(client)
+            people._tasks.discard(task)
+            people.dropped += client.slow
+            people.say_of(f"{what}: {client.name} {'did not read and was dropped' if client.slow else 'left'}")
+
+    try:
+        server = await asyncio.start_server(meet, host, port, limit=line)
+    except (OSError, OverflowError) as error:
+        raise LinkError(address_taken(f"{what} at {host}:{port}", error)) from None
+    try:
+        yield people
+    finally:
+        server.close()
+        for _ in range(4):  # those who were just let in get their task, so that it can be ended
+            await asyncio.sleep(0)
+        for client in list(people.clients):
+            client.drop()
+        tasks = list(people._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _tune(writer: asyncio.StreamWriter) -> None:
+    """Send at once, notice a peer that vanished, and let the kernel keep only little."""
+    connection = writer.get_extra_info("socket")
+    if connection is None:
+        return
+    with contextlib.suppress(OSError):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in KEEP_ALIVE:
+            connection.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+async def read_line(reader: asyncio.StreamReader) -> bytes:
+    """The next line without its end; empty at the end of the connection.
+
+    Raises:
+        LinkError: It is longer than the reader takes.
+    """
+    try:
+        line = await reader.readuntil(b"\n")
+    except asyncio.IncompleteReadError:
+        return b""
+    except asyncio.LimitOverrunError:
+        raise LinkError("line too long") from None
+    return line

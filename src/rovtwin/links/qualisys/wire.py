@@ -1,0 +1,205 @@
+"""Packets of QTM's real-time protocol 1.25, little endian, as Qualisys describes them and `protocols.md` verified them.
+
+Pure functions: bytes in, dataclass out, and no exception but LinkError.
+"""
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from rovtwin.core.errors import LinkError
+
+ERROR, COMMAND, XML, DATA, NO_MORE_DATA, EVENT = 0, 1, 2, 3, 4, 6
+HEADER = struct.Struct("<II")
+FRAME = struct.Struct("<qII")  # time stamp [us], frame number, number of components
+BODIES = struct.Struct("<Ihh")  # bodies, drop rate, rate out of sync [per thousand]
+COMPONENTS = {"6d": 5, "6deuler": 6, "6dres": 11, "6deulerres": 12}
+# Components that QTM has and a twin has not: accepted, and empty.
+OTHERS = ("2d", "2dlin", "3d", "3dres", "3dnolabels", "3dnolabelsres", "analog", "analogsingle", "force", "forcesingle")
+OTHERS += ("gazevector", "eyetracker", "image", "timecode", "skeleton", "skeleton:global")
+CONNECTED, RT_STARTED = 1, 8  # events
+LONGEST_COMMAND = 4096  # bytes of a packet from a client; QTM itself takes longer XML settings, which are refused here
+LONGEST_PACKET = 1 << 20  # bytes of a packet from QTM; a frame of 100 bodies has 6000
+FASTEST = 10_000  # frames a second and divisors beyond it are refused
+
+
+@dataclass(frozen=True)
+class Stream:
+    """What a client wants streamed: its components, and which frames.
+
+    `every` n-th frame, or at most `rate` frames a second where that is not 0.
+    """
+
+    components: tuple[str, ...]
+    every: int = 1
+    rate: int = 0
+
+
+def parse_header(header: bytes, longest: int) -> tuple[int, int]:
+    """Size of a packet with its header [bytes], and its type.
+
+    Raises:
+        LinkError: The size is none that is taken here.
+    """
+    size, kind = HEADER.unpack(header)
+    if not HEADER.size <= size <= longest:
+        raise LinkError(f"packet of {size} bytes; expected {HEADER.size} to {longest}")
+    return size, kind
+
+
+def split_packets(data: bytes, longest: int = LONGEST_PACKET) -> tuple[list[bytes], bytes]:
+    """Whole packets with their headers, and what is left of the last one.
+
+    Raises:
+        LinkError: A size is none that is taken here; nothing after it makes sense.
+    """
+    packets = []
+    at = 0
+    while len(data) - at >= HEADER.size:
+        size, _ = parse_header(data[at : at + HEADER.size], longest)
+        if len(data) - at < size:
+            break
+        packets.append(data[at : at + size])
+        _check_components(packets[-1])
+        at += size
+    return packets, data[at:]
+
+
+def _check_components(packet: bytes) -> None:
+    """A frame announces no more components than it holds: the vendor's client believes it."""
+    if HEADER.unpack_from(packet)[1] != DATA:
+        return
+    if len(packet) < HEADER.size + FRAME.size:
+        raise LinkError("frame without its head")
+    count = FRAME.unpack_from(packet, HEADER.size)[2]
+    if count * HEADER.size > len(packet):
+        raise LinkError(f"frame of {len(packet)} bytes announces {count} components")
+
+
+def command_words(body: bytes) -> list[str]:
+    """The words of a command; the null at its end may be missing.
+
+    Raises:
+        LinkError: It is no text, or empty.
+    """
+    try:
+        words = body.rstrip(b"\0").decode("ascii").split()
+    except UnicodeDecodeError:
+        raise LinkError("command is no ASCII") from None
+    if not words:
+        raise LinkError("command is empty")
+    return words
+
+
+def parse_components(words: Sequence[str]) -> tuple[str, ...]:
+    """Those of the wanted components that a twin has; `all` is all of them.
+
+    Raises:
+        LinkError: None named, or one that QTM has not.
+    """
+    names = tuple(dict.fromkeys(word.lower() for word in words))
+    if not names or not set(names) <= {*COMPONENTS, *OTHERS, "all"}:
+        raise LinkError("unknown component")
+    return tuple(COMPONENTS) if "all" in names else tuple(name for name in names if name in COMPONENTS)
+
+
+def parse_stream(words: Sequence[str]) -> Stream | None:
+    """Parameters of StreamFrames; None for `stop`.
+
+    Raises:
+        LinkError: They are none that are taken here (UDP among them).
+    """
+    how, *names = [word.lower() for word in words] or [""]
+    if how == "stop":
+        return None
+    name, _, value = how.partition(":")
+    if how == "allframes":
+        return Stream(parse_components(names))
+    if name not in ("frequency", "frequencydivisor") or not (value.isascii() and value.isdecimal() and len(value) < 6):
+        raise LinkError("expected allframes, frequency:n, frequencydivisor:n or stop")
+    n = int(value)
+    if not 1 <= n <= FASTEST:
+        raise LinkError(f"expected 1 to {FASTEST}")
+    components = parse_components(names)
+    return Stream(components, rate=n) if name == "frequency" else Stream(components, every=n)
+
+
+def packet(kind: int, body: bytes) -> bytes:
+    """A packet of a type."""
+    return HEADER.pack(HEADER.size + len(body), kind) + body
+
+
+def text_packet(kind: int, text: str) -> bytes:
+    """An error, a command or its response, or XML: ends with a null."""
+    return packet(kind, text.encode() + b"\0")
+
+
+def event_packet(event: int) -> bytes:
+    """An event."""
+    return packet(EVENT, bytes([event]))
+
+
+def data_packet(t: float, frame: int, components: Sequence[str], place: np.ndarray, R: np.ndarray) -> bytes:
+    """One body of one frame.
+
+    Args:
+        t: Time since the measurement began [s].
+        frame: Number of the frame.
+        components: Names in COMPONENTS.
+        place: Of the body in the lab [m], shape (3,); NaN for a body that is lost, as QTM has it.
+        R: Maps the body's axes to the lab's, shape (3, 3).
+    """
+    lost = not (np.isfinite(place).all() and np.isfinite(R).all())
+    where = struct.pack("<3f", *((math.nan,) * 3 if lost else 1e3 * place))
+    turn = struct.pack("<9f", *((math.nan,) * 9 if lost else R.T.ravel()))  # column by column
+    angles = struct.pack("<3f", *((math.nan,) * 3 if lost else np.degrees(qualisys_euler(R))))
+    residual = struct.pack("<f", math.nan if lost else 0.0)
+    bodies = {"6d": where + turn, "6dres": where + turn + residual}
+    bodies |= {"6deuler": where + angles, "6deulerres": where + angles + residual}
+    parts = [HEADER.pack(HEADER.size + BODIES.size + len(bodies[name]), COMPONENTS[name]) for name in components]
+    parts = [part + BODIES.pack(1, 0, 0) + bodies[name] for part, name in zip(parts, components, strict=True)]
+    stamp = min(max(round(1e6 * t), -(2**63)), 2**63 - 1)
+    return packet(DATA, FRAME.pack(stamp, frame % 2**32, len(parts)) + b"".join(parts))
+
+
+def qualisys_euler(R: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw [rad], shape (3,), of Qualisys' standard: about x, then the new y, then the new z.
+
+    R = Rx(roll) Ry(pitch) Rz(yaw), whereas Fossen's zyx angles are Rz Ry Rx: near level flight they look alike, and are
+    not the same.
+    """
+    pitch = math.asin(min(1.0, max(-1.0, float(R[0, 2]))))
+    return np.array([math.atan2(-R[1, 2], R[2, 2]), pitch, math.atan2(-R[0, 1], R[0, 0])])
+
+
+def parameters_xml(version: str, bodies: Sequence[str], sections: Sequence[str], rate: float) -> str:
+    """Settings as GetParameters gives them: names of bodies and Euler angles (6d), frequency (general)."""
+    parts = []
+    if {"general", "all"} & set(sections):
+        parts.append(f"<General><Frequency>{rate:g}</Frequency></General>")
+    if {"6d", "all"} & set(sections):
+        named = "".join(f"<Body><Name>{escape(name)}</Name><Color R='0' G='255' B='0'/></Body>" for name in bodies)
+        angles = "<Euler><First>Roll</First><Second>Pitch</Second><Third>Yaw</Third></Euler>"
+        parts.append(f"<The_6D><Bodies>{len(bodies)}</Bodies>{named}{angles}</The_6D>")
+    name = f"QTM_Parameters_Ver_{version}"
+    return f"<{name}>{''.join(parts)}</{name}>"
+
+
+def body_names(xml: bytes) -> list[str]:
+    """Names of the rigid bodies, in the order of the stream.
+
+    Raises:
+        LinkError: It is no XML that QTM sends.
+    """
+    if len(xml) > LONGEST_PACKET or b"<!DOCTYPE" in xml or b"<!ENTITY" in xml:
+        raise LinkError("settings too long, or with declarations that QTM does not make")
+    try:
+        root = ElementTree.fromstring(xml.rstrip(b"\0").decode("utf-8", "replace"))
+    except (ElementTree.ParseError, ValueError) as error:
+        raise LinkError(f"settings are no XML: {error}") from None
+    return [(body.findtext("Name") or "").strip() for body in root.findall("./The_6D/Body")]
