@@ -290,8 +290,10 @@ class Schedule:
 
     def set_rate(self, name: str, rate: float) -> None:
         """0 or less turns a message off; no faster than FASTEST."""
-        self._rates[name] = min(max(rate, 0.0), FASTEST) if math.isfinite(rate) else 0.0
-        self._due.pop(name, None)
+        wanted = min(max(rate, 0.0), FASTEST) if math.isfinite(rate) else 0.0
+        if wanted != self.rate(name):
+            self._rates[name] = wanted
+            self._due.pop(name, None)
 
     def reset_rate(self, name: str) -> None:
         """The rate that a message had at first."""
