@@ -1,0 +1,152 @@
+"""What an ArduSub decides: mode, armed or not, who is heard, when it lets go. No sockets; times are given."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rovtwin.links.mavlink.guided import Order, Place
+from rovtwin.links.mavlink.mixing import Mixer, clean_axes
+from rovtwin.links.mavlink.modes import GUIDED, MANUAL, MODES, Mode, refusal
+from rovtwin.links.mavlink.parameters import Parameters
+from rovtwin.links.wish import Wish
+
+EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # MAV_SEVERITY
+VELOCITY_LIFE = 3.0  # a velocity set-point older than this stops the vehicle [s]; as ArduSub's GUIDED does
+
+Say = Callable[[int, str], None]  # severity and text of a STATUSTEXT
+
+
+@dataclass
+class Autopilot:
+    """State of the vehicle's autopilot as its clients see it.
+
+    Attributes:
+        parameters: Time-outs, gain and whose input counts.
+        say: Takes what ArduSub would put into a STATUSTEXT.
+        mixer: Turns axes into shares of the largest force; None takes axes for shares.
+        fastest: Largest velocity ahead, to the right, down [m/s] and turn rate [rad/s] that a share of 1 of a held
+            motion stands for.
+        drone: Name for its wishes.
+    """
+
+    parameters: Parameters
+    say: Say
+    mixer: Mixer | None = None
+    fastest: tuple[float, float, float, float] = (1.0, 1.0, 0.5, 1.0)
+    drone: str = ""
+    mode: Mode = MANUAL
+    armed: bool = False
+    axes: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    target: Place | None = None
+    _velocity: tuple[float, float, float, float] | None = None
+    _velocity_at: float = 0.0
+    _input_at: float = -np.inf
+    _heard_at: float = -np.inf
+    _armed_by: int = 0
+    _neutral_said: bool = False
+
+    def arm(self, by: int, now: float, ready: str) -> bool:
+        """Arm for system `by`; `ready` says what is missing, if anything is. Whether it is armed now."""
+        if ready:
+            self.say(CRITICAL, f"Arm: {ready}")
+            return False
+        if not self.armed:
+            self.armed, self._armed_by = True, by
+            # Both fail-safes count from here: an ArduSub that never heard anybody would not let go at all.
+            self._input_at = self._heard_at = now
+            self._let_go()
+            self.say(INFO, "Arming motors")
+        return True
+
+    def disarm(self) -> None:
+        """Disarm; nothing of what was asked before is left."""
+        if self.armed:
+            self.say(INFO, "Disarming motors")
+        self.armed = False
+        self._let_go()
+
+    def set_mode(self, number: int) -> bool:
+        """Change mode; whether it could be."""
+        if number not in MODES:
+            self.say(WARNING, f"Mode refused: {refusal(number)}")
+            return False
+        if MODES[number] != self.mode:
+            self.mode = MODES[number]
+            self._let_go()
+        return True
+
+    def heartbeat(self, system: int, now: float) -> None:
+        """A ground station is there."""
+        if system in (int(self.parameters["SYSID_MYGCS"]), self._armed_by):
+            self._heard_at = now
+
+    def steer(self, system: int, axes: np.ndarray | None, now: float) -> bool:
+        """A pilot's input; whether it counts: it must come from SYSID_MYGCS and be whole."""
+        if system != int(self.parameters["SYSID_MYGCS"]) or axes is None:
+            return False
+        self.axes = clean_axes(axes)
+        self._input_at = self._heard_at = now
+        self._neutral_said = False
+        return True
+
+    def obey(self, order: Order, now: float) -> bool:
+        """An order of GUIDED; whether it counts."""
+        if self.mode is not GUIDED:
+            return False
+        if order.refusal:
+            self.say(WARNING, f"Set-point refused: {order.refusal}")
+            return False
+        self._heard_at = now
+        self.target, self._velocity, self._velocity_at = order.target, order.velocity, now
+        return True
+
+    def check(self, now: float) -> None:
+        """Fail-safes: a pilot or a ground station that is not heard any more."""
+        if not self.armed:
+            return
+        if now - self._heard_at > self.parameters["FS_GCS_TIMEOUT"]:
+            self.say(CRITICAL, "MYGCS: heartbeat lost")
+            self.disarm()
+        elif self.mode is not GUIDED and now - self._input_at > self.parameters["FS_PILOT_TIMEOUT"]:
+            if not self._neutral_said:
+                self.say(CRITICAL, "Lost manual control")
+            self._neutral_said = True
+            self.axes = np.zeros(6)
+            if self.parameters["FS_PILOT_INPUT"] == 2:
+                self.disarm()
+
+    def wish(self, now: float) -> Wish:
+        """What the vehicle shall do now."""
+        if not self.armed:
+            return Wish(self.drone)
+        mode = self.mode
+        return Wish(
+            self.drone,
+            armed=True,
+            motion=tuple(float(m) for m in self._motion(now)),
+            hold_depth=mode.hold_depth,
+            hold_heading=mode.hold_heading,
+            hold_level=mode.hold_level,
+            hold_position=mode.hold_position,
+            target=self.target if mode is GUIDED else None,
+        )
+
+    def _motion(self, now: float) -> np.ndarray:
+        if self.mode is GUIDED:
+            return self._kept_velocity(now)
+        held = np.array(self.mode.held)
+        # Sticks of what is held are rates; the others go through ArduSub's mixing.
+        free = np.where(held, 0.0, self.axes)
+        shares = free if self.mixer is None else self.mixer.motion(free)
+        return np.where(held, self.axes, shares)
+
+    def _kept_velocity(self, now: float) -> np.ndarray:
+        if self._velocity is None or now - self._velocity_at > VELOCITY_LIFE:
+            return np.zeros(6)
+        ahead, right, down, turn = np.clip(np.array(self._velocity) / self.fastest, -1.0, 1.0)
+        return np.array([ahead, right, down, 0.0, 0.0, turn])
+
+    def _let_go(self) -> None:
+        self.axes, self.target, self._velocity = np.zeros(6), None, None
+        self._neutral_said = False

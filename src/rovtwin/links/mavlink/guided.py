@@ -1,0 +1,119 @@
+"""GUIDED: SET_POSITION_TARGET_LOCAL_NED and its global sister, as a place to go to or as a velocity to keep."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from rovtwin.core.datum import FARTHEST, Datum
+from rovtwin.core.errors import ConfigError
+
+# MAV_FRAME
+LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD = 1, 7, 8, 9, 12
+RELATIVE = (LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED, BODY_FRD)  # places are steps from where the vehicle is
+ALONG_HEADING = (BODY_NED, BODY_OFFSET_NED, BODY_FRD)  # x ahead, y to the right; level, also BODY_FRD
+GLOBAL, GLOBAL_RELATIVE = (0, 5), (3, 6)  # height over the ellipsoid; over the water
+# POSITION_TARGET_TYPEMASK: what to ignore
+IGNORE_PLACE, IGNORE_VELOCITY = (1, 2, 4), (8, 16, 32)
+IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
+
+Place = tuple[float, float, float, float]  # north, east, down [m], heading [rad]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a set-point asks for: a place, or a velocity, or, with a refusal, nothing.
+
+    Attributes:
+        target: Place in n and heading, or None.
+        velocity: Ahead, right, down [m/s] and turn rate [rad/s], or None.
+        refusal: Why it cannot be done, in words; empty when it can.
+    """
+
+    target: Place | None = None
+    velocity: tuple[float, float, float, float] | None = None
+    refusal: str = ""
+
+
+def order_of_local(message: Any, here: Place | None, before: Place | None) -> Order:
+    """Order of a SET_POSITION_TARGET_LOCAL_NED.
+
+    Args:
+        message: With its fields; they may be no numbers.
+        here: Where the vehicle is, or None while it does not know.
+        before: The place it was last sent to, for what the message leaves out.
+    """
+    frame, mask = message.coordinate_frame, message.type_mask
+    if frame != LOCAL_NED and frame not in RELATIVE:
+        return Order(refusal=f"frame {frame} is not known")
+    asked = [not mask & bit for bit in IGNORE_PLACE]
+    if any(asked):
+        if here is None:
+            return Order(refusal="the vehicle does not know where it is")
+        return _place(message, asked, here, before)
+    return _velocity(message, here)
+
+
+def order_of_global(message: Any, here: Place | None, before: Place | None, datum: Datum) -> Order:
+    """Order of a SET_POSITION_TARGET_GLOBAL_INT: places only."""
+    frame, mask = message.coordinate_frame, message.type_mask
+    if frame not in GLOBAL + GLOBAL_RELATIVE or any(mask & bit for bit in IGNORE_PLACE):
+        return Order(refusal="of global set-points only whole places are taken, heights over ellipsoid or water")
+    depth = -message.alt if frame in GLOBAL_RELATIVE else datum.height - message.alt
+    if not math.isfinite(depth):
+        return Order(refusal="the set-point is no number")
+    try:
+        north, east, down = (float(v) for v in datum.position(message.lat_int * 1e-7, message.lon_int * 1e-7, depth))
+    except ConfigError as error:
+        return Order(refusal=str(error))
+    return _checked((north, east, down, _heading(message, False, here, before)))
+
+
+def _place(message: Any, asked: list[bool], here: Place, before: Place | None) -> Order:
+    frame = message.coordinate_frame
+    # A coordinate that is ignored is neither a step nor a place: leave it out before turning.
+    step = [value if wanted else 0.0 for value, wanted in zip((message.x, message.y, message.z), asked, strict=True)]
+    if frame in ALONG_HEADING:
+        step[:2] = _turned(step[0], step[1], here[3])
+        asked = [True, True, asked[2]] if asked[0] or asked[1] else asked
+    kept = before or here
+    base = here[:3] if frame in RELATIVE else (0.0, 0.0, 0.0)
+    place = [base[i] + step[i] if asked[i] else kept[i] for i in range(3)]
+    return _checked((place[0], place[1], place[2], _heading(message, frame in ALONG_HEADING, here, before)))
+
+
+def _velocity(message: Any, here: Place | None) -> Order:
+    mask = message.type_mask
+    parts = [
+        (message.vx, message.vy, message.vz)[i] if not mask & bit else 0.0 for i, bit in enumerate(IGNORE_VELOCITY)
+    ]
+    turn = message.yaw_rate if not mask & IGNORE_YAW_RATE else 0.0
+    if all(mask & bit for bit in IGNORE_VELOCITY) and mask & IGNORE_YAW_RATE:
+        return Order(refusal="it asks neither for a place nor for a velocity")
+    if message.coordinate_frame not in ALONG_HEADING:
+        if here is None:
+            return Order(refusal="the vehicle does not know its heading")
+        parts[:2] = _turned(parts[0], parts[1], -here[3])
+    velocity = (parts[0], parts[1], parts[2], turn)
+    if not all(math.isfinite(v) for v in velocity):
+        return Order(refusal="the set-point is no number")
+    return Order(velocity=velocity)
+
+
+def _heading(message: Any, relative: bool, here: Place | None, before: Place | None) -> float:
+    if message.type_mask & IGNORE_YAW:
+        kept = before or here
+        return kept[3] if kept else 0.0
+    return message.yaw + (here[3] if relative and here else 0.0)
+
+
+def _turned(x: float, y: float, angle: float) -> list[float]:
+    c, s = math.cos(angle), math.sin(angle)
+    return [c * x - s * y, s * x + c * y]
+
+
+def _checked(target: Place) -> Order:
+    if not all(math.isfinite(value) for value in target):
+        return Order(refusal="the set-point is no number")
+    if math.dist((0.0, 0.0, 0.0), target[:3]) > FARTHEST:
+        return Order(refusal=f"the place is further than {FARTHEST / 1000:g} km from the origin")
+    return Order(target=(target[0], target[1], target[2], math.remainder(target[3], math.tau)))

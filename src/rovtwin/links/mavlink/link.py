@@ -1,0 +1,299 @@
+"""MavlinkLink: a vehicle with ArduSub behind `core.link.Link`, flown by the axes of MANUAL_CONTROL."""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import LinkError, LinkTimeout
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.link import Link
+from rovtwin.links.mavlink.boot_clock import BootClock, Order
+from rovtwin.links.mavlink.line import Line
+from rovtwin.links.mavlink.mixing import clean_axes
+from rovtwin.links.mavlink.modes import MANUAL
+from rovtwin.links.mavlink.pilot import sticks_of_axes
+from rovtwin.links.mavlink.readings import Readings, text_of
+from rovtwin.links.mavlink.wire import dialect, number
+
+COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
+SEND_EVERY = 0.04  # MANUAL_CONTROL, as ground stations send it [s]
+HEARTBEAT = 1.0  # [s]
+BACKLOG = 20_000  # readings that nobody fetches are dropped beyond this, the oldest first
+ASK_AGAIN = 10.0  # for the rates [s]
+AGAIN = 0.25  # a command that is not acknowledged is sent again [s]
+STALE_MODE = 3.0  # the vehicle's mode is what its last heartbeat said; older than this it is not known [s]
+ARMED_FLAG, CUSTOM_MODE = 128, 1
+GROUND_STATION, INVALID = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
+SET_INTERVAL, ARM_DISARM, SET_MODE = 511, 400, 176
+# Hertz that the vehicle is asked for.
+RATES = {
+    **{"ATTITUDE": 50.0, "RAW_IMU": 50.0, "SCALED_PRESSURE2": 20.0, "LOCAL_POSITION_NED": 10.0},
+    **{"GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 10.0, "DISTANCE_SENSOR": 10.0, "SYS_STATUS": 2.0},
+}
+
+Axes = Callable[[np.ndarray], np.ndarray]
+
+
+class MavlinkLink(Link):
+    """An ArduSub vehicle. It must be armed with `arm` before it moves; `stop` and `close` disarm it.
+
+    Commands u become the six axes of MANUAL_CONTROL in mode MANUAL, where ArduSub's mixing makes pulse widths of them.
+    Only what six axes can say arrives: with eight thrusters the nearest to u (see `mixing.Mixer.axes`).
+
+    Args:
+        url: In pymavlink's form: `udpin:0.0.0.0:14550`, `udpout:HOST:PORT`, `tcp:HOST:PORT`, `/dev/ttyACM0`.
+        axes: u, shape (n,), to surge, sway, heave (down), roll, pitch, yaw, shares of full command, shape (6,): a
+            function, as `mixing.shares(thrusters)` gives, or a matrix, shape (6, n).
+        clock: Of the readings' times [s].
+        readings: What is made of which message.
+        rates: Messages that the vehicle is asked to send [Hz], added to RATES; 0 leaves one as it is.
+        system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
+        target: The vehicle's system id, or None for the first that is heard.
+        gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None believes what the vehicle says.
+        time_limit: For the first heartbeat, and for each answer while arming [s].
+        baud: Of a serial port.
+
+    Raises:
+        LinkError: pymavlink is missing, or the port cannot be opened.
+        LinkTimeout: No vehicle is heard.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        axes: Axes | np.ndarray,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        readings: Readings | None = None,
+        rates: Mapping[str, float] | None = None,
+        system: int = 255,
+        target: int | None = None,
+        gain: float | None = None,
+        time_limit: float = 5.0,
+        baud: int = 115200,
+    ):
+        matrix = None if callable(axes) else np.asarray(axes, dtype=float)
+        self._axes: Axes = axes if callable(axes) else lambda u: matrix @ u
+        self._clock, self._readings = clock, readings or Readings()
+        self._rates = RATES | dict(rates or {})
+        self._dialect = dialect()
+        self._time_limit, self._gain, self._gain_given = time_limit, gain, gain is not None
+        self._queue: deque[Measurement] = deque(maxlen=BACKLOG)
+        self._boot, self._order = BootClock(), Order()
+        self._lock = threading.Lock()
+        self._news = threading.Condition()
+        self._target = target
+        self._mode, self._vehicle_armed, self._mode_at = -1, False, -math.inf
+        self._acks: dict[int, int] = {}
+        self._texts: deque[str] = deque(maxlen=8)
+        self._neutral: np.ndarray = np.zeros(6)
+        self._wanted, self._wanted_at = self._neutral, -math.inf
+        self._stopped = self._closed = False
+        self._disarm_until, self._wake = -math.inf, threading.Event()
+        self._line = Line(url, baud, system, 190, self._heard)  # 190: MAV_COMP_ID_MISSIONPLANNER
+        self._line.start()
+        self._sender = threading.Thread(target=self._send_on, name="mavlink steers", daemon=True)
+        self._sender.start()
+        try:
+            self._await_vehicle(url)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def armed(self) -> bool:
+        """Whether the vehicle says that it is armed."""
+        return self._vehicle_armed
+
+    @property
+    def gain(self) -> float | None:
+        """Share of full thrust that full stick gives, or None while it is not known."""
+        return self._gain
+
+    def arm(self) -> None:
+        """Set mode MANUAL and arm; returns when the vehicle says that it is so.
+
+        Raises:
+            LinkError: The vehicle refuses, or the link is stopped.
+            LinkTimeout: It does not answer.
+        """
+        if self._stopped:
+            raise LinkError(f"mavlink: {self._line.url}: stopped: open the link anew before arming")
+        self._learn_gain()
+        self._command(SET_MODE, "mode MANUAL", CUSTOM_MODE, MANUAL.number)
+        self._until(lambda: self._mode == MANUAL.number, "it is in mode MANUAL")
+        self._command(ARM_DISARM, "arming", 1.0)
+        self._until(lambda: self._vehicle_armed, "it is armed")
+        if self._stopped:  # while we waited: a heartbeat from before may have called the disarming off
+            self._disarm_until = time.monotonic() + 10.0
+            raise LinkError(f"mavlink: {self._line.url}: stopped while arming")
+
+    def read(self) -> list[Measurement]:
+        if self._closed:
+            return []
+        if self._line.failure and not self._queue:
+            raise LinkError(f"mavlink: {self._line.url}: {self._line.failure}. Check the tether and open the link anew")
+        return [self._queue.popleft() for _ in range(len(self._queue))]
+
+    def send(self, command: Command) -> None:
+        u = np.array(command.u, dtype=float)
+        if not np.all(np.isfinite(u)):
+            self.stop()
+        with self._lock:
+            if self._stopped:
+                return
+            self._wanted, self._wanted_at = clean_axes(self._axes(np.clip(u, -1.0, 1.0))), time.monotonic()
+        self._wake.set()
+
+    def stop(self) -> None:
+        with self._lock:
+            if not self._stopped:
+                self._stopped, self._wanted = True, self._neutral
+                self._disarm_until = time.monotonic() + 10.0
+        self._wake.set()
+
+    def close(self) -> None:
+        self.stop()
+        if self._closed:
+            return
+        # A last word whatever the sender's thread does: neutral and disarm, three times for a line that loses some.
+        for _ in range(3):
+            self._send_sticks(self._neutral)
+            self._send_disarm()
+        self._closed = True
+        self._wake.set()
+        self._sender.join(1.0)
+        self._line.close()
+        self._queue.clear()
+
+    # --- sending
+
+    def _send_on(self) -> None:
+        heartbeat_at = disarm_at = -math.inf
+        asked_at = time.monotonic()
+        while not self._closed:
+            now = time.monotonic()
+            if now - heartbeat_at >= HEARTBEAT:
+                heartbeat_at = now
+                self._line.send(self._dialect.MAVLink_heartbeat_message(GROUND_STATION, INVALID, 0, 0, 4, 3))
+            self._send_sticks(self._live(now))
+            if now < self._disarm_until and now - disarm_at >= AGAIN:
+                disarm_at = now
+                self._send_disarm()
+            if now - asked_at >= ASK_AGAIN:  # a request may get lost, and a vehicle boots anew
+                asked_at = now
+                self._ask_for_rates()
+            self._wake.wait(SEND_EVERY)
+            self._wake.clear()
+
+    def _live(self, now: float) -> np.ndarray:
+        """Axes of the newest command, neutral where it is too old or would mean something else."""
+        with self._lock:
+            aged = now - self._wanted_at > COMMAND_LIFE
+            # In other modes sticks are rates: whoever changed the mode has the vehicle now.
+            elsewhere = self._mode != MANUAL.number or now - self._mode_at > STALE_MODE
+            return self._neutral if self._stopped or aged or elsewhere else self._wanted
+
+    def _send_sticks(self, axes: np.ndarray) -> None:
+        if self._target is None:
+            return
+        s = sticks_of_axes(axes, self._gain or 1.0)
+        message = self._dialect.MAVLink_manual_control_message
+        self._line.send(message(self._target, s.x, s.y, s.z, s.r, 0, 0, s.enabled_extensions, s.s, s.t))
+
+    def _send_disarm(self) -> None:
+        self._send_command(ARM_DISARM, 0.0)
+
+    def _send_command(self, command: int, *values: float) -> None:
+        if self._target is not None:
+            padded = [*values, *[0.0] * (7 - len(values))]
+            self._line.send(self._dialect.MAVLink_command_long_message(self._target, 1, command, 0, *padded))
+
+    # --- asking
+
+    def _await_vehicle(self, url: str) -> None:
+        if not self._wait(lambda: self._mode_at > 0.0, self._time_limit):
+            raise LinkTimeout(
+                f"mavlink: {url}: no heartbeat of a vehicle in {self._time_limit:g} s. Expected one a second: is the "
+                "vehicle on, and does it (or BlueOS) send to this address and port?"
+            )
+        self._ask_for_rates()
+
+    def _ask_for_rates(self) -> None:
+        ids = {found.msgname: identity for identity, found in self._dialect.mavlink_map.items()}
+        for name, rate in self._rates.items():
+            if rate > 0.0:
+                self._send_command(SET_INTERVAL, float(ids[name]), 1e6 / rate)
+
+    def _learn_gain(self) -> None:
+        if self._gain is None:
+            self._line.send(self._dialect.MAVLink_param_request_read_message(self._target, 1, b"JS_GAIN_DEFAULT", -1))
+            self._until(lambda: self._gain is not None, "it tells JS_GAIN_DEFAULT (or give `gain`)")
+
+    def _command(self, command: int, what: str, *values: float) -> None:
+        self._acks.pop(command, None)
+        self._texts.clear()
+        end = time.monotonic() + self._time_limit
+        while command not in self._acks and time.monotonic() < end:
+            self._send_command(command, *values)
+            self._wait(lambda: command in self._acks, AGAIN)
+        result = self._acks.get(command)
+        if result is None:
+            raise LinkTimeout(f"mavlink: {self._line.url}: {what}: no answer in {self._time_limit:g} s")
+        if result != 0:
+            reasons = "; ".join(self._texts) or "it does not say why"
+            raise LinkError(f"mavlink: {self._line.url}: {what}: refused (MAV_RESULT {result}): {reasons}")
+
+    def _until(self, done: Callable[[], bool], what: str) -> None:
+        if not self._wait(done, self._time_limit):
+            raise LinkTimeout(f"mavlink: {self._line.url}: waited {self._time_limit:g} s until {what}")
+
+    def _wait(self, done: Callable[[], bool], limit: float) -> bool:
+        with self._news:
+            return self._news.wait_for(lambda: done() or bool(self._line.failure), limit) and done()
+
+    # --- listening
+
+    def _heard(self, message: Any) -> None:
+        arrival = self._clock()
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            self._heartbeat(message)
+        if message.get_srcSystem() != self._target:
+            return
+        if kind == "COMMAND_ACK":
+            self._acks[message.command] = message.result
+        elif kind == "STATUSTEXT":
+            self._texts.append(text_of(message))
+        elif kind in ("NAMED_VALUE_FLOAT", "PARAM_VALUE"):
+            self._told_gain(message)
+        for sensor, values, boot in self._readings.of(message, arrival):
+            t = arrival if boot is None else self._boot.host_time(boot, arrival)
+            if self._order.forward(sensor, t, arrival):
+                self._queue.append(Measurement(sensor, np.array(values, dtype=float), t))
+        with self._news:
+            self._news.notify_all()
+
+    def _heartbeat(self, message: Any) -> None:
+        vehicle = message.autopilot != INVALID and message.type != GROUND_STATION and message.get_srcComponent() == 1
+        if self._target is None and vehicle:
+            self._target = message.get_srcSystem()
+        if vehicle and message.get_srcSystem() == self._target:
+            self._mode, self._vehicle_armed = message.custom_mode, bool(message.base_mode & ARMED_FLAG)
+            self._mode_at = time.monotonic()
+            if not self._vehicle_armed and self._stopped:
+                self._disarm_until = -math.inf
+
+    def _told_gain(self, message: Any) -> None:
+        name = message.name if message.get_type() == "NAMED_VALUE_FLOAT" else message.param_id
+        value = number(message.value if message.get_type() == "NAMED_VALUE_FLOAT" else message.param_value)
+        text = name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)
+        # Buttons of a ground station change the gain in flight: PilotGain tells of it.
+        if text in ("PilotGain", "JS_GAIN_DEFAULT") and not self._gain_given and 0.05 <= value <= 1.0:
+            if text == "PilotGain" or self._gain is None:
+                self._gain = value

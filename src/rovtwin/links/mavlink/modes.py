@@ -1,0 +1,50 @@
+"""ArduSub's flight modes, and what each asks of the vehicle's own controller.
+
+Numbers: ArduSub's `custom_mode`, as in the project's table of verified wire facts.
+"""
+
+from dataclasses import dataclass
+
+from rovtwin.links.wish import MOTIONS
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode that is flown here, with the holds of `links.wish.Wish` that it stands for."""
+
+    number: int
+    name: str
+    hold_level: bool = False
+    hold_heading: bool = False
+    hold_depth: bool = False
+    hold_position: bool = False
+
+    @property
+    def held(self) -> tuple[bool, ...]:
+        """Which of surge, sway, heave, roll, pitch, yaw the vehicle keeps by itself, shape (6,)."""
+        plane, level = self.hold_position, self.hold_level
+        held = {"surge": plane, "sway": plane, "heave": self.hold_depth, "roll": level, "pitch": level}
+        return tuple((held | {"yaw": self.hold_heading})[motion] for motion in MOTIONS)
+
+
+MANUAL = Mode(19, "MANUAL")
+ACRO = Mode(1, "ACRO")
+STABILIZE = Mode(0, "STABILIZE", hold_level=True, hold_heading=True)
+ALT_HOLD = Mode(2, "ALT_HOLD", hold_level=True, hold_heading=True, hold_depth=True)
+POSHOLD = Mode(16, "POSHOLD", True, True, True, True)
+GUIDED = Mode(4, "GUIDED", True, True, True, True)
+
+MODES = {mode.number: mode for mode in (MANUAL, ACRO, STABILIZE, ALT_HOLD, POSHOLD, GUIDED)}
+
+REFUSED = {
+    3: "AUTO: missions are flown by the autopilot of rovtwin, not by this endpoint",
+    7: "CIRCLE is not part of the twin",
+    9: "SURFACE is not part of the twin: steer up in ALT_HOLD",
+    20: "MOTOR_DETECT is not part of the twin",
+    21: "SURFTRAK is not part of the twin: use ALT_HOLD",
+}
+
+
+def refusal(number: int) -> str:
+    """Why a mode that is not in MODES cannot be flown, for a STATUSTEXT."""
+    return REFUSED.get(number, f"mode {number} is not one of ArduSub's")
