@@ -21,6 +21,12 @@ from rovtwin.links.station import Station
 WISHES = 20.0  # repeated a second (real time)
 # `arm` is heard first: a client that sends everything at once means it so.
 TOPICS_IN: dict[str, type] = {"arm": msg.Bool, "cmd_wrench": msg.WrenchStamped, "cmd_pose": msg.PoseStamped}
+# Cyclone, kept on this machine, is not found by nodes of Fast DDS that look for others on the network.
+_WHERE = {
+    True: "on the network: who reaches it can steer",
+    False: "on this machine only. In your terminals: export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST "
+    "(Humble: ROS_LOCALHOST_ONLY=1)",
+}
 
 
 @dataclass
@@ -121,7 +127,7 @@ class _Serving:
                 # A wrench is a stream; `arm` and a way-point may be said once, so they must not be lost.
                 stream = topic == "cmd_wrench"
                 self.transport.subscribe(f"{base}/{topic}", kind, partial(self._hear, drone, topic), stream)
-        self.station.say(f"ROS 2: topics below {self.root}, {'exposed' if self.server.expose else 'this machine only'}")
+        self.station.say(f"ROS 2: topics below {self.root}, {_WHERE[self.server.expose]}")
         tasks = [asyncio.create_task(task) for task in (self._publish(), self._steer())]
         try:
             await asyncio.gather(*tasks)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, Literal, Self
 
 from rovtwin.core.errors import LinkError
+from rovtwin.links.ros2.confine import confined
 
 Middleware = Literal["auto", "rclpy", "cyclonedds"]
 DEPTH = 10  # of the history of a topic: ROS 2's default
@@ -57,7 +58,7 @@ def open_transport(
     Args:
         node: Name of the node.
         domain: 0 to 232; by default `ROS_DOMAIN_ID` of the environment, else 0.
-        expose: Whether other machines may take part; otherwise nothing leaves this one.
+        expose: Whether other machines may take part; otherwise nothing leaves this one or is heard from another.
         middleware: `auto` takes rclpy where a ROS 2 is sourced (`ROS_DISTRO`), else cyclonedds, else rclpy.
 
     Raises:
@@ -69,10 +70,12 @@ def open_transport(
         if chosen == "rclpy":
             from rovtwin.links.ros2.transport_rclpy import RclpyTransport
 
-            return RclpyTransport(node, number, expose)
+            with confined(not expose):
+                return RclpyTransport(node, number, expose)
         from rovtwin.links.ros2.transport_cyclone import CycloneTransport
 
-        return CycloneTransport(number, expose)
+        with confined(not expose):
+            return CycloneTransport(number, expose)
     except ImportError as error:
         fix = "source your ROS 2" if chosen == "rclpy" else "pip install 'rovtwin[ros2]'"
         raise LinkError(f"ROS 2: {chosen} cannot be imported ({error}). To mend it: {fix}") from error
