@@ -32,6 +32,7 @@ OCCASIONS = {
     **{"AltitudeTel": ("altimeter",), "PositionEstimateTel": ("position",), "ControlForceTel": ("force",)},
 }
 EARLY = 0.1  # of a period by which a message may come early: sensors' clocks are not the scheduler's
+FOLLOW = 0.1  # of what it came early by, the schedule is moved
 
 
 class Telemetry:
@@ -86,7 +87,9 @@ class Telemetry:
         # A clock that was set back must not silence the drone.
         if t < due - EARLY * period and due - t < 2 * period:
             return False
-        self._next[name] = min(max(due, t - period) + period, t + period)
+        # A sensor as fast as the rate may have a clock that is fast: the schedule follows it, and no reading is left out.
+        due = max(due, t - period)
+        self._next[name] = due + period + FOLLOW * min(0.0, t - due)
         return True
 
     def _built(self, name: str) -> Iterator[tuple[str, bytes]]:
