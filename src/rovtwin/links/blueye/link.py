@@ -24,7 +24,7 @@ AXES = 3  # surge, sway, heave: the pseudo-thrusters of the part blueye_pioneer
 COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
 REPEAT = 0.05  # motion input is repeated so often: a message may get lost [s]
 LOST_AFTER = 3.0  # silence after which the link is lost for good [s]
-PARTING = 0.3  # time that the last zero motion gets to leave [s]
+PARTING = 0.1  # time that the last zero motion gets to leave [s]
 MOST_READINGS = 8192  # kept for one who does not read; about 20 s
 # What an autopilot needs, as fast as the protocol allows where it helps [Hz]; who is in control, within 0.2 s
 RATES = {

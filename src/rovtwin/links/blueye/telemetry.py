@@ -84,8 +84,9 @@ class Telemetry:
         if rate <= 0.0:
             return False
         period, due = 1.0 / rate, self._next.get(name, t)
-        # A clock that was set back must not silence the drone.
-        if t < due - EARLY * period and due - t < 2 * period:
+        if due - t >= 2 * period:
+            due = t  # a clock that was set back must not silence the drone
+        if t < due - EARLY * period:
             return False
         # A sensor as fast as the rate may have a clock that is fast: the schedule follows it, and no reading is left out.
         due = max(due, t - period)
