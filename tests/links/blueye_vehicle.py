@@ -1,12 +1,13 @@
 """A vehicle of made-up readings behind a Blueye server, for tests that talk to it with the vendor's SDK."""
 
+import threading
 import time
 from collections.abc import Callable
 
 import numpy as np
+from tests.links.serving import Served
 
 from rovtwin.core.flow import Measurement
-from tests.links.serving import Served
 
 PERIOD = 0.02
 TRUTH = {
@@ -52,3 +53,12 @@ def wait_for(true: Callable[[], object], seconds: float = 5.0) -> bool:
             return False
         time.sleep(0.005)
     return True
+
+
+def wait_for_farewells() -> None:
+    """Closed links take leave in threads of their own. A request to disconnect that meets no server any more waits in
+    the SDK's socket, and would send away the first client of the next server at this address.
+    """
+    for thread in threading.enumerate():
+        if thread.name.startswith("leave"):
+            thread.join(2)

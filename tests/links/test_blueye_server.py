@@ -15,14 +15,14 @@ import pytest
 import requests
 import zmq
 from blueye.sdk import Drone
+from tests.links.blueye_vehicle import Feeder, wait_for
+from tests.links.serving import Served, serving
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.protobuf import names
 from rovtwin.links.blueye.server import BlueyeServer
 from rovtwin.links.server import require_loopback
 from rovtwin.links.station import Station
-from tests.links.blueye_vehicle import Feeder, wait_for
-from tests.links.serving import Served, serving
 
 PORT, STARBOARD = "127.0.0.2", "127.0.0.3"
 HTTP = 8780  # not 80, so that tests need no root
@@ -91,13 +91,17 @@ def test_every_value_of_telemetry_is_what_was_fed(served, drone):
     assert wait_for(lambda: drone.telemetry.get(bp.ErrorFlagsTel) is not None)
     assert drone.get_depth() == 3.5
     pose = drone.get_pose()
-    assert (pose["roll"], pose["pitch"], pose["yaw"]) == pytest.approx((5.729578, 360 - 11.459156, 171.887339), abs=1e-4)
+    assert (pose["roll"], pose["pitch"], pose["yaw"]) == pytest.approx(
+        (5.729578, 360 - 11.459156, 171.887339), abs=1e-4
+    )
     for kind in (bp.CalibratedImuTel, bp.Imu1Tel, bp.Imu2Tel):
         imu = drone.telemetry.get(kind).imu
         assert (imu.gyroscope.x, imu.gyroscope.y, imu.gyroscope.z) == (0.01, -0.02, 0.3)
         force = (imu.accelerometer.x, imu.accelerometer.y, imu.accelerometer.z)
         assert force == pytest.approx((0.5 / 9.80665, -0.25 / 9.80665, -9.75 / 9.80665))
-        assert imu.magnetometer.x**2 + imu.magnetometer.y**2 + imu.magnetometer.z**2 == pytest.approx(51.94**2, rel=1e-3)
+        assert imu.magnetometer.x**2 + imu.magnetometer.y**2 + imu.magnetometer.z**2 == pytest.approx(
+            51.94**2, rel=1e-3
+        )
     force = drone.telemetry.get(bp.ControlForceTel).control_force
     assert (force.surge, force.sway, force.heave, force.yaw) == (4.0, -2.0, 5.5, 1.5)
     assert drone.battery.get_state_of_charge() == 0.75
@@ -253,7 +257,9 @@ def test_rates_are_those_of_simulated_time(served, drone):
 def test_every_request_of_the_sdk_is_answered(served, drone):
     for name in sorted(names("Req")):
         reply = getattr(bp, name.removesuffix("Req") + "Rep")
-        assert isinstance(drone._req_rep_client._send_request_get_response(getattr(bp, name)(), reply, 2.0), reply), name
+        assert isinstance(drone._req_rep_client._send_request_get_response(getattr(bp, name)(), reply, 2.0), reply), (
+            name
+        )
     drone.ping()
     assert drone._req_rep_client.get_overlay_parameters(2.0) is not None
     assert drone.camera.get_bitrate() == 0

@@ -96,6 +96,11 @@ def test_magnetic_field_is_seen_from_the_drone():
         ([np.pi / 2, 0, 0], [13.7, 50.1, 0]),
     ):
         telemetry.contents.latest.clear()
-        sent(telemetry, 0.0, Measurement("attitude", np.array(euler, dtype=float), 0.0), Measurement("gyro", np.zeros(3), 0.0))
+        sent(
+            telemetry,
+            0.0,
+            Measurement("attitude", np.array(euler, dtype=float), 0.0),
+            Measurement("gyro", np.zeros(3), 0.0),
+        )
         field = telemetry.contents.message("CalibratedImuTel").imu.magnetometer
         np.testing.assert_allclose([field.x, field.y, field.z], expected, atol=1e-9)

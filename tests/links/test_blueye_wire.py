@@ -181,7 +181,9 @@ def test_units_of_telemetry_are_the_protocols():
 def test_telemetry_comes_back_as_it_went(euler, speed, depth):
     vector = np.array([speed, -speed, 0.5 * speed])
     assert sent_and_read(readings.depth_telemetry(depth))["pressure"] == pytest.approx([depth], abs=1e-5)
-    np.testing.assert_allclose(sent_and_read(readings.attitude_telemetry(np.array(euler)))["attitude"], euler, atol=1e-6)
+    np.testing.assert_allclose(
+        sent_and_read(readings.attitude_telemetry(np.array(euler)))["attitude"], euler, atol=1e-6
+    )
     imu = sent_and_read(readings.imu_telemetry("CalibratedImuTel", vector, 2 * vector, None, 8.0))
     np.testing.assert_allclose(imu["gyro"], vector, atol=1e-12)
     np.testing.assert_allclose(imu["accelerometer"], 2 * vector, atol=1e-12)
@@ -212,7 +214,9 @@ def test_telemetry_that_is_no_number_is_no_reading(bad):
         with pytest.raises(LinkError, match="NaN or infinity"):
             sent_and_read(built)
     with pytest.raises(LinkError, match="NaN or infinity"):
-        readings.parse_power(message("BatteryBQ40Z50Tel")(battery={"current": bad, "voltage": {"total": 12}}).SerializeToString())
+        readings.parse_power(
+            message("BatteryBQ40Z50Tel")(battery={"current": bad, "voltage": {"total": 12}}).SerializeToString()
+        )
 
 
 def test_a_drone_that_reads_gravity_downward():
@@ -237,7 +241,9 @@ def test_http(head, request_):
     assert parse_http(head) == HttpRequest("GET", *request_)
 
 
-@pytest.mark.parametrize("head", [b"", b"\r\n\r\n", b"GET /", b"GET  / HTTP/1.1", b"GET http://[::1 HTTP/1.1\r\n", b"x" * 9000])
+@pytest.mark.parametrize(
+    "head", [b"", b"\r\n\r\n", b"GET /", b"GET  / HTTP/1.1", b"GET http://[::1 HTTP/1.1\r\n", b"x" * 9000]
+)
 def test_http_that_is_none(head):
     with pytest.raises(LinkError):
         parse_http(head)

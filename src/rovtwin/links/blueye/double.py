@@ -24,8 +24,8 @@ class DoubleBlueyeLink(Link):
     """Commands split, readings merged (`merge`), and neither drone thrusts when the other is not heard.
 
     Thrusters are those of double_blueye: port surge, sway, heave, starboard surge, sway, heave. When one drone has been
-    silent for 0.35 s, the other gets zero motion within another 0.05 s, for as long as that lasts: a vehicle with one
-    half of its thrusters turns. `age` tells how long the one that has been silent longer is; after 3 s `read` raises as
+    silent for 0.35 s, both get zero motion within another 0.05 s, for as long as that lasts: a vehicle with one half of
+    its thrusters turns. `age` tells how long the one that has been silent longer is; after 3 s `read` raises as
     BlueyeLink does. The lost drone's own watchdog stops it within 2 s.
 
     Args:
@@ -59,8 +59,8 @@ class DoubleBlueyeLink(Link):
         self._links = _connect_both(
             lambda i: BlueyeLink(ips[i], drone=NAMES[i], curve=curves[i], clock=clock, timer=timer, **others)
         )
-        for one, other in (self._links, self._links[::-1]):
-            one.permit = lambda other=other: other.age <= LOST
+        for link in self._links:
+            link.permit = lambda: self.age <= LOST
         self._stopped = self._closed = False
 
     @property

@@ -88,7 +88,7 @@ class Telemetry:
             due = t  # a clock that was set back must not silence the drone
         if t < due - EARLY * period:
             return False
-        # A sensor as fast as the rate may have a clock that is fast: the schedule follows it, and no reading is left out.
+        # A sensor as fast as the rate may have a clock that is fast: the schedule follows it, no reading is left out.
         due = max(due, t - period)
         self._next[name] = due + period + FOLLOW * min(0.0, t - due)
         return True
