@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 
 import blueye.protocol as bp
 import numpy as np
@@ -24,9 +24,10 @@ from rovtwin.core.flow import Command
 from rovtwin.links.blueye.double import DoubleBlueyeLink
 from rovtwin.links.blueye.http import HttpServer
 from rovtwin.links.blueye.link import BlueyeLink
+from rovtwin.links.blueye.relay import relay
 from rovtwin.links.blueye.server import BlueyeServer
 
-PORT, STARBOARD, NOBODY = "127.0.0.10", "127.0.0.11", "127.0.0.12"
+PORT, STARBOARD, NOBODY, RELAY = "127.0.0.10", "127.0.0.11", "127.0.0.12", "127.0.0.13"
 HTTP = 8780
 
 
@@ -253,6 +254,7 @@ def test_drone_that_says_who_it_is_and_no_more():
     del info["sw_version"]
     with pytest.raises(LinkError, match="sw_version"):
         BlueyeLink(PORT, timeout=3.0)
+    asyncio.run_coroutine_threadsafe(http.close(), loop).result(5)
     loop.call_soon_threadsafe(loop.stop)
     thread.join()
     loop.close()
@@ -386,3 +388,27 @@ def test_one_of_two_cannot_be_reached(served):
 def test_two_drones_have_two_addresses():
     with pytest.raises(ConfigError, match="two different addresses"):
         DoubleBlueyeLink((PORT, PORT))
+
+
+def test_drone_behind_a_relay(served):
+    """As a drone in a network namespace of its own is reached."""
+    loop = asyncio.new_event_loop()
+    task = loop.create_task(relay(RELAY, PORT, ports=(5555, 5556, 5557)))
+
+    def run() -> None:
+        with suppress(asyncio.CancelledError):
+            loop.run_until_complete(task)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        with closing(BlueyeLink(RELAY)) as link:
+            Feeder(served).feed(0.2)
+            assert wait_for(lambda: "pressure" in {r.sensor for r in link.read()})
+            link.send(command(0.5, 0.0, 0.0))
+            assert wait_for(lambda: motion(served)[0] == 0.5)
+        wait_for_farewells()
+    finally:
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(5)
+        loop.close()

@@ -77,14 +77,25 @@ class HttpServer:
 
     def __init__(self, infos: Mapping[str, Mapping[str, Any]], default: str):
         self._infos, self._default = infos, default
-        self._open = 0
+        self._open: set[asyncio.Task[None]] = set()
+        self._server: asyncio.Server | None = None
 
-    async def start(self, host: str, port: int) -> asyncio.Server:
+    async def start(self, host: str, port: int) -> None:
         """Listen there. Raises OSError if that cannot be."""
-        return await asyncio.start_server(self._serve, host, port, limit=LONGEST)
+        self._server = await asyncio.start_server(self._serve, host, port, limit=LONGEST)
+
+    async def close(self) -> None:
+        """Listen no more, and let go of who is connected."""
+        if self._server is not None:
+            self._server.close()
+        for task in self._open:
+            task.cancel()
+        await asyncio.gather(*self._open, return_exceptions=True)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._open += 1
+        task = asyncio.current_task()
+        assert task is not None
+        self._open.add(task)
         try:
             async with asyncio.timeout(PATIENCE):
                 writer.write(encode(*(await self._answer(reader))))
@@ -94,11 +105,11 @@ class HttpServer:
         except (OSError, TimeoutError):
             pass  # it went away, or it is too slow
         finally:
-            self._open -= 1
+            self._open.discard(task)
             writer.transport.abort()
 
     async def _answer(self, reader: asyncio.StreamReader) -> tuple[int, Any]:
-        if self._open > MOST:
+        if len(self._open) > MOST:
             return 503, {"error": "too many connections"}
         try:
             request = parse_http(await reader.readuntil(b"\r\n\r\n"))

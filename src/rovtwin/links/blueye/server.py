@@ -74,8 +74,9 @@ class BlueyeServer(Server):
         infos = {host: _info(drones[name].about) for name, host in placed.items()}
         async with AsyncExitStack() as stack:
             for host in placed.values():
-                server = await _listen(HttpServer(infos, host), host, self.http_port)
-                stack.callback(server.close)
+                http = HttpServer(infos, host)
+                stack.push_async_callback(http.close)
+                await _listen(http, host, self.http_port)
             ports = [await stack.enter_async_context(_ports(host)) for host in placed.values()]
             station.say(f"blueye: {', '.join(f'{name} {host}'.strip() for name, host in placed.items())}{self._hint()}")
             served = [Served(drone, station, *port) for drone, port in zip(drones.values(), ports, strict=True)]
@@ -102,9 +103,9 @@ def _info(about: About) -> dict[str, str]:
     return info | {"features": about.features}
 
 
-async def _listen(server: HttpServer, host: str, port: int) -> asyncio.Server:
+async def _listen(server: HttpServer, host: str, port: int) -> None:
     try:
-        return await server.start(host, port)
+        await server.start(host, port)
     except PermissionError:
         raise LinkError(
             f"{host}:{port}: ports below 1024 need root, and the SDK asks port 80 only. Run as root, or choose --port "
