@@ -34,12 +34,16 @@ class Rig:
         wait: Lets so many seconds pass for the vehicle.
         listen: Reads until all that came is read.
         applied: What the thrusters do now, normalised, shape (THRUSTERS,).
+        times: How often THRUSTERS thrusters are repeated in a command, each time with the same values.
+        done: Clears away what is at the other end.
     """
 
     link: Link
     wait: Callable[[float], None]
     listen: Callable[[], list[Measurement]]
     applied: Callable[[], np.ndarray]
+    times: int = 1
+    done: Callable[[], None] = lambda: None
 
 
 def twin_rig() -> Rig:
@@ -102,10 +106,20 @@ def hosted_rig() -> Rig:
     return Rig(link, time.sleep, lambda: (time.sleep(0.1), link.read())[1], applied)
 
 
+def blueye_rig(double: bool) -> Rig:
+    """A link to one Blueye, or to two, behind our own server; its time is the test's, real time only lets it work."""
+    from tests.links.blueye_rig import BlueyeRig
+
+    rig = BlueyeRig(double, PERIOD)
+    return Rig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1, rig.done)
+
+
 RIGS: dict[str, Callable[[], Rig]] = {
     "twin.TwinLink": twin_rig,
     "replay.ReplayLink": replay_rig,
     "hosted.HostedLink": hosted_rig,
+    "blueye.link.BlueyeLink": lambda: blueye_rig(double=False),
+    "blueye.double.DoubleBlueyeLink": lambda: blueye_rig(double=True),
 }
 
 
@@ -133,10 +147,11 @@ def rig(request):
     rig = RIGS[request.param]()
     yield rig
     rig.link.close()
+    rig.done()
 
 
 def send(rig: Rig, u) -> None:
-    rig.link.send(Command(np.array(u, dtype=float)))
+    rig.link.send(Command(np.tile(np.array(u, dtype=float), rig.times)))
 
 
 def test_readings(rig):
@@ -183,7 +198,7 @@ def test_command_is_clipped(rig):
 
 def test_command_is_taken_as_it_was(rig):
     """The array stays the caller's: writing into it later changes nothing."""
-    u = np.array([0.5, 0.5, 0.5])
+    u = np.full(THRUSTERS * rig.times, 0.5)
     rig.link.send(Command(u))
     u[:] = -1.0
     np.testing.assert_allclose(rig.applied(), [0.5, 0.5, 0.5], atol=1e-3)

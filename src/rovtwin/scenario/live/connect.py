@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
+
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
@@ -102,5 +104,111 @@ def _hosted(opener: Callable[[], Link], scenario: Scenario) -> Link:
     return HostedLink(opener, len(vehicle_of(scenario).thruster_names))
 
 
-LINKS: dict[str, Callable[[Url, Scenario, Clock], Link]] = {"twin": _twin, "replay": _replay}
-SOURCES: dict[str, Callable[[Url, Clock], Source]] = {}
+def _thrusters(scenario: Scenario) -> Any:
+    """The vehicle's thrusters as NumPy arrays, which another process takes without starting JAX."""
+    return jax.tree.map(np.asarray, vehicle_of(scenario).model().thrusters)
+
+
+@dataclass(frozen=True)
+class _Blueye:
+    """Opens one drone, or two as one vehicle, in the host's process."""
+
+    hosts: tuple[str, ...]
+    thrusters: Any
+    clock: Clock
+
+    def __call__(self) -> Link:
+        from rovtwin.links.blueye.double import DoubleBlueyeLink
+        from rovtwin.links.blueye.link import BlueyeLink
+        from rovtwin.links.blueye.thrust import force_shares
+
+        if len(self.hosts) == 1:
+            return BlueyeLink(self.hosts[0], curve=force_shares(self.thrusters, range(3)), clock=self.clock)
+        curves = [force_shares(self.thrusters, range(3 * i, 3 * i + 3)) for i in range(2)]
+        return DoubleBlueyeLink(self.hosts, curves=curves, clock=self.clock)
+
+
+def _blueye(url: Url, scenario: Scenario, clock: Clock) -> Link:
+    hosts = tuple(host.strip() for host in url.rest.split(",") if host.strip())
+    vehicle = vehicle_of(scenario)
+    ends = [name.split(".")[-1] for name in vehicle.thruster_names]
+    drones = len(ends) // 3
+    if ends != ["surge", "sway", "heave"] * drones or drones not in (1, 2):
+        raise ConfigError(
+            f"--link {url.text}: {vehicle.name} has the thrusters {', '.join(vehicle.thruster_names)}, expected surge, "
+            "sway, heave of one Blueye or two, as blueye_pioneer and double_blueye have them"
+        )
+    if len(hosts) != drones:
+        raise ConfigError(
+            f"--link {url.text}: found {len(hosts)} addresses, expected {drones} for {vehicle.name}: "
+            f"blueye://{'192.168.1.101' if drones == 1 else 'PORT,STARBOARD'}"
+        )
+    return _hosted(_Blueye(hosts, _thrusters(scenario), clock), scenario)
+
+
+@dataclass(frozen=True)
+class _Mavlink:
+    """Opens an ArduSub vehicle in the host's process."""
+
+    url: str
+    thrusters: Any
+    clock: Clock
+
+    def __call__(self) -> Link:
+        from rovtwin.links.mavlink.link import MavlinkLink
+        from rovtwin.links.mavlink.mixing import shares
+
+        return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock)
+
+
+def _mavlink(url: Url, scenario: Scenario, clock: Clock) -> Link:
+    return _hosted(_Mavlink(url.rest, _thrusters(scenario), clock), scenario)
+
+
+@dataclass(frozen=True)
+class _Ros2:
+    """Opens a ROS 2 vehicle in the host's process."""
+
+    namespace: str
+    thrusters: int
+    clock: Clock
+
+    def __call__(self) -> Link:
+        from rovtwin.links.ros2.link import Ros2Link
+
+        return Ros2Link(self.namespace, self.thrusters, self.clock, sources={"position": "position", "dvl": "dvl"})
+
+
+def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Link:
+    count = len(vehicle_of(scenario).thruster_names)
+    return _hosted(_Ros2(url.rest.strip("/") or "rov", count, clock), scenario)
+
+
+def _dvl(url: Url, clock: Clock) -> Source:
+    from rovtwin.links.waterlinked.dvl_source import PORT, DvlSource
+
+    return DvlSource(*url.host_port(PORT), clock, altimeter=True)
+
+
+def _ugps(url: Url, clock: Clock) -> Source:
+    from rovtwin.links.waterlinked.ugps_source import PORT, UgpsSource
+
+    return UgpsSource(*url.host_port(PORT), clock)
+
+
+def _qtm(url: Url, clock: Clock) -> Source:
+    from rovtwin.links.qualisys.source import PORT, QtmSource
+
+    where, _, body = url.rest.partition("/")
+    host, port = Url(url.text, url.scheme, where).host_port(PORT)
+    return QtmSource(host, body or None, port, clock)
+
+
+LINKS: dict[str, Callable[[Url, Scenario, Clock], Link]] = {
+    "blueye": _blueye,
+    "mavlink": _mavlink,
+    "ros2": _ros2,
+    "twin": _twin,
+    "replay": _replay,
+}
+SOURCES: dict[str, Callable[[Url, Clock], Source]] = {"ugps": _ugps, "dvl": _dvl, "qtm": _qtm}

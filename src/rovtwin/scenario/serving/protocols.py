@@ -1,24 +1,163 @@
-"""The protocols that a vehicle can be served by, by name."""
+"""The protocols that a vehicle can be served by, by name, and the world that it swims in."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import yaml
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.links.server import Server
+from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle import list_library
 
-PROTOCOLS: dict[str, Callable[..., Server]] = {}
+PLAIN = "lawnmower_calm"  # whose world a vehicle swims in when only the vehicle is named: calm, endless water
 
 
-def servers_of(
-    names: Sequence[str], scenario: Scenario, drones: Sequence[str], addresses: Sequence[str]
-) -> list[Server]:
-    """Servers of these protocols.
+class Servable(Protocol):
+    """A vehicle that can be served; see `host.ServedVehicle`."""
+
+    drones: tuple[str, ...]
+    largest: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Addresses that the user gave for one protocol: hosts and, where given, a port."""
+
+    hosts: list[str] = field(default_factory=list)
+    port: int | None = None
+
+    def options(self, host: str = "host") -> dict[str, Any]:
+        """As arguments of a server with one host and one port."""
+        return ({host: self.hosts[0]} if self.hosts else {}) | ({} if self.port is None else {"port": self.port})
+
+
+def world_for(what: str, overrides: Sequence[str], seed: int | None) -> Scenario:
+    """The scenario of a name: a scenario's own, or a vehicle in calm water with all it could measure with.
 
     Raises:
-        ConfigError: There is no such protocol, or too few addresses.
+        ConfigError: There is neither.
+    """
+    if not _is_vehicle(what):
+        try:
+            return load_scenario(what, overrides, seed)
+        except ConfigError as error:
+            if what in list_scenarios() or Path(what).exists():
+                raise
+            raise ConfigError(
+                f"{what}: no such vehicle or scenario. Vehicles: {', '.join(list_library())}; scenarios: "
+                "rovtwin scenario list"
+            ) from error
+    extra = [f"vehicle={what}", "autopilot=model_based", "sensors.dvl.on_board=true", f"name={Path(what).stem}"]
+    scenario = load_scenario(PLAIN, [*extra, *overrides], seed)
+    if vehicle_of(scenario).power_sources:
+        return load_scenario(PLAIN, [*extra, "battery=true", *overrides], seed)
+    return scenario
+
+
+def _is_vehicle(what: str) -> bool:
+    if what in list_library():
+        return True
+    try:
+        data = yaml.safe_load(Path(what).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return False
+    return isinstance(data, dict) and not {"mission", "test", "world", "vehicle"} & data.keys()
+
+
+def own_protocol(scenario: Scenario) -> str:
+    """The protocol of a vehicle's vendor."""
+    names = vehicle_of(scenario).thruster_names
+    return "blueye" if all(name.split(".")[-1] in ("surge", "sway", "heave") for name in names) else "mavlink"
+
+
+def servers_of(names: Sequence[str], scenario: Scenario, vehicle: Servable, addresses: Sequence[str]) -> list[Server]:
+    """Servers of these protocols.
+
+    Args:
+        names: Of protocols.
+        scenario: Of the vehicle.
+        vehicle: What they will speak for.
+        addresses: As given: HOST[:PORT] for the first protocol, PROTOCOL=HOST[:PORT] for a certain one.
+
+    Raises:
+        ConfigError: There is no such protocol, or an address that is none.
     """
     unknown = [name for name in names if name not in PROTOCOLS]
-    if unknown or not names:
-        found = repr(unknown[0]) if unknown else "none"
-        raise ConfigError(f"--protocol: found {found}, expected one or more of {', '.join(PROTOCOLS)}")
-    return [PROTOCOLS[name](scenario, tuple(drones), list(addresses)) for name in names]
+    if unknown:
+        raise ConfigError(f"--protocol: found {unknown[0]!r}, expected one or more of {', '.join(PROTOCOLS)}")
+    places = _places(names, addresses)
+    return [PROTOCOLS[name](scenario, vehicle, places.get(name, Where())) for name in dict.fromkeys(names)]
+
+
+def _places(names: Sequence[str], addresses: Sequence[str]) -> dict[str, Where]:
+    places: dict[str, Where] = {}
+    for text in addresses:
+        name, found, rest = text.partition("=")
+        name, rest = (name, rest) if found else (names[0], text)
+        if name not in names:
+            raise ConfigError(f"--address {text}: found {name!r}, expected one of the protocols {', '.join(names)}")
+        host, _, port = rest.rpartition(":") if rest.count(":") == 1 else (rest, "", "")
+        if not host or (port and not (port.isdecimal() and 0 < int(port) < 65536)):
+            raise ConfigError(f"--address {text}: expected HOST or HOST:PORT, such as 127.0.0.2 or 127.0.0.1:8080")
+        before = places.get(name, Where())
+        places[name] = Where([*before.hosts, host], int(port) if port else before.port)
+    return places
+
+
+def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.blueye.server import BlueyeServer
+
+    hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
+    return BlueyeServer(hosts, **({} if where.port is None else {"http_port": where.port}))
+
+
+def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.mavlink.mixing import mixer
+    from rovtwin.links.mavlink.server import MavlinkServer
+
+    options = where.options("address")
+    if "port" in options:
+        options["udp_port"] = options.pop("port")
+    mixing = mixer(vehicle_of(scenario).model().thrusters) if len(vehicle.drones) == 1 else None
+    return MavlinkServer(datum=scenario.origin, mixer=mixing, drone=vehicle.drones[0], **options)
+
+
+def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.ros2.server import Ros2Server
+
+    return Ros2Server(largest=tuple(float(x) for x in vehicle.largest[vehicle.drones[0]]))
+
+
+def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.waterlinked.dvl_server import DvlServer
+
+    return DvlServer(floor=scenario.world.floor, **where.options())
+
+
+def _ugps(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.waterlinked.ugps_server import UgpsServer
+
+    return UgpsServer(datum=scenario.origin, **where.options())
+
+
+def _qtm(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.qualisys.server import QtmServer
+
+    return QtmServer(rate=float(scenario.rates.control), **where.options())
+
+
+PROTOCOLS: dict[str, Callable[[Scenario, Servable, Where], Server]] = {
+    "blueye": _blueye,
+    "mavlink": _mavlink,
+    "ros2": _ros2,
+    "dvl": _dvl,
+    "ugps": _ugps,
+    "qtm": _qtm,
+}
+"""Builders of servers, by the protocol's name."""

@@ -1,0 +1,123 @@
+"""rovtwin serve and replay: the twin, or a log, as a vehicle that speaks its vendor's protocol."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar
+from rovtwin.cli.scenarios import Overrides, Seed
+from rovtwin.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rovtwin.links.server import Server
+
+Protocols = Annotated[
+    list[str] | None,
+    typer.Option("--protocol", help="blueye, mavlink, ros2, dvl, ugps, qtm, ardusub-json; may be given several times."),
+]
+Addresses = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--address",
+        metavar="[PROTOCOL=]HOST[:PORT]",
+        help="Where to listen, such as 127.0.0.2, one for each drone, or dvl=127.0.0.1:16171; may be given several times.",
+    ),
+]
+Expose = Annotated[bool, typer.Option("--expose", help="Allow addresses that others on the network reach.")]
+Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help="Simulated seconds a second.")]
+Duration = Annotated[float | None, typer.Option(min=0.0, help="End after so many simulated seconds; else Ctrl-C.")]
+
+
+def serve(
+    what: Annotated[
+        str, typer.Argument(metavar="VEHICLE|SCENARIO", help="A vehicle, or a scenario for its world too.")
+    ],
+    protocol: Protocols = None,
+    address: Addresses = None,
+    expose: Expose = False,
+    speed: Speed = 1.0,
+    duration: Duration = None,
+    seed: Seed = None,
+    overrides: Overrides = None,
+    log: Annotated[Path | None, typer.Option(help="Write the truth to a new MCAP file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Let the twin stand in for the vehicle: it speaks the vehicle's own protocol until Ctrl-C.
+
+    [bold]rovtwin serve double_blueye --protocol blueye --protocol ugps[/bold] are two drones at 127.0.0.2 and
+    127.0.0.3 for the vendor's SDK, and an Underwater GPS; [bold]rovtwin serve bluerov2_heavy --protocol mavlink[/bold]
+    is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own.
+    """
+    from rovtwin.scenario.serving.host import ServedVehicle
+    from rovtwin.scenario.serving.protocols import own_protocol, servers_of, world_for
+
+    scenario = world_for(what, overrides or (), seed)
+    with progress_bar("") as bar:
+        bar.add_task(f"{what}: compiling", total=None)
+        vehicle = ServedVehicle(scenario)
+    names = protocol or [own_protocol(scenario)]
+    servers = servers_of(names, scenario, vehicle, address or [])
+    _serve(vehicle, servers, expose, speed, duration, log, as_json)
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(help="A run's log, such as runs/<run>/log.mcap.")],
+    protocol: Annotated[
+        list[str] | None, typer.Option("--as", help="Protocol to speak: blueye, mavlink, ros2, dvl, ugps, qtm.")
+    ] = None,
+    address: Addresses = None,
+    expose: Expose = False,
+    speed: Speed = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Serve a log as if it were the vehicle: its readings come again by the clock, commands move nothing."""
+    from rovtwin.core.log import Log
+    from rovtwin.scenario.serving.protocols import own_protocol, servers_of
+    from rovtwin.scenario.serving.replayed import ReplayedVehicle
+
+    vehicle = ReplayedVehicle(Log.read(log), loop)
+    servers = servers_of(protocol or [own_protocol(vehicle.scenario)], vehicle.scenario, vehicle, address or [])
+    _serve(vehicle, servers, expose, speed, vehicle.duration, None, as_json)
+
+
+def _serve(
+    vehicle: Any,
+    servers: "list[Server]",
+    expose: bool,
+    speed: float,
+    duration: float | None,
+    log: Path | None,
+    as_json: bool,
+) -> None:
+    import math
+
+    from rovtwin.links.server import require_loopback
+    from rovtwin.scenario.serving.serve import serve as serve_it
+
+    screen = console(as_json)
+    if log is not None and log.exists():
+        raise ConfigError(f"--log {log}: exists already; a log never overwrites another. Choose another name")
+    for exposed in require_loopback(servers, expose):
+        screen.print(f"warning: everybody who reaches {exposed} can steer this vehicle", style="yellow", markup=False)
+    screen.print("serving; Ctrl-C ends it")
+    with progress_bar("{task.completed:.0f} s") as bar:
+        task = bar.add_task("vehicle's time", total=duration)
+        pace = serve_it(
+            vehicle,
+            servers,
+            speed=speed,
+            duration=math.inf if duration is None else duration,
+            log=log,
+            say=lambda text: screen.print(text, markup=False, soft_wrap=True),
+            progress=lambda t, _: bar.update(task, completed=t),
+        )
+    figures = pace.figures()
+    screen.print(
+        f"served {vehicle.now:.1f} s; periods began {figures['late_ms_p50']:.1f} ms late (median), "
+        f"{figures['late_ms_p99']:.1f} ms (99 %), {figures['late_ms_max']:.1f} ms (worst)"
+    )
+    if as_json:
+        emit({"served_s": vehicle.now, **figures, "log": str(log) if log else None})
+    raise typer.Exit(DONE)

@@ -1,0 +1,88 @@
+"""Connecting to a Blueye through its SDK, within a time limit: a lost reply would hold the SDK for ever."""
+
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from rovtwin.core.errors import LinkError, LinkTimeout
+
+TRIES = 5  # of a request that the SDK gives 50 ms
+
+
+def connect(ip: str, timeout: float, take_control: bool, observer: bool) -> Any:
+    """A connected `blueye.sdk.Drone`.
+
+    Args:
+        ip: The drone's address.
+        timeout: Time that all of it may take [s].
+        take_control: Send other clients away if one of them is in control.
+        observer: Only look.
+
+    Raises:
+        LinkTimeout: There was no answer in time.
+        LinkError: The SDK is missing, there is no Blueye of protocol v3 at this address, or another client controls it.
+    """
+    try:
+        from blueye.sdk import Drone
+    except ImportError:
+        raise LinkError(
+            f"blueye://{ip}: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
+        ) from None
+    drone = Drone(ip, auto_connect=False)
+    failed: list[Exception] = []
+
+    def work() -> None:
+        try:
+            drone.connect(timeout=timeout / 2, disconnect_other_clients=take_control, connect_as_observer=observer)
+        except Exception as error:  # whatever an SDK and what answers it may raise
+            failed.append(error)
+
+    thread = threading.Thread(target=work, daemon=True, name=f"connect to {ip}")
+    thread.start()
+    thread.join(timeout)
+    if thread.is_alive():
+        raise LinkTimeout(
+            f"blueye://{ip}: no answer within {timeout:g} s, expected a Blueye drone of software 3.2 or later. "
+            "Is it on, and its surface unit connected?"
+        )
+    if failed:
+        release(drone)
+        raise LinkError(f"blueye://{ip}: {_said(failed[0])}")
+    if not observer and not drone.in_control:
+        release(drone)
+        raise LinkError(
+            f"blueye://{ip}: another client is in control. Close the app or script that is, take control, "
+            "or connect as an observer"
+        )
+    return drone
+
+
+def _said(error: Exception) -> str:
+    cause = error.__cause__ or error
+    return (
+        f"cannot be connected ({type(cause).__name__}: {str(cause)[:200]}), expected a Blueye drone of software 3.2 or "
+        "later. Is it on? Without root at the server, set http_proxy as it says"
+    )
+
+
+def release(drone: Any) -> None:
+    """Disconnect; what a dead connection says about it does not matter."""
+    try:
+        drone.disconnect()
+    except Exception:  # not connected, no reply, half a connection: all the same now
+        pass
+
+
+def set_rates(drone: Any, rates: Mapping[str, float]) -> list[str]:
+    """Ask for telemetry at these rates [Hz] by the message's name; the names that the drone would not set."""
+    refused = []
+    for name, rate in rates.items():
+        for left in reversed(range(TRIES)):
+            try:
+                drone.telemetry.set_msg_publish_frequency(name, rate)
+                break
+            except Exception as error:  # RuntimeError: refused; ResponseTimeout: 50 ms were too short
+                if left == 0 or isinstance(error, RuntimeError):
+                    refused.append(name)
+                    break
+    return refused

@@ -1,0 +1,227 @@
+"""What is in a drone's telemetry: messages from its newest readings and from what it knows of itself."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.flow import Measurement
+from rovtwin.links.blueye import readings
+from rovtwin.links.blueye.drone import Drone
+from rovtwin.links.blueye.protobuf import message
+
+# What a drone may know of a station's readings
+SENSORS = (
+    *("pressure", "attitude", "gyro", "accelerometer", "battery", "leak", "dvl", "altimeter", "position"),
+    *("force", "estimate"),
+)
+IMUS = ("CalibratedImuTel", "Imu1Tel", "Imu2Tel")
+FRESH = 0.1  # age up to which an instrument's reading goes into a message with another's [s]
+SUBMERGED = 0.25  # depth from which dive time counts [m], message_formats.proto
+EARTH_FIELD = np.array([13.7, 0.0, 50.1])  # near Trondheim (IGRF, 2020s), n [uT]; without declination, as our compasses
+CELL = (3.2, 4.2)  # voltage of a lithium-ion cell, empty and full [V]. Linear between, and four of them: guesses
+CELLS, CAPACITY = 4, 6.7  # capacity in Ah, about 100 Wh
+STORAGE = {"total_space": 64 << 30, "free_space": 60 << 30}  # bytes; nothing is recorded
+PIONEER, SINGLE_BATTERY, NOT_CALIBRATING = 1, 1, 1  # numbers of the protocol's enumerations
+
+
+class Contents:
+    """The newest of all that one drone can tell.
+
+    Attributes:
+        latest: Its newest readings by sensor, SI, radians, FRD.
+        now: The vehicle's time [s].
+    """
+
+    def __init__(self, drone: Drone):
+        self.latest: dict[str, Measurement] = {}
+        self.now = 0.0
+        self._drone = drone
+        self._dive_time = 0.0
+        self._dvl_at = 0.0
+
+    def pass_time(self, now: float) -> None:
+        """The vehicle's time moves on; dive time with it while the drone is under water."""
+        depth = self._value("pressure")
+        if depth is not None and depth[0] > SUBMERGED:
+            self._dive_time += max(0.0, now - self.now)
+        self.now = now
+
+    def message(self, name: str) -> Any:
+        """The message of a name as protobuf, or None where there is nothing to tell."""
+        if name in IMUS:
+            return self._imu(name)
+        if name in _FIXED:
+            return message(name)(**_FIXED[name])
+        return getattr(self, "_" + name.removesuffix("Tel"), lambda: None)()
+
+    def _value(self, sensor: str) -> np.ndarray | None:
+        found = self.latest.get(sensor)
+        if found is None or not np.isfinite(found.value).all():
+            return None
+        return np.asarray(found.value, dtype=float)
+
+    def _fresh(self, sensor: str, than: float) -> np.ndarray | None:
+        found = self.latest.get(sensor)
+        return self._value(sensor) if found is not None and than - found.t_valid <= FRESH else None
+
+    # What sensors read
+
+    def _Depth(self) -> Any:
+        depth = self._value("pressure")
+        return None if depth is None else readings.depth_telemetry(depth[0])
+
+    def _Attitude(self) -> Any:
+        euler = self._value("attitude")
+        return None if euler is None else readings.attitude_telemetry(euler)
+
+    def _imu(self, name: str) -> Any:
+        newest = max((self.latest[s].t_valid for s in ("gyro", "accelerometer") if s in self.latest), default=None)
+        if newest is None:
+            return None
+        gyro, force = self._fresh("gyro", newest), self._fresh("accelerometer", newest)
+        if gyro is None and force is None:
+            return None
+        euler = self._value("attitude")
+        field = None if euler is None else _seen_from(euler, EARTH_FIELD)
+        return readings.imu_telemetry(name, gyro, force, field, self._drone.about.water_temperature)
+
+    def _DvlVelocity(self) -> Any:
+        velocity, altitude = self._value("dvl"), self._value("altimeter")
+        if velocity is None:
+            return None
+        t = self.latest["dvl"].t_valid
+        since, self._dvl_at = t - self._dvl_at, t
+        return readings.dvl_telemetry(velocity, since, None if altitude is None else altitude[0])
+
+    def _Altitude(self) -> Any:
+        altitude = self._value("altimeter")
+        return None if altitude is None else readings.altitude_telemetry(altitude[0])
+
+    def _PositionEstimate(self) -> Any:
+        position, euler = self._value("position"), self._value("attitude")
+        if position is None:
+            return None
+        estimate: dict[str, Any] = {"northing": position[0], "easting": position[1], "is_valid": True}
+        believed = self._value("estimate")
+        if believed is not None:
+            rates = {"surge_rate": believed[6], "sway_rate": believed[7], "yaw_rate": believed[11]}
+            estimate |= rates | {"speed_over_ground": math.hypot(believed[6], believed[7])}
+        if euler is not None:
+            estimate["heading"] = euler[2]
+        return message("PositionEstimateTel")(position_estimate=estimate)
+
+    def _ControlForce(self) -> Any:
+        force = self._value("force")
+        if force is None:
+            return None
+        content = {"surge": force[0], "sway": force[1], "heave": force[2], "yaw": force[5]}
+        return message("ControlForceTel")(control_force=content)
+
+    def _battery(self) -> dict[str, float] | None:
+        battery = self._value("battery")
+        if battery is None:
+            return None
+        level = min(1.0, max(0.0, float(battery[0])))
+        voltage = CELLS * (CELL[0] + level * (CELL[1] - CELL[0]))
+        return {"voltage": voltage, "level": level, "temperature": self._drone.about.water_temperature}
+
+    def _Battery(self) -> Any:
+        battery = self._battery()
+        return None if battery is None else message("BatteryTel")(battery=battery)
+
+    def _BatteryBQ40Z50(self) -> Any:
+        simple, full = self._battery(), self._value("battery")
+        if simple is None or full is None:
+            return None
+        level, voltage, current = simple["level"], simple["voltage"], -float(full[1]) / simple["voltage"]
+        cells = {f"cell_{i}": voltage / CELLS for i in range(1, CELLS + 1)}
+        content: dict[str, Any] = {"voltage": {"total": voltage, **cells}, "current": current}
+        content |= {"relative_state_of_charge": level, "absolute_state_of_charge": level, "average_current": current}
+        content |= {"calculated_state_of_charge": level, "remaining_capacity": level * CAPACITY}
+        content |= {"full_charge_capacity": CAPACITY, "design_capacity": CAPACITY, "device_name": "rovtwin"}
+        if current < -1e-3:
+            content["runtime_to_empty"] = min(65535, int(3600 * level * CAPACITY / -current))
+        return message("BatteryBQ40Z50Tel")(battery=content)
+
+    def _ErrorFlags(self) -> Any:
+        leak = self._value("leak")
+        return message("ErrorFlagsTel")(error_flags={"inner_pressure_spike": leak is not None and leak[0] > 0.5})
+
+    # What the drone knows of itself
+
+    def _ControlMode(self) -> Any:
+        return message("ControlModeTel")(state=dict.fromkeys(self._drone.modes, True))
+
+    def _Lights(self) -> Any:
+        return message("LightsTel")(lights={"value": self._drone.lights})
+
+    def _Reference(self) -> Any:
+        surge, sway, heave, _, _, yaw = self._drone.motion
+        return message("ReferenceTel")(reference={"surge": surge, "sway": sway, "heave": heave, "yaw": yaw})
+
+    def _DroneInfo(self) -> Any:
+        about = self._drone.about
+        serials = {"serial_number": about.serial.encode(), "hardware_id": about.hardware.encode()}
+        content = {"blunux_version": about.software, "model": PIONEER, "power_source": SINGLE_BATTERY, **serials}
+        return message("DroneInfoTel")(drone_info=content)
+
+    def _DroneTime(self) -> Any:
+        def stamp(t: float) -> dict[str, Any]:
+            whole = math.floor(t)
+            return {"unix_timestamp": {"seconds": whole, "nanos": min(999_999_999, int(1e9 * (t - whole)))}}
+
+        return message("DroneTimeTel")(real_time_clock=stamp(self._drone.clock()), monotonic_clock=stamp(self.now))
+
+    def _DiveTime(self) -> Any:
+        return message("DiveTimeTel")(dive_time={"value": int(self._dive_time)})
+
+    def _ConnectedClients(self) -> Any:
+        clients = self._drone.clients
+        return message("ConnectedClientsTel")(
+            client_id_in_control=clients.in_control, connected_clients=listed(clients)
+        )
+
+    def _WaterTemperature(self) -> Any:
+        return message("WaterTemperatureTel")(temperature={"value": self._drone.about.water_temperature})
+
+
+# Messages that are always the same: there is no camera, no recording and no calibration
+_FIXED: dict[str, dict[str, Any]] = {
+    "NStreamersTel": {"n_streamers": {"main": 0, "guestport": 0}},
+    "DataStorageSpaceTel": {"storage_space": STORAGE},
+    "VideoStorageSpaceTel": {"storage_space": STORAGE},
+    "RecordStateTel": {"record_state": {}},
+    "TiltAngleTel": {"angle": {"value": 0.0}},
+    "TiltStabilizationTel": {"state": {"enabled": False}},
+    "CalibrationStateTel": {"calibration_state": {"status": NOT_CALIBRATING}},
+}
+
+
+def listed(clients: Any) -> list[dict[str, Any]]:
+    """Connected clients as the protocol lists them."""
+    return [
+        {
+            "client_id": c.id,
+            "client_info": {**_info(c.client.text), "is_observer": c.client.observer},
+        }
+        for c in clients.all.values()
+    ]
+
+
+def _info(text: dict[str, str]) -> dict[str, str]:
+    fields = message("ClientInfo").DESCRIPTOR.fields_by_name
+    return {(key if key in fields else key.rstrip("_")): value for key, value in text.items()}
+
+
+def _seen_from(euler: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """A vector in n as seen in b, shape (3,): R_nb^T v. Fossen (2021), eq. 2.31, in NumPy for one reading."""
+    (cf, ct, cp), (sf, st, sp) = np.cos(euler), np.sin(euler)
+    R_nb = np.array(
+        [
+            [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
+            [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
+            [-st, ct * sf, ct * cf],
+        ]
+    )
+    return vector @ R_nb

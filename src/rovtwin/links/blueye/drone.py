@@ -1,0 +1,138 @@
+"""What a Blueye drone keeps in mind between messages: clients, watchdog, motion, modes, lights. No sockets here."""
+
+import time
+from dataclasses import dataclass, field
+
+from rovtwin.links.blueye import wire
+from rovtwin.links.blueye.clients import Clients
+from rovtwin.links.wish import Wish
+
+FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
+OBEYED = ("auto_depth", "auto_heading")  # modes that every vehicle can keep; station keeping needs positions
+
+
+@dataclass(frozen=True)
+class About:
+    """What a drone says of itself.
+
+    Attributes:
+        software: Version of its software. 3.3 and later answer requests for telemetry; from 4.0.5 on the SDK expects
+            missions, which the twin does not fly, and a client that asks for them shall be told so.
+        serial, hardware: Serial number and id of its computer; a drone of a pair gets its place added.
+        water_temperature: What it says of the water [degrees Celsius]; the twin's water has none.
+        features: Names, separated by commas.
+    """
+
+    software: str = "3.4.0-rovtwin"
+    serial: str = "ROVTWIN000"
+    hardware: str = "00000000000000000000000000rovtwin"
+    water_temperature: float = 8.0
+    features: str = ""
+
+
+@dataclass
+class Drone:
+    """A drone's state as the protocol sees it. `now` is real time [s] of one steady clock.
+
+    Attributes:
+        name: One of Station.drones.
+        about: What it says of itself.
+        watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s].
+        can_keep_position: Whether there are positions, so that station keeping can come on.
+    """
+
+    name: str
+    about: About
+    watchdog_s: float
+    can_keep_position: bool = False
+    clients: Clients = field(default_factory=Clients)
+    motion: tuple[float, ...] = wire.STILL
+    modes: set[str] = field(default_factory=set)
+    lights: float = 0.0
+    density: float = 1025.0  # g/l; kept, not used: the twin's depth is a depth already
+    armed: bool = False
+    time_offset: float = 0.0  # of its clock against the computer's, as SyncTime set it [s]
+    dropped: int = 0  # messages that could not be parsed, or came from somebody who may not
+
+    def still(self) -> None:
+        """No motion and no modes, until somebody asks for them again."""
+        self.motion = wire.STILL
+        self.modes.clear()
+
+    def obey(self, control: wire.Control, address: str, now: float) -> bool:
+        """Take a control message that came from a network address; whether telemetry has something new to tell."""
+        if isinstance(control, wire.Watchdog):
+            if self.clients.feed(control.client, now):
+                self.armed = True
+            return False
+        pilot = self.clients.pilot
+        if pilot is None or (address and pilot.address and address != pilot.address):
+            self.dropped += 1
+            return False
+        before = (set(self.modes), self.lights)
+        if isinstance(control, wire.Motion):
+            self.motion = control.share
+        elif isinstance(control, wire.Mode):
+            self._switch(control)
+        elif isinstance(control, wire.Lights):
+            self.lights = control.value
+        elif isinstance(control, wire.WaterDensity):
+            self.density = control.value
+        return before != (self.modes, self.lights)
+
+    def _switch(self, mode: wire.Mode) -> None:
+        able = mode.name in OBEYED or (mode.name == "station_keeping" and self.can_keep_position)
+        if mode.on and able:
+            self.modes.add(mode.name)
+        elif not mode.on:
+            self.modes.discard(mode.name)
+
+    def connect(self, client: wire.Client, address: str, now: float) -> int:
+        """A new client and its id. Whenever control changes hands the drone holds still."""
+        pilot = self.clients.in_control
+        given = self.clients.connect(client, address, now, self.watchdog_s)
+        self._handed_over(pilot)
+        return given
+
+    def disconnect(self, client_id: int) -> None:
+        """A client goes, or is sent away."""
+        pilot = self.clients.in_control
+        self.clients.disconnect(client_id)
+        self._handed_over(pilot)
+
+    def _handed_over(self, pilot: int) -> None:
+        if self.clients.in_control != pilot:
+            self.still()
+            self.armed = False  # until the new pilot's watchdog comes
+            if not self.clients.in_control:
+                self.lights = 0.0
+
+    def look(self, now: float) -> str:
+        """Watch over the watchdog; says what became of the pilot, or nothing."""
+        said = ""
+        pilot = self.clients.pilot
+        if self.armed and (pilot is None or now - pilot.heard > self.watchdog_s):
+            said = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
+            self.armed = False
+            self.still()
+            self.lights = 0.0  # as the drone does, control.proto
+        before = self.clients.in_control
+        self.clients.forget(now, max(FORGET, self.watchdog_s))
+        self._handed_over(before)
+        return said
+
+    def wish(self) -> Wish:
+        """What the vehicle shall do now."""
+        return Wish(
+            drone=self.name,
+            armed=self.armed,
+            motion=self.motion if self.armed else wire.STILL,
+            hold_depth=self.armed and "auto_depth" in self.modes,
+            hold_heading=self.armed and "auto_heading" in self.modes,
+            hold_position=self.armed and "station_keeping" in self.modes,
+            lights=self.lights,
+        )
+
+    def clock(self) -> float:
+        """Its real-time clock: seconds since 1970."""
+        return time.time() + self.time_offset

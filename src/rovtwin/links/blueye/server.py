@@ -1,0 +1,252 @@
+"""A twin that the vendor's own client takes for a Blueye drone, or for two: protocol v3, apart from the physics."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rovtwin.core.errors import LinkError
+from rovtwin.links.blueye.answers import answer
+from rovtwin.links.blueye.drone import About, Drone
+from rovtwin.links.blueye.http import HttpServer
+from rovtwin.links.blueye.protobuf import PACKAGE
+from rovtwin.links.blueye.telemetry import Telemetry
+from rovtwin.links.blueye.wire import LARGEST, Ignored, Watchdog, parse_control
+from rovtwin.links.server import Server, address_taken
+from rovtwin.links.station import Station
+from rovtwin.links.wish import Wish
+
+TELEMETRY, REQUESTS, CONTROL = 5555, 5556, 5557  # fixed in the SDK
+FIRST = 2  # of 127.0.0.x, which the drones get unless told otherwise
+REPEAT = 0.05  # a wish is repeated so often while the pilot lives [s]
+AT_MOST = 0.01  # and not more often than this, whatever a client sends [s]
+QUEUE = 200  # messages from one client that wait
+BACKLOG = 2000  # messages of telemetry that wait for one slow client before the newest are lost
+ALIVE = 2000, 6000  # ZeroMQ's own heartbeat and its patience with half-open connections [ms]
+
+
+@dataclass
+class BlueyeServer(Server):
+    """Serves each drone of a station at an address of its own, for the ports are fixed.
+
+    Attributes:
+        hosts: Address of each drone in the order of Station.drones, or by its name; default 127.0.0.2, 127.0.0.3, ..
+        http_port: 80 for the SDK, which needs root; or another and a client with `http_proxy=http://<address>:<port>`.
+        watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s]; the SDK feeds it at 1 Hz.
+        about: What a drone says of itself.
+    """
+
+    hosts: Sequence[str] | Mapping[str, str] = ()
+    http_port: int = 80
+    watchdog_s: float = 2.0
+    about: About = field(default_factory=About)
+
+    @property
+    def addresses(self) -> list[str]:
+        hosts = list(self.hosts.values()) if isinstance(self.hosts, Mapping) else list(self.hosts)
+        return hosts or ["127.0.0.2"]
+
+    def placed(self, drones: Sequence[str]) -> dict[str, str]:
+        """Address of each drone.
+
+        Raises:
+            LinkError: There are not as many addresses as drones, or two are the same.
+        """
+        if isinstance(self.hosts, Mapping):
+            hosts = [self.hosts.get(drone, "") for drone in drones]
+        else:
+            hosts = list(self.hosts) or [f"127.0.0.{FIRST + i}" for i in range(len(drones))]
+        if len(hosts) != len(drones) or len(set(hosts)) != len(hosts) or "" in hosts:
+            raise LinkError(
+                f"blueye: found the addresses {', '.join(hosts) or 'none'} for {len(drones)} drones, expected a "
+                f"different one for each ({', '.join(drones) or 'the drone'}): all ports of a drone are fixed"
+            )
+        return dict(zip(drones, hosts, strict=True))
+
+    async def run(self, station: Station) -> None:
+        placed = self.placed(station.drones)
+        several = len(placed) > 1
+        drones = {
+            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s) for name in station.drones
+        }
+        infos = {host: _info(drones[name].about) for name, host in placed.items()}
+        async with AsyncExitStack() as stack:
+            for host in placed.values():
+                http = HttpServer(infos, host)
+                stack.push_async_callback(http.close)
+                await _listen(http, host, self.http_port)
+            ports = [await stack.enter_async_context(_ports(host)) for host in placed.values()]
+            station.say(f"blueye: {', '.join(f'{name} {host}'.strip() for name, host in placed.items())}{self._hint()}")
+            served = [Served(drone, station, *port) for drone, port in zip(drones.values(), ports, strict=True)]
+            try:
+                async with asyncio.TaskGroup() as tasks:
+                    for one in served:
+                        for loop in (one.hear_requests, one.hear_control, one.keep_wishing, one.publish):
+                            tasks.create_task(loop())
+            finally:
+                for one in served:
+                    one.disarm()
+
+    def _about(self, name: str) -> About:
+        return replace(self.about, serial=f"{self.about.serial}-{name}", hardware=f"{self.about.hardware}-{name}")
+
+    def _hint(self) -> str:
+        if self.http_port == 80:
+            return ""
+        return f"; set http_proxy=http://{self.addresses[0]}:{self.http_port} for the client, which knows port 80 only"
+
+
+def _info(about: About) -> dict[str, str]:
+    info = {"sw_version": about.software, "serial_number": about.serial, "hardware_id": about.hardware}
+    return info | {"features": about.features}
+
+
+async def _listen(server: HttpServer, host: str, port: int) -> None:
+    try:
+        await server.start(host, port)
+    except PermissionError:
+        raise LinkError(
+            f"{host}:{port}: ports below 1024 need root, and the SDK asks port 80 only. Run as root, or choose --port "
+            f"8080 and start the client with http_proxy=http://{host}:8080"
+        ) from None
+    except OSError as error:
+        raise LinkError(address_taken(f"{host}:{port}", error)) from None
+
+
+@asynccontextmanager
+async def _ports(host: str) -> AsyncIterator[tuple[Any, Any, Any]]:
+    """The three sockets of a drone: publish telemetry, answer requests, hear control.
+
+    Raises:
+        LinkError: An address cannot be bound, or ZeroMQ is not installed.
+    """
+    try:
+        import zmq
+        import zmq.asyncio
+    except ImportError:
+        raise LinkError(
+            "blueye: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
+        ) from None
+    context = zmq.Context()
+    waiting = zmq.asyncio.Context(context)
+    kinds = ((TELEMETRY, context, zmq.PUB), (REQUESTS, waiting, zmq.REP), (CONTROL, waiting, zmq.SUB))
+    sockets = []
+    try:
+        for port, owner, kind in kinds:
+            socket = owner.socket(kind)
+            sockets.append(socket)
+            socket.setsockopt(zmq.LINGER, 0)
+            socket.setsockopt(zmq.MAXMSGSIZE, LARGEST)
+            socket.setsockopt(zmq.SNDHWM, BACKLOG)
+            socket.setsockopt(zmq.RCVHWM, QUEUE)
+            socket.setsockopt(zmq.HEARTBEAT_IVL, ALIVE[0])
+            socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, ALIVE[1])
+            try:
+                socket.bind(f"tcp://{host}:{port}")
+            except zmq.ZMQError as error:
+                raise LinkError(address_taken(f"{host}:{port}", error)) from None
+        sockets[2].setsockopt(zmq.SUBSCRIBE, b"")
+        yield tuple(sockets)
+    finally:
+        for socket in sockets:
+            socket.close(0)
+        context.term()
+
+
+class Served:
+    """A drone at its sockets."""
+
+    def __init__(self, drone: Drone, station: Station, telemetry: Any, requests: Any, control: Any):
+        self.drone, self._station = drone, station
+        self._telemetry = Telemetry(drone)
+        self._out, self._requests, self._control = telemetry, requests, control
+        self._news = asyncio.Event()
+        self._was_armed = False
+
+    async def hear_requests(self) -> None:
+        """Answer requests, each with one reply."""
+        while True:
+            frames = await self._requests.recv_multipart(copy=False)
+            before = self.drone.clients.in_control, len(self.drone.clients.all)
+            content = [frame.bytes for frame in frames]
+            reply = answer(content, self.drone, self._telemetry, _peer(frames), time.monotonic())
+            await self._requests.send_multipart(reply)
+            if before != (self.drone.clients.in_control, len(self.drone.clients.all)):
+                self._tell_clients()
+            await asyncio.sleep(0)  # a flood of requests must not starve the rest
+
+    def _tell_clients(self) -> None:
+        clients = self.drone.clients
+        pilot = clients.pilot
+        who = f"{pilot.client.name} (client {pilot.id}) is in control" if pilot else "nobody is in control"
+        self._station.say(f"blueye {self.drone.name}: {len(clients.all)} clients, {who}".replace(" :", ":"))
+        self._send("ConnectedClientsTel")
+        self._send("ControlModeTel")
+        self._news.set()
+
+    async def hear_control(self) -> None:
+        """Take what clients command."""
+        while True:
+            frames = await self._control.recv_multipart(copy=False)
+            try:
+                control = parse_control([frame.bytes for frame in frames])
+            except LinkError:
+                self.drone.dropped += 1
+            else:
+                told = self.drone.obey(control, _peer(frames), time.monotonic())
+                if told:
+                    self._send("ControlModeTel")
+                    self._send("LightsTel")
+                if not isinstance(control, Ignored | Watchdog) or self.drone.armed != self._was_armed:
+                    self._news.set()
+            await asyncio.sleep(0)
+
+    async def keep_wishing(self) -> None:
+        """Repeat the pilot's wish while its watchdog is fed; at once when it is new, and once when it is no more."""
+        while True:
+            try:
+                async with asyncio.timeout(REPEAT):
+                    await self._news.wait()
+            except TimeoutError:
+                pass
+            self._news.clear()
+            said = self.drone.look(time.monotonic())
+            if said:
+                self._station.say(f"blueye {self.drone.name}: {said}".replace(" :", ":"))
+                self._send("ControlModeTel")
+                self._send("LightsTel")
+            if self.drone.armed:
+                self._was_armed = True
+                self._station.wish(self.drone.wish())
+            else:
+                self.disarm()
+            await asyncio.sleep(AT_MOST)
+
+    def disarm(self) -> None:
+        """Thrusters off, said once."""
+        if self._was_armed:
+            self._was_armed = False
+            self._station.wish(Wish(self.drone.name, armed=False))
+
+    async def publish(self) -> None:
+        """Telemetry from the station's readings."""
+        async for batch in self._station.readings():
+            self.drone.can_keep_position = "position" in self._telemetry.contents.latest
+            for name, payload in self._telemetry.take(self._station.now, batch):
+                self._out.send_multipart([(PACKAGE + name).encode(), payload])
+            await asyncio.sleep(0)
+
+    def _send(self, name: str) -> None:
+        payload = self._telemetry.build(name)
+        if payload is not None and self._telemetry.rates[name] > 0:
+            self._out.send_multipart([(PACKAGE + name).encode(), payload])
+
+
+def _peer(frames: Sequence[Any]) -> str:
+    """Network address that a message came from; empty where ZeroMQ does not know."""
+    try:
+        return str(frames[0].get("Peer-Address"))
+    except Exception:  # by version: ZMQError, KeyError, IndexError, UnicodeError
+        return ""

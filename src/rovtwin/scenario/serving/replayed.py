@@ -1,0 +1,68 @@
+"""A log as a vehicle to be served: what it measured comes again, wishes move nothing."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rovtwin.core.errors import LogError
+from rovtwin.core.flow import Measurement
+from rovtwin.core.log import Log
+from rovtwin.links.replay import readings_of
+from rovtwin.links.wish import Wish
+from rovtwin.scenario.files import scenario_of
+from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.serving.vehicle import OF_A_DRONE, drones_of
+
+
+class ReplayedVehicle:
+    """Readings of a run's log, period by period; each drone of a vehicle of several measures what the whole did.
+
+    Attributes:
+        scenario: Of the run.
+        dt: Control period [s].
+        drones: Names of its drones.
+        largest: Wrench of a drone along each axis, zeros: nothing moves it.
+        duration: Of the log [s]; infinite when it begins again at the end.
+    """
+
+    def __init__(self, log: Log, loop: bool = False):
+        """Raises LogError where the log is not that of a run, or has no readings."""
+        text = log.metadata.get("scenario")
+        if not text:
+            raise LogError(f"{log.source}: found no scenario in it, expected the log of a run, runs/<run>/log.mcap")
+        self.scenario: Scenario = scenario_of(parse_yaml(text, log.source), log.source)
+        self.dt = self.scenario.control_dt
+        self.drones = tuple(drones_of(vehicle_of(self.scenario)))
+        self.largest = {drone: np.zeros(6) for drone in self.drones}
+        self._arrivals, self._readings = readings_of(log)
+        if not self._readings:
+            raise LogError(f"{log.source}: found no sensor channels, expected those of a run with log.sensors on")
+        self._length, self._loop = float(self._arrivals[-1]) + self.dt, loop
+        self._tick = 0
+
+    @property
+    def duration(self) -> float:
+        return np.inf if self._loop else self._length
+
+    @property
+    def now(self) -> float:
+        """Time since the beginning [s]; it goes on when the log begins again."""
+        return self._tick * self.dt
+
+    def advance(self, wishes: Mapping[str, Wish]) -> list[Measurement]:
+        """What was measured in the next period."""
+        before = self._round(self.now)
+        self._tick += 1
+        begin, end = np.searchsorted(self._arrivals, [before, before + self.dt - 1e-9])
+        later = self.now - self.dt - before
+        found = [Measurement(r.sensor, r.value, r.t_valid + later) for r in self._readings[begin:end]]
+        if self.drones == ("",):
+            return found
+        whole = [r for r in found if r.sensor not in OF_A_DRONE]
+        own = [r for r in found if r.sensor in OF_A_DRONE]
+        return whole + [Measurement(f"{d}/{r.sensor}", r.value, r.t_valid) for d in self.drones for r in own]
+
+    def _round(self, t: float) -> float:
+        return t % self._length if self._loop else t
