@@ -21,7 +21,7 @@ Addresses = Annotated[
     typer.Option(
         "--address",
         metavar="[PROTOCOL=]HOST[:PORT]",
-        help="Where to listen, such as 127.0.0.2, one for each drone, or dvl=127.0.0.1:16171; may be given several times.",
+        help="Where to listen, such as 127.0.0.2, one for each drone, or dvl=127.0.0.1:16171; also several.",
     ),
 ]
 Expose = Annotated[bool, typer.Option("--expose", help="Allow addresses that others on the network reach.")]

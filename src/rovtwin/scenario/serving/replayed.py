@@ -7,12 +7,12 @@ import numpy as np
 from rovtwin.core.errors import LogError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Log
+from rovtwin.core.yamlfile import parse_yaml
 from rovtwin.links.replay import readings_of
 from rovtwin.links.wish import Wish
-from rovtwin.scenario.files import scenario_of
-from rovtwin.core.yamlfile import parse_yaml
-from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.files import scenario_of
+from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.serving.vehicle import OF_A_DRONE, drones_of
 
 
