@@ -260,6 +260,16 @@ def test_drone_that_says_who_it_is_and_no_more():
     loop.close()
 
 
+def test_connection_that_comes_too_late_is_let_go(monkeypatch):
+    """The SDK waits for ever where a reply is lost; if it comes after all, nobody is left in control."""
+    left = threading.Event()
+    monkeypatch.setattr(Drone, "connect", lambda self, **options: time.sleep(0.4))
+    monkeypatch.setattr(Drone, "disconnect", lambda self: left.set())
+    with pytest.raises(LinkTimeout, match="no answer within 0.2 s"):
+        BlueyeLink(PORT, timeout=0.2)
+    assert not left.is_set() and left.wait(2)
+
+
 def test_closing_stops_and_lets_go(served):
     link = BlueyeLink(PORT)
     link.send(command(1.0, 0.0, 0.0))

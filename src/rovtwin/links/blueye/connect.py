@@ -30,17 +30,21 @@ def connect(ip: str, timeout: float, take_control: bool, observer: bool) -> Any:
         ) from None
     drone = Drone(ip, auto_connect=False)
     failed: list[Exception] = []
+    given_up = threading.Event()
 
     def work() -> None:
         try:
             drone.connect(timeout=timeout / 2, disconnect_other_clients=take_control, connect_as_observer=observer)
         except Exception as error:  # whatever an SDK and what answers it may raise
             failed.append(error)
+        if given_up.is_set():
+            release(drone)  # too late: nobody must be in control whom nobody knows
 
     thread = threading.Thread(target=work, daemon=True, name=f"connect to {ip}")
     thread.start()
     thread.join(timeout)
     if thread.is_alive():
+        given_up.set()
         raise LinkTimeout(
             f"blueye://{ip}: no answer within {timeout:g} s, expected a Blueye drone of software 3.2 or later. "
             "Is it on, and its surface unit connected?"
