@@ -114,8 +114,47 @@ def blueye_rig(double: bool) -> Rig:
     return Rig(rig.link, rig.wait, rig.listen, rig.applied, 2 if double else 1, rig.done)
 
 
+def mavlink_rig() -> Rig:
+    """An ArduSub's link on the twin's own endpoint, armed; three axes stand for three thrusters."""
+    pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
+    from tests.links.mavlink_vehicle import endpoint, measured, soon
+    from tests.links.serving import serving
+
+    from rovtwin.links.mavlink.link import RATES, MavlinkLink
+
+    axes = [0, 1, 5]
+    off = dict.fromkeys(RATES, 0.0)
+    server = endpoint(tcp_port=None, rates=off)
+    vehicle = serving(server)
+    served = vehicle.__enter__()
+    assert soon(lambda: bool(served.said))
+    served.feed(0.0, measured(0.0))
+    wanted = off | {"ATTITUDE": 50.0, "SCALED_PRESSURE2": 50.0}
+    link = MavlinkLink(f"udpout:127.0.0.1:{server.udp_port}", np.eye(6)[:, axes], rates=wanted)
+    link.arm()
+    tick = [0]
+
+    def wait(seconds: float) -> None:
+        for _ in range(round(seconds / PERIOD)):
+            tick[0] += 1
+            served.feed(tick[0] * PERIOD, measured(tick[0] * PERIOD))
+            time.sleep(PERIOD)
+
+    def listen() -> list[Measurement]:
+        time.sleep(0.05)
+        return link.read()
+
+    def applied() -> np.ndarray:
+        time.sleep(0.08)
+        wish = served.wishes[-1] if served.wishes else None
+        return np.array(wish.motion)[axes] if wish and wish.armed else np.zeros(THRUSTERS)
+
+    return Rig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))
+
+
 RIGS: dict[str, Callable[[], Rig]] = {
     "twin.TwinLink": twin_rig,
+    "mavlink.link.MavlinkLink": mavlink_rig,
     "replay.ReplayLink": replay_rig,
     "hosted.HostedLink": hosted_rig,
     "blueye.link.BlueyeLink": lambda: blueye_rig(double=False),

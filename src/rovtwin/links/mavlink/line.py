@@ -88,6 +88,9 @@ class Line:
                     self._take(message)
             except LinkError:  # a frame that cannot be parsed is as good as lost
                 continue
+            except Exception as error:  # a listener that dies unheard would leave a link that is only quiet
+                self.failure = f"a message could not be taken in ({type(error).__name__}: {error})"
+                return
             if self._datagrams:
                 self._decoder.reset()
 

@@ -16,7 +16,7 @@ from rovtwin.links.mavlink.modes import GUIDED, MANUAL
 from rovtwin.links.mavlink.parameters import Parameters
 from rovtwin.links.mavlink.peers import Peer, Peers
 from rovtwin.links.mavlink.sockets import open_tcp, open_udp
-from rovtwin.links.mavlink.telemetry import MESSAGES, RATES, Scene, Schedule
+from rovtwin.links.mavlink.telemetry import MESSAGES, RATES, Scene, Schedule, rounds
 from rovtwin.links.mavlink.wire import Decoder, Encoder, dialect
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
@@ -109,7 +109,15 @@ class Session:
         self._server, self._station = server, station
         self._dialect = dialect()
         self._peers = Peers(self._new_peer)
-        scene = Scene(station, server.drone, self._dialect, server.datum, server.density, server.surface_pressure)
+        scene = Scene(
+            dict(station.latest),
+            station,
+            server.drone,
+            self._dialect,
+            server.datum,
+            server.density,
+            server.surface_pressure,
+        )
         parameters = Parameters(server.system, server.gain, server.density)
         self.autopilot = Autopilot(parameters, self._say, server.mixer, server.fastest, server.drone)
         self.talk = Conversation(self.autopilot, scene, server.system, 1, time.monotonic, self._everybody)
@@ -144,10 +152,13 @@ class Session:
 
     async def telemetry(self) -> None:
         """Send what is due with every batch of readings."""
-        async for _ in self._station.readings():
-            for peer in self._peers.all():
-                for message in peer.schedule.due(self.talk.scene):
-                    peer.send(message)
+        scene = self.talk.scene
+        async for batch in self._station.readings():
+            for readings in rounds(batch):
+                scene.latest.update((reading.sensor, reading) for reading in readings)
+                for peer in self._peers.all():
+                    for message in peer.schedule.due(scene):
+                        peer.send(message)
 
     async def wishes(self) -> None:
         """Repeat the wish while armed, and watch over who lives."""
@@ -155,6 +166,7 @@ class Session:
             now = time.monotonic()
             self.autopilot.check(now)
             self._wish()
+            self._tell_of_leak(now)
             for peer in self._peers.forget(now):
                 self._station.say(f"mavlink: {peer.name} is silent")
             await asyncio.sleep(REPEAT)
@@ -166,12 +178,10 @@ class Session:
             gain = self.autopilot.parameters["JS_GAIN_DEFAULT"]
             boot = round(self._station.now * 1000.0) & 0xFFFFFFFF
             self._everybody(self._dialect.MAVLink_named_value_float_message(boot, b"PilotGain", gain))
-            self._tell_of_leak()
             await asyncio.sleep(HEARTBEAT)
 
-    def _tell_of_leak(self) -> None:
+    def _tell_of_leak(self, now: float) -> None:
         leak = self.talk.scene.reading("leak")
-        now = time.monotonic()
         if leak is not None and leak.value[0] > 0.5 and now - self._leak_said > LEAK_REPEAT:
             self._leak_said = now
             self._say(WARNING, "Leak Detected")
@@ -246,6 +256,9 @@ class Session:
 
     def _take(self, messages: list[Any], peer: Peer) -> None:
         peer.heard_at = time.monotonic()
+        before = (self.autopilot.mode, self.autopilot.armed)
         changed = [self.talk.take(message, peer) for message in messages]
         if any(changed):
             self._wish()
+        if (self.autopilot.mode, self.autopilot.armed) != before:
+            self._everybody(self._heartbeat())  # sooner than an ArduSub tells it: nobody needs to wait a second

@@ -5,7 +5,8 @@ is sent when the reading it stands on is new and its interval has passed: none i
 """
 
 import math
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,7 +49,8 @@ class Scene:
     """The vehicle as telemetry sees it.
 
     Attributes:
-        station: Its readings.
+        latest: The newest reading of each sensor up to the batch that is told of now.
+        station: Its names and its time.
         drone: Its name in them.
         dialect: pymavlink's module.
         datum: Origin of n on the map.
@@ -56,6 +58,7 @@ class Scene:
         surface_pressure: At the surface [Pa].
     """
 
+    latest: dict[str, Measurement]
     station: Station
     drone: str
     dialect: Any
@@ -66,7 +69,7 @@ class Scene:
     def reading(self, *sensors: str) -> Measurement | None:
         """The newest of the first of these sensors that is there and has numbers."""
         for sensor in sensors:
-            found = self.station.latest.get(self.station.name(self.drone, sensor)) or self.station.latest.get(sensor)
+            found = self.latest.get(self.station.name(self.drone, sensor)) or self.latest.get(sensor)
             if found is not None and np.all(np.isfinite(found.value)):
                 return found
         return None
@@ -101,6 +104,19 @@ class Scene:
         attitude = self.attitude()
         nu = estimate.value[6:9] if estimate is not None else self.values("dvl", 3)
         return _to_n(attitude, nu) if attitude is not None else np.zeros(3)
+
+
+def rounds(batch: Sequence[Measurement]) -> list[list[Measurement]]:
+    """A batch in pieces that hold each sensor once: none of a fast sensor's readings is passed over."""
+    found: list[list[Measurement]] = []
+    seen: Counter[str] = Counter()
+    for reading in batch:
+        row = seen[reading.sensor]
+        seen[reading.sensor] += 1
+        if row == len(found):
+            found.append([])
+        found[row].append(reading)
+    return found
 
 
 def _to_n(euler: np.ndarray, vector: np.ndarray) -> np.ndarray:

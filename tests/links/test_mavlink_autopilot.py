@@ -1,0 +1,258 @@
+"""What the endpoint decides, without sockets: sticks, channels, modes, set-points and fail-safes."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rovtwin.core.datum import Datum
+from rovtwin.links.mavlink.autopilot import Autopilot
+from rovtwin.links.mavlink.guided import Order, order_of_global, order_of_local
+from rovtwin.links.mavlink.modes import MODES
+from rovtwin.links.mavlink.parameters import Parameters
+from rovtwin.links.mavlink.pilot import Sticks, axes_of_channels, axes_of_sticks, sticks_of_axes
+
+HERE = (10.0, 20.0, 5.0, math.pi / 2)  # heading east
+PLACE_ONLY = 0b110111111000  # position wanted; velocity, acceleration, yaw and its rate ignored
+VELOCITY_ONLY = 0b010111000111  # velocity and yaw rate wanted
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+@pytest.fixture
+def pilot(said):
+    return Autopilot(Parameters(1, 1.0, 1025.0), lambda severity, text: said.append(text))
+
+
+def armed(pilot, mode=19, now=0.0):
+    assert pilot.set_mode(mode) and pilot.arm(255, now, "")
+    return pilot
+
+
+@pytest.mark.parametrize(
+    ("sticks", "axis", "value"),
+    [
+        (Sticks(x=1000), 0, 1.0),
+        (Sticks(y=-500), 1, -0.5),
+        (Sticks(z=1000), 2, -1.0),  # up
+        (Sticks(z=0), 2, 1.0),
+        (Sticks(t=300, enabled_extensions=2), 3, 0.3),
+        (Sticks(s=-400, enabled_extensions=1), 4, -0.4),
+        (Sticks(r=250), 5, 0.25),
+        (Sticks(s=400, t=300), 0, 0.0),  # not enabled: not there
+    ],
+)
+def test_sticks(sticks, axis, value):
+    expected = np.zeros(6)
+    expected[axis] = value
+    np.testing.assert_allclose(axes_of_sticks(sticks), expected)
+
+
+@pytest.mark.parametrize("bad", [Sticks(x=1001), Sticks(z=-1), Sticks(z=1001), Sticks(r=-32768)])
+def test_sticks_out_of_range_are_none(bad):
+    assert axes_of_sticks(bad) is None
+
+
+def test_absent_stick_is_let_go():
+    np.testing.assert_allclose(axes_of_sticks(Sticks(x=0x7FFF, y=0x7FFF, z=0x7FFF, r=100)), [0, 0, 0, 0, 0, 0.1])
+
+
+def test_gain_is_undone():
+    axes = np.array([0.2, -0.1, 0.3, 0.05, -0.25, 0.4])
+    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(axes, 0.5), 0.5), axes, atol=1e-3)
+    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(np.ones(6), 0.5), 0.5), 0.5 * np.ones(6))
+
+
+def test_channels():
+    """ArduSub's order: pitch, roll, throttle (up), yaw, forward, lateral."""
+    axes = axes_of_channels([1540, 1580, 1900, 1100, 1700, 1300], np.zeros(6))
+    np.testing.assert_allclose(axes, [0.5, -0.5, -1.0, 0.2, 0.1, -1.0])
+
+
+def test_channels_left_and_given_back():
+    before = np.full(6, 0.5)
+    np.testing.assert_allclose(axes_of_channels([65535, 65535, 0, 65535, 0, 1500], before), [0, 0, 0, 0.5, 0.5, 0.5])
+    assert axes_of_channels([900, *[65535] * 5], before) is None
+
+
+def test_modes_are_holds(pilot):
+    holds = {
+        number: (w.hold_level, w.hold_heading, w.hold_depth, w.hold_position)
+        for number in MODES
+        for w in [armed(pilot, number).wish(0.0)]
+    }
+    off, on = (False,) * 4, (True,) * 4
+    assert holds == {
+        **{19: off, 1: off, 16: on, 4: on},
+        **{0: (True, True, False, False), 2: (True, True, True, False)},
+    }
+
+
+@pytest.mark.parametrize("number", [3, 7, 9, 20, 21, 99, 2**32 - 1])
+def test_modes_that_are_refused_say_why(pilot, said, number):
+    assert not pilot.set_mode(number)
+    assert pilot.mode.number == 19 and said and len(said[0]) > 20
+
+
+def test_arming_without_attitude(pilot, said):
+    assert not pilot.arm(255, 0.0, "no attitude yet")
+    assert not pilot.wish(0.0).armed and said == ["Arm: no attitude yet"]
+
+
+def test_only_my_ground_station_steers(pilot):
+    armed(pilot)
+    assert not pilot.steer(245, np.ones(6), 0.0)
+    assert not any(pilot.wish(0.0).motion)
+    pilot.parameters.set("SYSID_MYGCS", 245)
+    assert pilot.steer(245, np.ones(6), 0.0) and pilot.wish(0.0).motion == (1.0,) * 6
+
+
+def test_lost_pilot_disarms_after_3_s(pilot, said):
+    armed(pilot)
+    pilot.steer(255, np.full(6, 0.5), 1.0)
+    for now in (2.0, 3.9):
+        pilot.heartbeat(255, now)
+        pilot.check(now)
+        assert pilot.wish(now).motion[0] == 0.5
+    pilot.heartbeat(255, 4.1)
+    pilot.check(4.1)
+    assert not pilot.armed and "Lost manual control" in said
+    assert not any(pilot.wish(4.1).motion)
+
+
+def test_lost_pilot_can_be_neutral_instead(pilot, said):
+    assert pilot.parameters.set("FS_PILOT_INPUT", 1)
+    armed(pilot)
+    pilot.steer(255, np.full(6, 0.5), 0.0)
+    for now in (3.5, 4.5):
+        pilot.heartbeat(255, now)
+        pilot.check(now)
+    assert pilot.armed and not any(pilot.wish(4.5).motion) and said.count("Lost manual control") == 1
+
+
+def test_lost_ground_station_disarms_after_5_s(pilot):
+    armed(pilot, 4)
+    pilot.obey(Order(target=HERE), 1.0)
+    pilot.check(5.9)
+    assert pilot.wish(5.9).target == HERE
+    pilot.check(6.1)
+    assert not pilot.armed and pilot.target is None
+
+
+def test_heartbeats_of_others_do_not_count(pilot):
+    armed(pilot, 4)
+    pilot.heartbeat(7, 5.5)
+    pilot.check(6.0)
+    assert not pilot.armed
+
+
+def test_sticks_do_not_outlive_disarming(pilot):
+    armed(pilot)
+    pilot.steer(255, np.ones(6), 0.0)
+    pilot.disarm()
+    pilot.arm(255, 0.1, "")
+    assert not any(pilot.wish(0.1).motion)
+
+
+def test_sticks_do_not_outlive_a_change_of_mode(pilot):
+    armed(pilot)
+    pilot.steer(255, np.ones(6), 0.0)
+    pilot.set_mode(2)
+    assert not any(pilot.wish(0.1).motion)
+
+
+def local(frame=1, mask=PLACE_ONLY, **fields):
+    zero = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz", "yaw", "yaw_rate"), 0.0)
+    return SimpleNamespace(coordinate_frame=frame, type_mask=mask, **(zero | fields))
+
+
+@pytest.mark.parametrize(
+    ("frame", "place"),
+    [
+        (1, (1.0, 2.0, 3.0)),
+        (7, (11.0, 22.0, 8.0)),
+        # Ahead is east: 1 m ahead and 2 m to the right (south).
+        *[(frame, (8.0, 21.0, 8.0)) for frame in (8, 9, 12)],
+    ],
+)
+def test_places_by_frame(frame, place):
+    order = order_of_local(local(frame, x=1.0, y=2.0, z=3.0), HERE, None)
+    np.testing.assert_allclose(order.target, (*place, HERE[3]), atol=1e-12)
+
+
+def test_ignored_coordinates_stay():
+    order = order_of_local(local(mask=PLACE_ONLY | 0b11, x=math.nan, y=math.nan, z=7.0), HERE, (1.0, 2.0, 3.0, 0.5))
+    assert order.target == (1.0, 2.0, 7.0, 0.5)
+    order = order_of_local(local(12, PLACE_ONLY | 0b110, x=2.0, y=math.nan, z=math.nan), HERE, None)
+    np.testing.assert_allclose(order.target, (10.0, 22.0, 5.0, HERE[3]), atol=1e-12)
+
+
+def test_yaw_wanted():
+    mask = PLACE_ONLY & ~1024
+    assert order_of_local(local(mask=mask, yaw=1.0), HERE, None).target[3] == 1.0
+    assert order_of_local(local(9, mask, yaw=1.0), HERE, None).target[3] == pytest.approx(HERE[3] + 1.0)
+
+
+def test_velocity():
+    order = order_of_local(local(1, VELOCITY_ONLY, vx=0.2, vy=0.4, vz=-0.1, yaw_rate=0.3), HERE, None)
+    np.testing.assert_allclose(order.velocity, (0.4, -0.2, -0.1, 0.3), atol=1e-12)  # north is to the left
+    assert order_of_local(local(8, VELOCITY_ONLY, vx=0.2), HERE, None).velocity[:2] == (0.2, 0.0)
+
+
+def test_velocity_lasts_3_s(pilot):
+    armed(pilot, 4)
+    pilot.obey(Order(velocity=(0.5, 0.0, 0.5, -2.0)), 1.0)
+    wish = pilot.wish(3.9)
+    assert wish.motion == (0.5, 0.0, 1.0, 0.0, 0.0, -1.0) and wish.hold_position and wish.target is None
+    assert not any(pilot.wish(4.1).motion)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        local(2),
+        local(x=math.nan),
+        local(x=math.inf),
+        local(x=20_000.0),
+        local(mask=0xFFFF),
+        local(1, VELOCITY_ONLY, vx=math.nan),
+        local(mask=PLACE_ONLY & ~1024, yaw=math.inf),
+    ],
+)
+def test_bad_set_points_move_nothing(pilot, said, message):
+    armed(pilot, 4)
+    order = order_of_local(message, HERE, None)
+    assert order.refusal and not pilot.obey(order, 0.0)
+    assert pilot.target is None and not any(pilot.wish(0.0).motion) and said
+
+
+def test_set_points_count_in_guided_only(pilot):
+    armed(pilot, 2)
+    assert not pilot.obey(Order(target=HERE), 0.0) and pilot.wish(0.0).target is None
+
+
+def test_places_need_a_place():
+    assert order_of_local(local(), None, None).refusal
+
+
+def test_global_place():
+    datum = Datum()
+    message = SimpleNamespace(
+        coordinate_frame=6, type_mask=PLACE_ONLY, lat_int=634501000, lon_int=103600000, alt=-4.0, yaw=0.0
+    )
+    order = order_of_global(message, HERE, None, datum)
+    np.testing.assert_allclose(order.target[:3], (11.15, 0.0, 4.0), atol=0.05)
+    message.lat_int = 2**31 - 1
+    assert order_of_global(message, HERE, None, datum).refusal
+    message.coordinate_frame, message.alt = 5, math.nan
+    assert order_of_global(message, HERE, None, datum).refusal
+
+
+@pytest.mark.parametrize(("name", "value"), [("SYSID_THISMAV", 2), ("FS_PILOT_TIMEOUT", math.nan), ("NO", 1)])
+def test_parameters_that_cannot_be_set(pilot, name, value):
+    before = pilot.parameters.listed()
+    assert not pilot.parameters.set(name, value) and pilot.parameters.listed() == before

@@ -1,0 +1,201 @@
+"""MavlinkLink against the twin's endpoint: what it reads, how it arms, and when it lets go."""
+
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from tests.links.mavlink_vehicle import ATTITUDE, PLACE, endpoint, free_port, measured, soon
+from tests.links.serving import serving
+
+from rovtwin.core.errors import LinkError, LinkTimeout
+from rovtwin.core.flow import Command
+from rovtwin.links.mavlink.boot_clock import BootClock, Order
+from rovtwin.links.mavlink.link import MavlinkLink
+from rovtwin.links.mavlink.mixing import mixer
+from rovtwin.links.mavlink.modes import MODES
+from rovtwin.links.mavlink.readings import Readings
+from rovtwin.vehicle import load_vehicle
+
+pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
+
+SURGE_SWAY_YAW = np.eye(6)[:, [0, 1, 5]]
+
+
+@contextmanager
+def linked(axes=SURGE_SWAY_YAW, how="udpin", estimate=False, server_options=None, **options):
+    server = endpoint(**(server_options or {}))
+    urls = {"udpin": f"mavlink://udpin:{server.ground_station}", "tcp": f"tcp:127.0.0.1:{server.tcp_port}"}
+    with serving(server) as served:
+        assert soon(lambda: bool(served.said))
+        served.feed(0.0, measured(0.0, estimate))
+        with MavlinkLink(urls[how], axes, **options) as link:
+            yield served, link
+
+
+def collect(link, served, seconds=0.5, estimate=False):
+    """Readings while the vehicle measures at 50 Hz."""
+    found = []
+    for k in range(1, round(seconds / 0.02) + 1):
+        served.feed(k * 0.02, measured(k * 0.02, estimate))
+        time.sleep(0.02)
+        found += link.read()
+    return found
+
+
+def last_motion(served):
+    return served.wishes[-1].motion if served.wishes else (0.0,) * 6
+
+
+@pytest.mark.parametrize("how", ["udpin", "tcp"])
+def test_readings_are_si(how):
+    with linked(how=how, readings=Readings(position=True)) as (served, link):
+        found = collect(link, served)
+    by = {r.sensor: r.value for r in found}
+    np.testing.assert_allclose(by["attitude"], ATTITUDE, atol=1e-6)
+    np.testing.assert_allclose(by["gyro"], [0.01, -0.02, 0.03], atol=1e-6)
+    np.testing.assert_allclose(by["accelerometer"], [1.0, 0.5, -9.7], atol=0.01)  # mg
+    np.testing.assert_allclose(by["pressure"], [PLACE[2]], atol=1e-4)
+    np.testing.assert_allclose(by["position"], PLACE[:2], atol=1e-6)
+    np.testing.assert_allclose(by["altimeter"], [7.25], atol=0.005)
+    np.testing.assert_allclose(by["battery"], [0.83, 120.0], rtol=0.02)
+    assert by["leak"] == [0.0]
+
+
+@pytest.mark.parametrize("depth", ["VFR_HUD", "GLOBAL_POSITION_INT"])
+def test_depth_from_elsewhere(depth):
+    with linked(readings=Readings(depth=depth)) as (served, link):
+        found = collect(link, served, estimate=True)
+    depths = [r.value[0] for r in found if r.sensor == "pressure"]
+    assert depths and np.allclose(depths, PLACE[2], atol=1e-3)
+    with pytest.raises(LinkError, match="depth"):
+        Readings(depth="SONAR")
+
+
+def test_arms_in_manual_and_flies():
+    with linked(server_options={"gain": 0.5}) as (served, link):
+        assert not link.armed
+        link.send(Command(np.array([0.2, 0.1, -0.3])))
+        time.sleep(0.1)
+        assert not served.wishes
+        link.arm()
+        assert link.armed and link.gain == 0.5
+        link.send(Command(np.array([0.2, 0.1, -0.3])))
+        assert soon(lambda: any(last_motion(served)))
+        np.testing.assert_allclose(last_motion(served), [0.2, 0.1, 0, 0, 0, -0.3], atol=1e-3)
+        link.send(Command(np.array([1.0, 0.0, 0.0])))
+        assert soon(lambda: last_motion(served)[0] == 0.5), "half thrust is all that half gain gives"
+        link.stop()
+        assert soon(lambda: not served.wishes[-1].armed)
+        with pytest.raises(LinkError, match="stopped"):
+            link.arm()
+
+
+def test_wrench_arrives_at_the_vehicle():
+    """Commands that six axes can say give the served vehicle the forces that they give by themselves."""
+    heavy = mixer(load_vehicle("bluerov2_heavy").model().thrusters)
+    u = heavy.commands(np.array([0.3, -0.1, 0.2, 0.05, -0.1, 0.15]))
+    with linked(axes=heavy.axes, server_options={"mixer": heavy}) as (served, link):
+        link.arm()
+        link.send(Command(u))
+        assert soon(lambda: any(last_motion(served)))
+        there = heavy.command_of_motion(np.array(last_motion(served)))
+        error = (heavy.wrench(there) - heavy.wrench(u)) / heavy.largest
+        assert np.abs(error).max() < 0.01
+
+
+def test_arming_refused_says_why():
+    server = endpoint()
+    with serving(server), MavlinkLink(f"udpin:{server.ground_station}", SURGE_SWAY_YAW) as link:
+        with pytest.raises(LinkError, match="no attitude yet"):
+            link.arm()
+
+
+def test_other_mode_is_not_steered():
+    """Somebody takes the vehicle over: our axes would be rates there."""
+    with linked() as (served, link):
+        link.arm()
+        link.send(Command(np.array([0.5, 0.0, 0.0])))
+        assert soon(lambda: any(last_motion(served)))
+        link._send_command(176, 1.0, 2.0)  # as another client would
+        assert soon(lambda: link._mode == 2)
+        count = len(served.wishes)
+        for _ in range(5):
+            link.send(Command(np.array([0.5, 0.0, 0.0])))
+            time.sleep(0.05)
+        later = served.wishes[count + 3 :]
+        assert later and MODES[2].hold_depth and all(w.hold_depth and not any(w.motion) for w in later)
+
+
+def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
+    with linked() as (served, link):
+        link.arm()
+        link._line.send(link._dialect.MAVLink_param_set_message(1, 1, b"FS_PILOT_TIMEOUT", 0.3, 9))
+        link.send(Command(np.array([0.5, 0.0, 0.0])))
+        assert soon(lambda: any(last_motion(served)))
+        link._line.send = lambda message: None  # the process is gone: nothing is said any more
+        assert soon(lambda: not served.wishes[-1].armed, 1.0)
+
+
+def test_nobody_there():
+    start = time.monotonic()
+    with pytest.raises(LinkTimeout, match="no heartbeat"):
+        MavlinkLink(f"udpin:127.0.0.1:{free_port()}", SURGE_SWAY_YAW, time_limit=0.3)
+    assert time.monotonic() - start < 1.5
+    assert not [t for t in threading.enumerate() if t.name.startswith("mavlink")]
+
+
+@pytest.mark.parametrize("url", ["nonsense", "udpin:nohost", "/tmp/log.elf", "tcp:127.0.0.1:1", "udpin:127.0.0.1:abc"])
+def test_bad_url(url):
+    with pytest.raises(LinkError, match="mavlink"):
+        MavlinkLink(url, SURGE_SWAY_YAW, time_limit=0.2)
+
+
+def test_server_gone_is_heard():
+    """TCP tells when the other side is gone: the link says that it cannot be used any more."""
+    server = endpoint()
+    with serving(server) as served:
+        assert soon(lambda: bool(served.said))
+        link = MavlinkLink(f"tcp:127.0.0.1:{server.tcp_port}", SURGE_SWAY_YAW)
+    assert soon(lambda: bool(link._line.failure))
+    with pytest.raises(LinkError, match="closed"):
+        for _ in range(3):
+            link.read()
+    link.close()
+
+
+def test_boot_clock_takes_the_shortest_delay():
+    clock, rng = BootClock(), np.random.default_rng(3)
+    delays = 0.01 + rng.exponential(0.02, 1000)
+    times = np.array([clock.host_time(k * 0.02, 500.0 + k * 0.02 + delay) for k, delay in enumerate(delays)])
+    assert np.all(np.diff(times) > 0)
+    late = times[200:] - (500.0 + np.arange(200, 1000) * 0.02)
+    assert 0.009 < late.min() and late.max() < 0.015
+
+
+@pytest.mark.parametrize("jump", [-3000.0, 3000.0])
+@pytest.mark.parametrize("whose", ["vehicle", "host"])
+def test_boot_clock_survives_a_jump(jump, whose):
+    clock, order = BootClock(), Order()
+    kept = 0
+    for k in range(400):
+        shift = jump if k >= 200 else 0.0
+        boot = 4000.0 + k * 0.02 + (shift if whose == "vehicle" else 0.0)
+        arrival = 9000.0 + k * 0.02 + (shift if whose == "host" else 0.0)
+        t = clock.host_time(boot, arrival)
+        assert abs(t - arrival) < 0.01
+        kept += order.forward("gyro", t, arrival)
+    assert kept == 400
+
+
+def test_boot_clock_follows_drift():
+    """A clock that runs 100 ppm fast is followed: after an hour the readings are not a third of a second off."""
+    clock = BootClock()
+    errors = [clock.host_time(k * 0.5 * 1.0001, 10.0 + k * 0.5) - (10.0 + k * 0.5) for k in range(7200)]
+    assert max(map(abs, errors)) < 0.005
+
+
+def test_late_and_repeated_readings_are_dropped():
+    order = Order()
+    assert [order.forward("gyro", t, 0.0) for t in (1.0, 1.02, 1.02, 1.01, 1.04)] == [True, True, False, False, True]
