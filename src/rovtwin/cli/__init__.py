@@ -19,6 +19,7 @@ from rovtwin.cli.runs import demo, fly, report
 from rovtwin.cli.scenarios import scenario_app
 from rovtwin.cli.scores import score
 from rovtwin.cli.sea import sea
+from rovtwin.cli.serve import replay, serve
 from rovtwin.cli.smooth import smooth
 from rovtwin.cli.thesis import thesis
 from rovtwin.cli.track import track
@@ -41,6 +42,8 @@ app = typer.Typer(
 )
 app.command()(fly)
 app.command()(demo)
+app.command()(serve)
+app.command()(replay)
 app.command()(score)
 app.command()(campaign)
 app.command()(tune)
