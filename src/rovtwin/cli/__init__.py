@@ -9,6 +9,7 @@ from rovtwin.cli.campaign import campaign
 from rovtwin.cli.compare import compare
 from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
+from rovtwin.cli.live import record
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.markers import markers
 from rovtwin.cli.output import report_error
@@ -44,6 +45,7 @@ app.command()(fly)
 app.command()(demo)
 app.command()(serve)
 app.command()(replay)
+app.command()(record)
 app.command()(score)
 app.command()(campaign)
 app.command()(tune)

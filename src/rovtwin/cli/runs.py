@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from rovtwin.cli.live import Link, Sensors, fly_link
 from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, progress_bar, table
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
@@ -29,6 +30,8 @@ FIGURES = (
     ("energy from the batteries", "energy_wh", "Wh"),
     ("time saturated", "saturated_share", "%"),
     ("thruster activity, rms", "thruster_activity_n_per_s", "N/s"),
+    ("ticks began late, 99 %", "late_ms_p99", "ms"),
+    ("  the latest", "late_ms_max", "ms"),
 )
 
 
@@ -49,12 +52,32 @@ def fly(
     replay: Annotated[
         str | None, typer.Option(metavar="FOLDER/NUMBER", help="A mission of a campaign again, to the last bit.")
     ] = None,
+    link: Link = None,
+    sensor: Sensors = None,
+    thrust: Annotated[bool, typer.Option("--thrust/--no-thrust", help="With --link: all but thrust.")] = True,
+    arm: Annotated[bool, typer.Option("--arm", help="With --link: do not ask before thrusters may turn.")] = False,
+    speed: Annotated[float, typer.Option(min=0.01, max=50.0, help="With --link: of a served twin's time.")] = 1.0,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/."""
-    wanted = _wanted(scenario, replay, overrides or (), seed)
-    _say_beforehand(wanted, console(as_json))
-    flight = _fly(wanted, out, realtime, report, console(as_json), camera=camera, film=film)
+    """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/.
+
+    With --link the vehicle is not computed here: [bold]rovtwin fly lawnmower_calm --set autopilot=model_based --link
+    blueye://127.0.0.2,127.0.0.3 --sensor ugps://127.0.0.1:8080[/bold] flies what `rovtwin serve` serves, or two real
+    drones. Thrusters turn only after you say so, and stop however this program ends.
+    """
+    wanted, screen = _wanted(scenario, replay, overrides or (), seed), console(as_json)
+    if link is not None:
+        flight = fly_link(wanted, link, sensor or [], screen, out=out, thrust=thrust, armed=arm, speed=speed)
+        if report and flight.summary.get("duration_s"):
+            from rovtwin.report import write_report
+
+            write_report(flight.log, flight.folder)
+        _closing_table(flight, screen)
+    elif sensor or not thrust or arm or speed != 1.0:
+        raise ConfigError("fly: --sensor, --no-thrust, --arm and --speed go with --link; add one, or leave them out")
+    else:
+        _say_beforehand(wanted, screen)
+        flight = _fly(wanted, out, realtime, report, screen, camera=camera, film=film)
     if as_json:
         emit(flight_object(flight))
     raise typer.Exit(DONE if flight.completed else FAILED)
@@ -122,7 +145,7 @@ def _closing_table(flight: Any, screen: Console) -> None:
     verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"
     rows = table("", "figure", "value")
     for label, key, unit in FIGURES:
-        judged = key != "nees_position_interval" or summary["nees_position_mean"] is not None
+        judged = key != "nees_position_interval" or summary.get("nees_position_mean") is not None
         if summary.get(key) is not None and judged:
             rows.add_row(label, figure(100 * summary[key] if unit == "%" else summary[key], unit))
     screen.print(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", style="bold", markup=False)

@@ -60,14 +60,22 @@ class Url:
         return host, given or port
 
 
-def connect(text: str, scenario: Scenario, clock: Clock) -> Link:
+def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
     """The vehicle at a URL, open. A real one is held by a process of its own, which outlives ours.
+
+    Args:
+        text: The URL.
+        scenario: Its vehicle, and for `twin://` its world.
+        clock: That readings are stamped with.
+        observe: Only look: where the protocol tells pilots from watchers, be one of these.
 
     Raises:
         ConfigError: The URL cannot be used, or not for this vehicle.
         LinkError: Nobody answers there.
     """
     url = Url.of(text, LINKS, "--link")
+    if observe and url.scheme == "blueye":
+        return _blueye(url, scenario, clock, observe)
     return LINKS[url.scheme](url, scenario, clock)
 
 
@@ -116,6 +124,7 @@ class _Blueye:
     hosts: tuple[str, ...]
     thrusters: Any
     clock: Clock
+    observe: bool
 
     def __call__(self) -> Link:
         from rovtwin.links.blueye.double import DoubleBlueyeLink
@@ -123,12 +132,13 @@ class _Blueye:
         from rovtwin.links.blueye.thrust import force_shares
 
         if len(self.hosts) == 1:
-            return BlueyeLink(self.hosts[0], curve=force_shares(self.thrusters, range(3)), clock=self.clock)
+            curve = force_shares(self.thrusters, range(3))
+            return BlueyeLink(self.hosts[0], curve=curve, clock=self.clock, observer=self.observe)
         curves = [force_shares(self.thrusters, range(3 * i, 3 * i + 3)) for i in range(2)]
-        return DoubleBlueyeLink(self.hosts, curves=curves, clock=self.clock)
+        return DoubleBlueyeLink(self.hosts, curves=curves, clock=self.clock, observer=self.observe)
 
 
-def _blueye(url: Url, scenario: Scenario, clock: Clock) -> Link:
+def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
     hosts = tuple(host.strip() for host in url.rest.split(",") if host.strip())
     vehicle = vehicle_of(scenario)
     ends = [name.split(".")[-1] for name in vehicle.thruster_names]
@@ -143,7 +153,7 @@ def _blueye(url: Url, scenario: Scenario, clock: Clock) -> Link:
             f"--link {url.text}: found {len(hosts)} addresses, expected {drones} for {vehicle.name}: "
             f"blueye://{'192.168.1.101' if drones == 1 else 'PORT,STARBOARD'}"
         )
-    return _hosted(_Blueye(hosts, _thrusters(scenario), clock), scenario)
+    return _hosted(_Blueye(hosts, _thrusters(scenario), clock, observe), scenario)
 
 
 @dataclass(frozen=True)
@@ -193,7 +203,7 @@ def _dvl(url: Url, clock: Clock) -> Source:
 def _ugps(url: Url, clock: Clock) -> Source:
     from rovtwin.links.waterlinked.ugps_source import PORT, UgpsSource
 
-    return UgpsSource(*url.host_port(PORT), clock)
+    return UgpsSource(*url.host_port(PORT), clock, rate=4.0 * clock.speed)
 
 
 def _qtm(url: Url, clock: Clock) -> Source:

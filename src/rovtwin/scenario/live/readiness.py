@@ -20,6 +20,7 @@ MEANT_BY = {  # where a reading can come from, for messages
     "altimeter": "--sensor dvl://..",
 }
 ENOUGH = 3  # positions that the start is the mean of
+SETTLING = 0.2  # a host that held readings back has handed them on by then [s]
 PATIENCE = 20.0  # longest wait for all sensors [s]
 
 
@@ -39,22 +40,29 @@ class Readiness:
 
 
 class Ears:
-    """Link and sources as one: all readings in order of arrival, times since `zero` [s]."""
+    """Link and sources as one: all readings in order of arrival, times since `zero` [s].
+
+    What an instrument beside the vehicle measures is not taken from the vehicle, too: it may well hand on the same.
+    """
 
     def __init__(self, link: Link, sources: Sequence[Source]):
-        self._all: list[Source] = [link, *sources]
+        self._link, self._sources = link, sources
+        self._instruments: set[str] = set()
         self.zero = 0.0
 
     def read(self) -> list[Measurement]:
         """What came since the last call."""
-        found = [reading for one in self._all for reading in one.read()]
+        beside = [reading for source in self._sources for reading in source.read()]
+        self._instruments.update(reading.sensor for reading in beside)
+        found = [r for r in self._link.read() if r.sensor not in self._instruments] + beside
         return [Measurement(r.sensor, r.value, r.t_valid - self.zero) for r in found]
 
     def drain(self) -> None:
         """Let go of what came while nobody listened, as during a compilation; a twin then is where its clock is."""
-        until = time.monotonic() + PATIENCE
-        while self.read() and time.monotonic() < until:
-            pass
+        began = time.monotonic()
+        while self.read() or time.monotonic() - began < SETTLING:
+            if time.monotonic() - began > PATIENCE:
+                return
 
 
 def listen(
@@ -77,6 +85,7 @@ def listen(
         LinkTimeout: One of NEEDED is not heard.
     """
     heard: dict[str, list[np.ndarray]] = {}
+    ears.drain()
     began = told = time.monotonic()
     while True:
         for reading in ears.read():

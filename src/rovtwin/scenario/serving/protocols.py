@@ -114,7 +114,7 @@ def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
     from rovtwin.links.blueye.server import BlueyeServer
 
     hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
-    return BlueyeServer(hosts, **({} if where.port is None else {"http_port": where.port}))
+    return BlueyeServer(hosts, http_port=where.port or 80)
 
 
 def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:

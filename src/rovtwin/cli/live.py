@@ -1,0 +1,135 @@
+"""rovtwin fly --link and record: a vehicle that is not computed here."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from rovtwin.cli.output import DONE, AsJson, console, emit, figure, progress_bar, table
+from rovtwin.cli.scenarios import Overrides, Seed
+from rovtwin.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rovtwin.scenario.schema import Scenario
+
+Link = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL", help="Fly a vehicle: blueye://IP, blueye://PORT_IP,STARBOARD_IP, mavlink://.., ros2://.."
+    ),
+]
+Sensors = Annotated[
+    list[str] | None,
+    typer.Option("--sensor", metavar="URL", help="An instrument beside it: ugps://HOST, dvl://HOST, qtm://HOST/BODY."),
+]
+
+
+def fly_link(
+    scenario: "Scenario",
+    link: str,
+    sensors: list[str],
+    screen: Console,
+    *,
+    out: Path | None,
+    thrust: bool,
+    armed: bool,
+    speed: float,
+) -> Any:
+    """Connect, listen, ask, fly; the flight.
+
+    Raises:
+        ConfigError: A URL cannot be used, or nobody is there to arm.
+        LinkError: The vehicle cannot be reached, is silent, or refuses.
+    """
+    from contextlib import ExitStack
+
+    from rovtwin.scenario.flight import run_folder
+    from rovtwin.scenario.live.connect import connect, source
+    from rovtwin.scenario.live.flight import fly_live
+    from rovtwin.scenario.pace import Clock
+
+    if not armed and not sys.stdin.isatty():
+        raise ConfigError("fly --link: found no terminal to ask on before thrusters may turn; add --arm if they may")
+    clock = Clock(speed)
+    with ExitStack() as stack:
+        with progress_bar("") as bar:
+            bar.add_task(f"connecting to {link}", total=None)
+            sources = [stack.enter_context(source(url, clock)) for url in sensors]
+            vehicle = stack.enter_context(connect(link, scenario, clock))
+        bar = stack.enter_context(progress_bar("{task.completed:.0f} s flown"))
+        task = bar.add_task(f"{scenario.name}: compiling, listening", total=scenario.duration)
+
+        def ask(readiness: Any) -> bool:
+            bar.stop()
+            _heard(readiness, screen)
+            yes = armed or typer.confirm(_question(thrust), default=False, err=True)
+            bar.start()
+            return yes
+
+        return fly_live(
+            scenario,
+            vehicle,
+            sources,
+            clock,
+            out or run_folder(scenario.name),
+            arm=ask,
+            thrust=thrust,
+            progress=lambda t, phase: bar.update(task, completed=t, description=f"{scenario.name}: {phase}"),
+            say=lambda text: bar.update(task, description=text),
+        )
+
+
+def _question(thrust: bool) -> str:
+    return "Arm? Thrusters will turn" if thrust else "Begin? Without thrust: zeros are sent"
+
+
+def _heard(readiness: Any, screen: Console) -> None:
+    rows = table("heard before arming", "sensor", "rate")
+    for name, rate in sorted(readiness.rates.items()):
+        rows.add_row(name, figure(rate, "Hz"))
+    screen.print(rows)
+    north, east, depth = (float(x) for x in readiness.start.position)
+    screen.print(f"the vehicle is at north {north:.2f} m, east {east:.2f} m, depth {depth:.2f} m")
+    if readiness.missing:
+        screen.print(f"not heard, flying without: {', '.join(readiness.missing)}", style="yellow", markup=False)
+
+
+def record(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="For the vehicle and its sensors; see `scenario list`.")
+    ],
+    link: Annotated[str, typer.Option(metavar="URL", help="The vehicle; see `rovtwin fly --help`.")],
+    out: Annotated[Path, typer.Option(help="New MCAP file.")],
+    sensor: Sensors = None,
+    duration: Annotated[float | None, typer.Option(min=0.0, help="[s]; else until Ctrl-C.")] = None,
+    seed: Seed = None,
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Log what a vehicle measures, whoever steers it: nothing is sent that moves it."""
+    from contextlib import ExitStack
+
+    from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.live.connect import connect, source
+    from rovtwin.scenario.live.record import record as record_it
+    from rovtwin.scenario.pace import Clock
+
+    screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), Clock()
+    if out.exists():
+        raise ConfigError(f"--out {out}: exists already; a log never overwrites another. Choose another name")
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress_bar("{task.completed:.0f} s"))
+        task = bar.add_task(f"recording {link}", total=duration)
+        sources = [stack.enter_context(source(url, clock)) for url in sensor or ()]
+        vehicle = stack.enter_context(connect(link, wanted, clock, observe=True))
+        counts = record_it(wanted, vehicle, sources, clock, out, duration, lambda t: bar.update(task, completed=t))
+    rows = table("recorded", "sensor", "readings")
+    for name, count in sorted(counts.items()):
+        rows.add_row(name, str(count))
+    screen.print(rows)
+    screen.print(f"wrote {out}", markup=False, soft_wrap=True)
+    if as_json:
+        emit({"log": str(out), "readings": counts})
+    raise typer.Exit(DONE)

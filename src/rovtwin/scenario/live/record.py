@@ -1,0 +1,60 @@
+"""Recording: a vehicle's readings into a log, whoever steers it."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rovtwin.core.link import Link, Source
+from rovtwin.core.log import Channel, LogWriter
+from rovtwin.scenario.channels import SENSORS
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.scenario.live.readiness import Ears
+from rovtwin.scenario.pace import Clock
+from rovtwin.scenario.schema import Scenario
+
+EVERY = 0.01  # between two looks [s]
+
+
+def record(
+    scenario: Scenario,
+    link: Link,
+    sources: Sequence[Source],
+    clock: Clock,
+    path: Path,
+    duration: float | None = None,
+    progress: Callable[[float], None] = lambda t: None,
+) -> dict[str, int]:
+    """Write what link and sources measure until Ctrl-C or for `duration` [s]; the number of readings by sensor.
+
+    Raises:
+        LinkError: The vehicle is lost; what came before is in the log.
+        LogError: The file cannot be written.
+    """
+    counts: Counter[str] = Counter()
+    channels = [_channel(name) for name in SENSORS]
+    metadata = {"name": scenario.name, "scenario": dump_scenario(scenario), "live": "true"}
+    with LogWriter(path, channels, metadata) as log, Interrupt() as interrupt:
+        ears = Ears(link, sources)
+        ears.drain()
+        ears.zero = began = clock()
+        shown = 0.0
+        while not interrupt.asked and (duration is None or clock() - began < duration):
+            for reading in ears.read():
+                if reading.sensor in SENSORS:
+                    log.write(f"sensor/{reading.sensor}", clock() - began, np.append(reading.value, reading.t_valid))
+                    counts[reading.sensor] += 1
+            if clock() - began - shown > 1.0:
+                shown = clock() - began
+                progress(shown)
+            time.sleep(EVERY)
+    return dict(counts)
+
+
+def _channel(name: str) -> Channel:
+    fields, unit, frame, description = SENSORS[name]
+    units = (unit,) * len(fields) if isinstance(unit, str) else unit
+    return Channel(f"sensor/{name}", (*fields, "t_valid"), (*units, "s"), frame, description=description)
