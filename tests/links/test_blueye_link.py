@@ -139,6 +139,7 @@ def test_send_returns_at_once_and_wrong_shapes_stop(served):
 
 def test_controllers_of_the_drone_stay_off(served):
     with closing(BlueyeLink(PORT)) as link, feeding(served):
+        assert wait_for(lambda: newest(served) and newest(served).armed, 0.8), "armed before the SDK does it"
         told: list[tuple[bool, bool]] = []
         link._drone.telemetry.add_msg_callback(
             [bp.ControlModeTel], lambda name, tel: told.append((tel.state.auto_depth, tel.state.auto_heading))

@@ -24,7 +24,7 @@ from rovtwin.links.blueye.server import BlueyeServer
 from rovtwin.links.server import require_loopback
 from rovtwin.links.station import Station
 
-PORT, STARBOARD = "127.0.0.2", "127.0.0.3"
+PORT, STARBOARD = "127.0.0.4", "127.0.0.5"  # not 127.0.0.2 and .3, where tests of `rovtwin serve` may be at work
 HTTP = 8780  # not 80, so that tests need no root
 
 
@@ -63,7 +63,7 @@ def arm(drone: Drone, served: Served) -> None:
 
 
 def test_sdk_connects_to_both_drones_and_each_obeys_its_own():
-    with serving(BlueyeServer(http_port=HTTP), drones=("port", "starboard")) as served:
+    with serving(BlueyeServer(hosts=(PORT, STARBOARD), http_port=HTTP), drones=("port", "starboard")) as served:
         assert wait_for(lambda: served.said)
         drones = {"port": Drone(PORT), "starboard": Drone(STARBOARD)}
         assert drones["port"].serial_number.endswith("port")
@@ -345,8 +345,8 @@ def test_address_that_is_taken(served, server):
 
 
 def test_addresses():
-    assert BlueyeServer().placed(("",)) == {"": PORT}
-    assert BlueyeServer().placed(("port", "starboard")) == {"port": PORT, "starboard": STARBOARD}
+    assert BlueyeServer().placed(("",)) == {"": "127.0.0.2"}
+    assert BlueyeServer().placed(("port", "starboard")) == {"port": "127.0.0.2", "starboard": "127.0.0.3"}
     by_name = BlueyeServer(hosts={"starboard": "127.0.0.9", "port": "127.0.0.8"})
     assert by_name.placed(("port", "starboard")) == {"port": "127.0.0.8", "starboard": "127.0.0.9"}
     assert require_loopback([BlueyeServer(), by_name], exposed=False) == []

@@ -23,6 +23,7 @@ logger = logging.getLogger(__name__)
 AXES = 3  # surge, sway, heave: the pseudo-thrusters of the part blueye_pioneer
 COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
 REPEAT = 0.05  # motion input is repeated so often: a message may get lost [s]
+SDK_WATCHDOG = 1.0  # from then on the SDK feeds the watchdog by itself [s]
 LOST_AFTER = 3.0  # silence after which the link is lost for good [s]
 PARTING = 0.1  # time that the last zero motion gets to leave [s]
 MOST_READINGS = 8192  # kept for one who does not read; about 20 s
@@ -94,7 +95,6 @@ class BlueyeLink(Link):
             logger.warning("%s: would not set the rate of %s", self.name, ", ".join(refused))
         self._sender = threading.Thread(target=self._keep_sending, daemon=True, name=f"motion of {self.name}")
         if not observer:
-            self._feed_watchdog()
             self._sender.start()
 
     @property
@@ -201,7 +201,10 @@ class BlueyeLink(Link):
 
     def _keep_sending(self) -> None:
         """The newest command as motion input, at once and repeatedly; nothing but the SDK's queue can hold it up."""
+        armed_by_sdk = time.monotonic() + SDK_WATCHDOG
         while not self._closed and self._error is None:
+            if time.monotonic() < armed_by_sdk:
+                self._feed_watchdog()
             self._send_motion()
             self._wake.wait(REPEAT)
             self._wake.clear()
@@ -217,7 +220,10 @@ class BlueyeLink(Link):
             self._fail(LinkError(f"{self.name}: cannot be commanded ({error})"))
 
     def _feed_watchdog(self) -> None:
-        """Arm at once: the SDK feeds the watchdog from one second after connecting."""
+        """Arm at once: the SDK feeds the watchdog from one second after connecting.
+
+        More than once, for what is published before the drone has subscribed is lost.
+        """
         import blueye.protocol
 
         alive: Any = blueye.protocol.WatchdogCtrl(connection_duration={"value": 0}, client_id=self._drone.client_id)
