@@ -319,6 +319,6 @@ def test_leak_is_told():
 
 def test_two_servers_stop_cleanly():
     before = threading.active_count()
-    with serving(endpoint(), endpoint(tcp_port=None)):
+    with serving(endpoint()), serving(endpoint(tcp_port=None)):
         pass
     assert threading.active_count() == before
