@@ -59,7 +59,7 @@ def test_values_are_those_that_were_fed():
         assert [r.value.tolist() for r in got if r.sensor == "altimeter"] == [[3.0]] * 10
         # Times: those of the vehicle, but for a constant that is the offset of the clocks.
         late = np.array([r.t_valid - (5.0 + 0.05 * k) for k, r in enumerate(velocities)]) - np.array(offsets)
-        assert np.abs(late).max() < 0.1
+        assert np.abs(late).max() < 0.3
         assert source.connections == 1 and source.dropped == 0 and "connected" in source.status
 
 

@@ -97,6 +97,14 @@ def test_sent_is_not_valid():
     assert clock(200.0, math.nan) is not None
 
 
+@pytest.mark.parametrize("speed", [0.5, 0.9, 2.0, 10.0])
+def test_a_twin_that_is_not_in_real_time(speed):
+    """A device's clock at another speed than ours: times stay within seconds of the arrival."""
+    t = np.arange(0.0, 120.0, 0.1)
+    mapped = run(ClockMap(), speed * t, t)
+    assert (t - mapped).max() < 0.25 + 3.2 * max(0.0, 1.0 - speed)
+
+
 def test_our_own_clock_set_back():
     clock = ClockMap()
     for k in range(20):

@@ -41,7 +41,7 @@ def test_positions_are_those_that_were_fed():
             served.feed(0.25 * k, [reading("position", 0.25 * k, *place)])
             before = time.monotonic()
             (got,) = gather(source, 1)
-            assert got.sensor == "position" and before - 0.05 < got.t_valid <= time.monotonic()
+            assert got.sensor == "position" and before - 0.5 < got.t_valid <= time.monotonic()
             np.testing.assert_allclose(got.value, place, atol=1e-9)
         time.sleep(0.2)
         assert source.read() == []  # the same fix, asked for ten times more, is not new
@@ -158,7 +158,7 @@ def test_closing_does_not_wait_for_the_kit():
         time.sleep(0.2)
         start = time.monotonic()
         source.close()
-        assert time.monotonic() - start < 0.3
+        assert time.monotonic() - start < 0.8
         assert not source._thread.is_alive()
 
 

@@ -33,6 +33,7 @@ class ClockMap:
         self._least = [math.inf, math.inf]  # of this half window and of the one before
         self._half_start = -math.inf
         self._arrival = self._last = -math.inf
+        self._doubted_since = math.nan
         self._forget_strange()
 
     def _forget_strange(self) -> None:
@@ -68,6 +69,7 @@ class ClockMap:
         if math.isinf(self.offset):
             self._least[0], self._half_start = offset, arrival
         elif abs(offset - self.offset) <= self.jump:
+            self._doubted_since = math.nan
             self._forget_strange()
             if arrival - self._half_start > self.window / 2:
                 self._least, self._half_start = [offset, self._least[0]], arrival
@@ -76,7 +78,12 @@ class ClockMap:
             self._doubt(offset, arrival)
 
     def _doubt(self, offset: float, arrival: float) -> None:
-        """An offset that does not fit: believed when enough of them agree for long enough."""
+        """An offset that does not fit: believed when enough of them agree for long enough.
+
+        Where they never agree, the clocks run at different speeds: then the newest counts after three times as long.
+        """
+        if math.isnan(self._doubted_since):
+            self._doubted_since = arrival
         agrees = max(self._strange_most, offset) - min(self._strange_least, offset) <= self.jump
         if not agrees:
             self._forget_strange()
@@ -85,9 +92,11 @@ class ClockMap:
         self._strange_count += 1
         self._strange_least = min(self._strange_least, offset)
         self._strange_most = max(self._strange_most, offset)
-        if self._strange_count >= 3 and arrival - self._strange_since >= self.confirm:
+        agreed = self._strange_count >= 3 and arrival - self._strange_since >= self.confirm
+        if agreed or arrival - self._doubted_since >= 3.0 * self.confirm:
             self._least, self._half_start = [self._strange_least, math.inf], arrival
             self.jumps += 1
+            self._doubted_since = math.nan
             self._forget_strange()
 
 

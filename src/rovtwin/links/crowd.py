@@ -123,15 +123,21 @@ async def crowd(
     try:
         yield people
     finally:
+        await _settle()  # those who are just being let in get their task, so that it can be ended
         server.close()
-        for _ in range(4):  # those who were just let in get their task, so that it can be ended
-            await asyncio.sleep(0)
         for client in list(people.clients):
             client.drop()
         tasks = list(people._tasks)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        await _settle()  # connections that were dropped are closed by the loop, a little later
+
+
+async def _settle() -> None:
+    """Let the loop do what it has put off."""
+    for _ in range(6):
+        await asyncio.sleep(0)
 
 
 def _tune(writer: asyncio.StreamWriter) -> None:

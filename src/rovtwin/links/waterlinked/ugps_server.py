@@ -107,6 +107,7 @@ class _Kit:
 
     def __init__(self, options: UgpsServer, station: Station):
         self.options, self.station = options, station
+        options.datum.geodetic([0.0, 0.0, 0.0])  # imports what maps need now: later it would hold up the other servers
         self.malformed = 0
         self.fix: AcousticPosition | None = None
         self.told: dict[str, dict[str, float]] = {}
