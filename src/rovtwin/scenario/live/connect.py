@@ -203,7 +203,7 @@ def _dvl(url: Url, clock: Clock) -> Source:
 def _ugps(url: Url, clock: Clock) -> Source:
     from rovtwin.links.waterlinked.ugps_source import PORT, UgpsSource
 
-    return UgpsSource(*url.host_port(PORT), clock, rate=4.0 * clock.speed)
+    return UgpsSource(*url.host_port(PORT), clock, rate=10.0 * clock.speed)
 
 
 def _qtm(url: Url, clock: Clock) -> Source:
