@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar
 from rovtwin.cli.scenarios import Overrides, Seed
@@ -11,6 +12,9 @@ from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovtwin.links.server import Server
+    from rovtwin.scenario.schema import Scenario
+
+FIRMWARE = "ardusub-json"
 
 Protocols = Annotated[
     list[str] | None,
@@ -53,6 +57,8 @@ def serve(
     from rovtwin.scenario.serving.protocols import own_protocol, servers_of, world_for
 
     scenario = world_for(what, overrides or (), seed)
+    if protocol == [FIRMWARE]:
+        _lockstep(scenario, address or [], expose, duration, as_json)
     with progress_bar("") as bar:
         bar.add_task(f"{what}: compiling", total=None)
         vehicle = ServedVehicle(scenario)
@@ -82,6 +88,37 @@ def replay(
     _serve(vehicle, servers, expose, speed, vehicle.duration, None, as_json)
 
 
+def _lockstep(scenario: "Scenario", address: list[str], expose: bool, duration: float | None, as_json: bool) -> None:
+    import math
+
+    from rovtwin.scenario.serving.lockstep import serve_firmware
+    from rovtwin.scenario.serving.protocols import Where, places_of
+
+    screen = console(as_json)
+    where = places_of([FIRMWARE], address).get(FIRMWARE, Where())
+    _warn(where.hosts, expose, screen)
+    with progress_bar("{task.completed:.0f} s") as bar:
+        task = bar.add_task("vehicle's time", total=duration)
+        most = math.inf if duration is None else duration
+        served = serve_firmware(
+            scenario,
+            where,
+            most,
+            lambda text: screen.print(text, markup=False, soft_wrap=True),
+            lambda t: bar.update(task, completed=t),
+        )
+    if as_json:
+        emit({"served_s": served})
+    raise typer.Exit(DONE)
+
+
+def _warn(hosts: list[str], expose: bool, screen: Console) -> None:
+    from rovtwin.links.server import loopback_only
+
+    for exposed in loopback_only(hosts, expose):
+        screen.print(f"warning: everybody who reaches {exposed} can steer this vehicle", style="yellow", markup=False)
+
+
 def _serve(
     vehicle: Any,
     servers: "list[Server]",
@@ -93,14 +130,12 @@ def _serve(
 ) -> None:
     import math
 
-    from rovtwin.links.server import require_loopback
     from rovtwin.scenario.serving.serve import serve as serve_it
 
     screen = console(as_json)
     if log is not None and log.exists():
         raise ConfigError(f"--log {log}: exists already; a log never overwrites another. Choose another name")
-    for exposed in require_loopback(servers, expose):
-        screen.print(f"warning: everybody who reaches {exposed} can steer this vehicle", style="yellow", markup=False)
+    _warn([host for server in servers for host in server.addresses], expose, screen)
     screen.print("serving; Ctrl-C ends it")
     with progress_bar("{task.completed:.0f} s") as bar:
         task = bar.add_task("vehicle's time", total=duration)

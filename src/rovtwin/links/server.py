@@ -22,16 +22,21 @@ class Server(abc.ABC):
     @property
     @abc.abstractmethod
     def addresses(self) -> list[str]:
-        """Hosts it binds, for `require_loopback`."""
+        """Hosts it binds; `require_loopback` looks at them."""
 
 
 def require_loopback(servers: Sequence[Server], exposed: bool) -> list[str]:
-    """The addresses that others than this machine reach; there must be none unless `exposed`.
+    """`loopback_only` of all that servers bind."""
+    return loopback_only([address for server in servers for address in server.addresses], exposed)
+
+
+def loopback_only(addresses: Sequence[str], exposed: bool) -> list[str]:
+    """Those of the addresses that others than this machine reach; there must be none unless `exposed`.
 
     Raises:
         ConfigError: There are, and nobody said that this is wanted.
     """
-    found = [address for server in servers for address in server.addresses if not _is_loopback(address)]
+    found = [address for address in addresses if not _is_loopback(address)]
     if found and not exposed:
         raise ConfigError(
             f"--address {found[0]}: others on the network could steer the vehicle; expected a loopback address "

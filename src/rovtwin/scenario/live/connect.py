@@ -180,18 +180,31 @@ class _Ros2:
     """Opens a ROS 2 vehicle in the host's process."""
 
     namespace: str
-    thrusters: int
+    thrusters: Any
     clock: Clock
+    expose: bool
 
     def __call__(self) -> Link:
+        from rovtwin.links.mavlink.mixing import mixer
         from rovtwin.links.ros2.link import Ros2Link
 
-        return Ros2Link(self.namespace, self.thrusters, self.clock, sources={"position": "position", "dvl": "dvl"})
+        simulated = self.clock.speed != 1.0
+        return Ros2Link(
+            self.namespace,
+            self.thrusters.count,
+            None if simulated else self.clock,
+            wrench=mixer(self.thrusters).wrench,
+            sources={"position": "position", "dvl": "dvl"},
+            use_sim_time=simulated,
+            expose=self.expose,
+        )
 
 
 def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    count = len(vehicle_of(scenario).thruster_names)
-    return _hosted(_Ros2(url.rest.strip("/") or "rov", count, clock), scenario)
+    namespace, _, option = url.rest.partition("?")
+    if option not in ("", "expose"):
+        raise ConfigError(f"--link {url.text}: found ?{option}, expected ros2://NAMESPACE or ros2://NAMESPACE?expose")
+    return _hosted(_Ros2(namespace.strip("/") or "rov", _thrusters(scenario), clock, bool(option)), scenario)
 
 
 def _dvl(url: Url, clock: Clock) -> Source:

@@ -90,12 +90,19 @@ def servers_of(names: Sequence[str], scenario: Scenario, vehicle: Servable, addr
     """
     unknown = [name for name in names if name not in PROTOCOLS]
     if unknown:
-        raise ConfigError(f"--protocol: found {unknown[0]!r}, expected one or more of {', '.join(PROTOCOLS)}")
-    places = _places(names, addresses)
+        raise ConfigError(
+            f"--protocol: found {unknown[0]!r}, expected one or more of {', '.join(PROTOCOLS)}, or ardusub-json alone"
+        )
+    places = places_of(names, addresses)
     return [PROTOCOLS[name](scenario, vehicle, places.get(name, Where())) for name in dict.fromkeys(names)]
 
 
-def _places(names: Sequence[str], addresses: Sequence[str]) -> dict[str, Where]:
+def places_of(names: Sequence[str], addresses: Sequence[str]) -> dict[str, Where]:
+    """Where each protocol shall listen.
+
+    Raises:
+        ConfigError: An address that is none, or of another protocol.
+    """
     places: dict[str, Where] = {}
     for text in addresses:
         name, found, rest = text.partition("=")
@@ -129,9 +136,13 @@ def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
 
 
 def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
+    from rovtwin.links.ros2.convert import Water
     from rovtwin.links.ros2.server import Ros2Server
 
-    return Ros2Server(largest=tuple(float(x) for x in vehicle.largest[vehicle.drones[0]]))
+    if where.hosts:
+        raise ConfigError("--address ros2=..: ROS 2 finds its nodes by itself; set ROS_DOMAIN_ID, and --expose for others")
+    water = Water(density=scenario.world.water.kg_per_m3) if scenario.world.water else Water()
+    return Ros2Server(largest=tuple(float(x) for x in vehicle.largest[vehicle.drones[0]]), water=water)
 
 
 def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:

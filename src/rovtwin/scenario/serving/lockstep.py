@@ -1,0 +1,118 @@
+"""External physics for ArduSub's simulation: the plant in its world, one step for each frame of the firmware.
+
+The firmware makes its sensors' errors itself, so it gets the truth; it also keeps the time, as fast as both can.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Command
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.links.ardusub_json.lockstep import PORT, Lockstep
+from rovtwin.links.ardusub_json.motors import BLUEROV2_HEAVY
+from rovtwin.links.ardusub_json.wire import State as Told
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.serving.protocols import Where
+from rovtwin.vehicle import measurement
+from rovtwin.vehicle.dynamics import State, acceleration, plant_step
+
+USUAL = 1.0 / 1200.0  # the firmware's step [s]
+
+
+class FirmwarePhysics:
+    """The plant, stepped by a firmware's outputs.
+
+    Attributes:
+        time: Of the physics [s].
+        state: Of the plant.
+    """
+
+    def __init__(self, scenario: Scenario):
+        """Composes and compiles.
+
+        Raises:
+            ConfigError: ArduSub's motors are not this vehicle's.
+        """
+        composed = compose(scenario)
+        self._names = list(composed.vehicle.thruster_names)
+        if missing := [name for name in self._names if name not in BLUEROV2_HEAVY.names]:
+            raise ConfigError(
+                f"--protocol ardusub-json: {composed.vehicle.name} has a thruster {missing[0]!r}, expected those of "
+                f"bluerov2_heavy ({', '.join(BLUEROV2_HEAVY.names)}), which ArduSub's frame drives"
+            )
+        twin = composed.loop.twin
+        self._begin = (twin.world.init(composed.key, composed.start), State.at(twin.model, composed.start))
+
+        def step(model: Any, world: Any, memory: Any, u: Array, dt: float) -> tuple[Any, Array]:
+            after, state = memory
+            after, water = world.step(after, state, dt)
+            state = plant_step(model, state, Command(u), water, dt)
+            tau = model.thrusters.configuration @ state.thrust
+            nu_dot = acceleration(model, state.position, state.attitude, state.nu, tau, water, dt)
+            force = measurement.specific_force(state, nu_dot, jnp.zeros(3), jnp.eye(3))
+            velocity = rotation_from_quaternion(state.attitude) @ state.nu[:3]
+            told = jnp.concatenate([state.nu[3:], force, state.position, velocity, state.attitude])
+            return (after, state), told
+
+        self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)  # the step is a constant: a firmware keeps to its rate
+        self._parameters = (twin.model, twin.world)
+        self.reset()
+        self._step(*self._parameters, self._memory, as_array(np.zeros(len(self._names))), USUAL)
+
+    @property
+    def state(self) -> State:
+        return self._memory[1]
+
+    def reset(self) -> None:
+        """Back to the beginning."""
+        self.time, self._memory = 0.0, self._begin
+
+    def advance(self, pwm: tuple[int, ...], dt: float) -> Told:
+        """The truth after one step under these outputs [us] of `dt` seconds."""
+        u = BLUEROV2_HEAVY.commands(pwm, self._names)
+        self._memory, told = self._step(*self._parameters, self._memory, as_array(u), dt)
+        self.time += dt
+        gyro, force, position, velocity, quaternion = np.split(np.asarray(told), [3, 6, 9, 12])
+        return Told(self.time, gyro, force, position, velocity, quaternion)
+
+
+def serve_firmware(
+    scenario: Scenario,
+    where: Where,
+    duration: float,
+    say: Callable[[str], None],
+    progress: Callable[[float], None] = lambda t: None,
+) -> float:
+    """Answer a firmware until Ctrl-C or for so many simulated seconds; the simulated time [s].
+
+    Raises:
+        ConfigError: ArduSub's motors are not this vehicle's.
+        LinkError: The address cannot be bound.
+    """
+    physics = FirmwarePhysics(scenario)
+    lockstep = Lockstep(
+        physics.advance, physics.reset, where.hosts[0] if where.hosts else "127.0.0.1", where.port or PORT
+    )
+    say(f"ardusub-json: waits at udp {lockstep.addresses[0]}:{lockstep.port} for ArduSub's simulation")
+    shown = 0.0
+    try:
+        with Interrupt() as interrupt:
+            while not interrupt.asked and physics.time < duration:
+                lockstep.serve_one()
+                if physics.time - shown > 1.0:
+                    shown = physics.time
+                    progress(shown)
+    finally:
+        lockstep.close()
+    counts = lockstep.counts
+    say(
+        f"ardusub-json: {counts.steps} steps, {counts.repeats} asked twice, {counts.resets} resets, "
+        f"{counts.garbage} no packets"
+    )
+    return physics.time
