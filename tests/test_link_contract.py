@@ -16,6 +16,7 @@ import rovtwin.links
 from rovtwin.core.flow import Command, Measurement, Slot
 from rovtwin.core.link import Link
 from rovtwin.links.twin import TwinLink
+from tests.links.ros2_fake import FakeVehicle
 
 THRUSTERS = 3
 PERIOD = 0.02
@@ -67,7 +68,13 @@ def twin_rig() -> Rig:
     return Rig(link, wait, listen, applied)
 
 
-RIGS: dict[str, Callable[[], Rig]] = {"twin.TwinLink": twin_rig}
+def ros2_rig() -> Rig:
+    """A ROS 2 vehicle that obeys `cmd_thrusters`, without a network."""
+    vehicle = FakeVehicle(THRUSTERS, PERIOD)
+    return Rig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
+
+
+RIGS: dict[str, Callable[[], Rig]] = {"twin.TwinLink": twin_rig, "ros2.link.Ros2Link": ros2_rig}
 
 
 def find_links() -> set[str]:
