@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from tests.links.ros2_fake import FakeVehicle
 from tests.links.vehicles import PlainLink, ThreadHosted
 
 import rovtwin.links
@@ -152,9 +153,16 @@ def mavlink_rig() -> Rig:
     return Rig(link, wait, listen, applied, done=lambda: vehicle.__exit__(None, None, None))
 
 
+def ros2_rig() -> Rig:
+    """A ROS 2 vehicle that obeys `cmd_thrusters`, without a network."""
+    vehicle = FakeVehicle(THRUSTERS, PERIOD)
+    return Rig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
+
+
 RIGS: dict[str, Callable[[], Rig]] = {
     "twin.TwinLink": twin_rig,
     "mavlink.link.MavlinkLink": mavlink_rig,
+    "ros2.link.Ros2Link": ros2_rig,
     "replay.ReplayLink": replay_rig,
     "hosted.HostedLink": hosted_rig,
     "blueye.link.BlueyeLink": lambda: blueye_rig(double=False),

@@ -51,9 +51,13 @@ def export(
     target: Annotated[
         Path,
         typer.Argument(
-            help="run.nc for netCDF (CF), track.geojson, .gpx or .kml for a map, or a folder for one CSV per channel."
+            help="run.nc for netCDF (CF), track.geojson, .gpx or .kml for a map, or a folder for CSV files or a bag."
         ),
     ],
+    to: Annotated[
+        str | None,
+        typer.Option(help="rosbag2: a folder for `ros2 bag play`, Foxglove and PlotJuggler, in ENU and FLU."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -62,13 +66,19 @@ def export(
     from rovtwin.core.log.export import export_csv, export_netcdf
     from rovtwin.core.log.maps import WRITERS, export_map
 
-    if target.suffix not in (".nc", "", *WRITERS):
+    if to not in (None, "rosbag2"):
+        raise LogError(f"--to {to}: expected rosbag2; all other kinds follow from the ending of the target")
+    if to is None and target.suffix not in (".nc", "", *WRITERS):
         raise LogError(
             f"{target}: found the ending {target.suffix!r}, expected .nc for netCDF, {', '.join(WRITERS)} for a map, "
             "or a folder for CSV files"
         )
     log = Log.read(path)
-    if target.suffix == ".nc":
+    if to == "rosbag2":
+        from rovtwin.links.ros2.bag import export_rosbag2
+
+        export_rosbag2(log, target, overwrite=overwrite)
+    elif target.suffix == ".nc":
         export_netcdf(log, target, overwrite=overwrite)
     elif target.suffix in WRITERS:
         export_map(log, target, overwrite=overwrite)

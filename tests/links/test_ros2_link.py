@@ -1,0 +1,122 @@
+"""Ros2Link on a transport within the process: clocks, sources, and what it does with messages that make no sense."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from tests.links.ros2_fake import FakeTransport, FakeVehicle
+
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Command
+from rovtwin.links.ros2 import convert
+from rovtwin.links.ros2 import messages as msg
+from rovtwin.links.ros2.link import BACKLOG, Ros2Link
+
+
+@pytest.fixture
+def vehicle():
+    vehicle = FakeVehicle(3, 0.02)
+    yield vehicle
+    vehicle.link.close()
+
+
+def test_every_sensor_comes_from_one_topic(vehicle):
+    t, eta, nu = vehicle.now, [1.0, 2.0, 3.0, 0.0, 0.0, 0.5], [0.1, 0.2, 0.3, 0.0, 0.0, 0.4]
+    vehicle.transport.deliver("/rov/odometry", convert.odometry(t, eta, nu))
+    assert sorted(r.sensor for r in vehicle.link.read()) == ["dvl", "position"]
+    assert "/rov/position" not in vehicle.transport.heard
+
+
+def test_sources_and_names():
+    transport = FakeTransport()
+    sources = {"position": "mocap", "attitude": "mocap", "dvl": "dvl", "leak": ""}
+    with Ros2Link("rov", 1, sources=sources, names={"mocap": "/optitrack/pose"}, transport=transport) as link:
+        message = convert.pose(0.0, [1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
+        transport.deliver("/optitrack/pose", message)
+        assert {r.sensor: r.value.tolist() for r in link.read()}["position"] == pytest.approx([1.0, 2.0])
+        assert "/rov/leak" not in transport.heard and "/rov/odometry" not in transport.heard
+    with pytest.raises(LinkError, match="sources"):
+        Ros2Link("rov", 1, sources={"position": "gps"}, transport=FakeTransport())
+
+
+@pytest.mark.parametrize("off", [-3600.0, 1e9, -1.5, 2.0])
+def test_a_stamp_far_from_now_is_refused_and_said(vehicle, off):
+    vehicle.transport.deliver("/rov/imu", convert.imu(max(vehicle.now + off, 0.001), gyro=[0.1, 0.2, 0.3]))
+    assert vehicle.link.read() == []
+    assert vehicle.link.refused == {"imu": 1} and "synchronise" in vehicle.link.problems["imu"]
+
+
+def test_a_stamp_of_zero_is_now_and_a_delay_is_kept(vehicle):
+    vehicle.transport.deliver("/rov/imu", convert.imu(0.0, gyro=[0.1, 0.2, 0.3]))
+    vehicle.now += 0.5
+    vehicle.transport.deliver("/rov/imu", convert.imu(vehicle.now - 0.3, gyro=[0.1, 0.2, 0.3]))
+    assert [r.t_valid for r in vehicle.link.read()] == pytest.approx([vehicle.now - 0.5, vehicle.now - 0.3])
+
+
+def test_repeats_and_overtaken_readings_are_left_out(vehicle):
+    for t in (100.0, 100.02, 100.02, 100.01, 100.04):
+        vehicle.transport.deliver("/rov/imu", convert.imu(t, gyro=[0.1, 0.2, 0.3]))
+    assert [r.t_valid for r in vehicle.link.read()] == [100.0, 100.02, 100.04]
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        ("imu", convert.imu(100.0, gyro=[math.nan, 0.0, 0.0])),
+        ("imu", msg.Imu(convert.header(100.0, ""), msg.Quaternion(0.0, 0.0, 0.0, 0.0))),
+        ("pressure", msg.FluidPressure(convert.header(100.0, ""), math.inf)),
+        ("battery", msg.BatteryState(convert.header(100.0, ""))),
+        ("odometry", msg.Odometry(msg.Header(msg.Time(-5, 0)))),
+    ],
+)
+def test_nonsense_gives_no_reading(vehicle, topic, message):
+    vehicle.transport.deliver(f"/rov/{topic}", message)
+    assert vehicle.link.read() == [] and vehicle.link.refused[topic] == 1
+
+
+def test_readings_that_nobody_takes_do_not_pile_up(vehicle):
+    for k in range(BACKLOG + 500):
+        vehicle.transport.deliver("/rov/imu", convert.imu(100.0 + 1e-5 * k, gyro=[0.1, 0.2, 0.3]))
+    assert len(vehicle.link.read()) == BACKLOG
+
+
+def test_simulated_time_needs_a_clock_and_is_the_readings_time():
+    transport = FakeTransport()
+    with Ros2Link("rov", 1, None, use_sim_time=True, transport=transport) as link:
+        transport.deliver("/rov/imu", convert.imu(7.0, gyro=[0.1, 0.2, 0.3]))
+        assert link.read() == [] and "/clock" in link.problems["imu"]
+        transport.deliver("/clock", msg.Clock(convert.stamp(7.1)))
+        transport.deliver("/rov/imu", convert.imu(7.0, gyro=[0.1, 0.2, 0.3]))
+        assert [r.t_valid for r in link.read()] == [7.0] and link.sim_time() == 7.1
+    with pytest.raises(LinkError, match="use_sim_time"):
+        Ros2Link("rov", 1, None, transport=FakeTransport())
+
+
+def test_simulated_time_on_our_clock():
+    transport, now = FakeTransport(), [50.0]
+    with Ros2Link("rov", 1, lambda: now[0], use_sim_time=True, transport=transport) as link:
+        transport.deliver("/clock", msg.Clock(convert.stamp(7.0)))
+        transport.deliver("/rov/imu", convert.imu(6.9, gyro=[0.1, 0.2, 0.3]))
+        assert [r.t_valid for r in link.read()] == pytest.approx([49.9])
+
+
+def test_a_wrench_in_flu_and_zeros_at_the_end():
+    transport = FakeTransport()
+    link = Ros2Link("rov", 2, wrench=lambda u: np.array([10.0 * u[0], 1, 2, 3, 4, 5.0 * u[1]]), transport=transport)
+    link.send(Command(np.array([1.0, 0.5])))
+    end = time.monotonic() + 10
+    while not transport.published and time.monotonic() < end:
+        time.sleep(0.005)
+    link.close()
+    said = [m.wrench for topic, m in transport.published if topic == "/rov/cmd_wrench"]
+    assert [said[0].force.x, said[0].force.y, said[0].force.z] == [10.0, -1.0, -2.0]
+    assert [said[0].torque.x, said[0].torque.y, said[0].torque.z] == [3.0, -4.0, -2.5]
+    assert said[-1].force.x == 0.0 and dict(transport.published)["/rov/arm"].data is False
+    assert transport.closed
+
+
+def test_wrong_number_of_commands_stops(vehicle):
+    vehicle.link.send(Command(np.array([0.5, 0.5, 0.5])))
+    vehicle.link.send(Command(np.array([0.5])))
+    assert not vehicle.applied().any()
