@@ -59,8 +59,8 @@ def order_of_global(message: Any, here: Place | None, before: Place | None, datu
     if frame not in GLOBAL + GLOBAL_RELATIVE or any(mask & bit for bit in IGNORE_PLACE):
         return Order(refusal="of global set-points only whole places are taken, heights over ellipsoid or water")
     depth = -message.alt if frame in GLOBAL_RELATIVE else datum.height - message.alt
-    if not math.isfinite(depth):
-        return Order(refusal="the set-point is no number")
+    if not abs(depth) <= FARTHEST:  # also what is no number
+        return Order(refusal=f"a height of {message.alt:g} m is none of a vehicle's")
     try:
         north, east, down = (float(v) for v in datum.position(message.lat_int * 1e-7, message.lon_int * 1e-7, depth))
     except ConfigError as error:
