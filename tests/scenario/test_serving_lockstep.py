@@ -63,7 +63,7 @@ def test_at_rest_the_accelerometer_reads_gravity(firmware):
 
 def test_the_firmwares_dive_turn_and_surge(firmware):
     """Forward and yaw as ArduSub's 6DOF frame adds them up, seen in the truth it gets back."""
-    forward, yaw = [-1, -1, 1, 1, 0, 0, 0, 0], [1, -1, 1, -1, 0, 0, 0, 0]
+    forward, yaw = [-1, -1, 1, 1, 0, 0, 0, 0], [1, -1, -1, 1, 0, 0, 0, 0]
     for _ in range(FRAMES):
         told = firmware.frame([NEUTRAL + 120 * f for f in forward])
     assert told["velocity"][0] > 0.1 and abs(told["velocity"][1]) < 0.01

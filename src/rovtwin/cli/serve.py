@@ -63,7 +63,7 @@ def serve(
         bar.add_task(f"{what}: compiling", total=None)
         vehicle = ServedVehicle(scenario)
     names = protocol or [own_protocol(scenario)]
-    servers = servers_of(names, scenario, vehicle, address or [])
+    servers = servers_of(names, scenario, vehicle, address or [], expose)
     _serve(vehicle, servers, expose, speed, duration, log, as_json)
 
 
@@ -84,7 +84,7 @@ def replay(
     from rovtwin.scenario.serving.replayed import ReplayedVehicle
 
     vehicle = ReplayedVehicle(Log.read(log), loop)
-    servers = servers_of(protocol or [own_protocol(vehicle.scenario)], vehicle.scenario, vehicle, address or [])
+    servers = servers_of(protocol or [own_protocol(vehicle.scenario)], vehicle.scenario, vehicle, address or [], expose)
     _serve(vehicle, servers, expose, speed, vehicle.duration, None, as_json)
 
 

@@ -60,7 +60,8 @@ class FirmwarePhysics:
             told = jnp.concatenate([state.nu[3:], force, state.position, velocity, state.attitude])
             return (after, state), told
 
-        self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)  # the step is a constant: a firmware keeps to its rate
+        # The step is a constant: a firmware keeps to its rate.
+        self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)
         self._parameters = (twin.model, twin.world)
         self.reset()
         self._step(*self._parameters, self._memory, as_array(np.zeros(len(self._names))), USUAL)

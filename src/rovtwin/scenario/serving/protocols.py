@@ -27,10 +27,11 @@ class Servable(Protocol):
 
 @dataclass(frozen=True)
 class Where:
-    """Addresses that the user gave for one protocol: hosts and, where given, a port."""
+    """Addresses that the user gave for one protocol: hosts and, where given, a port; whether others may take part."""
 
     hosts: list[str] = field(default_factory=list)
     port: int | None = None
+    expose: bool = False
 
     def options(self, host: str = "host") -> dict[str, Any]:
         """As arguments of a server with one host and one port."""
@@ -84,6 +85,7 @@ def servers_of(names: Sequence[str], scenario: Scenario, vehicle: Servable, addr
         scenario: Of the vehicle.
         vehicle: What they will speak for.
         addresses: As given: HOST[:PORT] for the first protocol, PROTOCOL=HOST[:PORT] for a certain one.
+        expose: Whether others on the network may take part where a protocol finds its own addresses.
 
     Raises:
         ConfigError: There is no such protocol, or an address that is none.
@@ -94,7 +96,7 @@ def servers_of(names: Sequence[str], scenario: Scenario, vehicle: Servable, addr
             f"--protocol: found {unknown[0]!r}, expected one or more of {', '.join(PROTOCOLS)}, or ardusub-json alone"
         )
     places = places_of(names, addresses)
-    return [PROTOCOLS[name](scenario, vehicle, places.get(name, Where())) for name in dict.fromkeys(names)]
+    return [PROTOCOLS[name](scenario, vehicle, places.get(name, Where(expose=expose))) for name in dict.fromkeys(names)]
 
 
 def places_of(names: Sequence[str], addresses: Sequence[str]) -> dict[str, Where]:
@@ -140,9 +142,10 @@ def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
     from rovtwin.links.ros2.server import Ros2Server
 
     if where.hosts:
-        raise ConfigError("--address ros2=..: ROS 2 finds its nodes by itself; set ROS_DOMAIN_ID, and --expose for others")
+        raise ConfigError("--address ros2=..: ROS 2 finds its nodes by itself; set ROS_DOMAIN_ID, or add --expose")
     water = Water(density=scenario.world.water.kg_per_m3) if scenario.world.water else Water()
-    return Ros2Server(largest=tuple(float(x) for x in vehicle.largest[vehicle.drones[0]]), water=water)
+    largest = tuple(float(x) for x in vehicle.largest[vehicle.drones[0]])
+    return Ros2Server(largest=largest, water=water, expose=where.expose)
 
 
 def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
