@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.onboard import RATE
 from rovtwin.links.server import Server
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.files import list_scenarios, load_scenario
@@ -77,7 +78,13 @@ def own_protocol(scenario: Scenario) -> str:
     return "blueye" if all(name.split(".")[-1] in ("surge", "sway", "heave") for name in names) else "mavlink"
 
 
-def servers_of(names: Sequence[str], scenario: Scenario, vehicle: Servable, addresses: Sequence[str]) -> list[Server]:
+def servers_of(
+    names: Sequence[str],
+    scenario: Scenario,
+    vehicle: Servable,
+    addresses: Sequence[str] = (),
+    expose: bool = False,
+) -> list[Server]:
     """Servers of these protocols.
 
     Args:
@@ -134,7 +141,8 @@ def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
     if "port" in options:
         options["udp_port"] = options.pop("port")
     mixing = mixer(vehicle_of(scenario).model().thrusters) if len(vehicle.drones) == 1 else None
-    return MavlinkServer(datum=scenario.origin, mixer=mixing, drone=vehicle.drones[0], **options)
+    fastest = (RATE[0], RATE[1], RATE[2], RATE[5])
+    return MavlinkServer(datum=scenario.origin, mixer=mixing, drone=vehicle.drones[0], fastest=fastest, **options)
 
 
 def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
