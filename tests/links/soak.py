@@ -97,7 +97,13 @@ def soak(minutes: float, say=print) -> dict:
         for i, name in ((1, "physics_mb_per_hour"), (2, "protocols_mb_per_hour"))
     }
     messages = counted.value / max(60 * minutes, 1)
-    return {"minutes": minutes, **pace.figures(), **growth, "messages_per_s": messages, "memory": rows.round(1).tolist()}
+    return {
+        "minutes": minutes,
+        **pace.figures(),
+        **growth,
+        "messages_per_s": messages,
+        "memory": rows.round(1).tolist(),
+    }
 
 
 if __name__ == "__main__":
