@@ -52,10 +52,11 @@ def soak(minutes: float, say=print) -> dict:
     from rovtwin.links.apart import Protocols
     from rovtwin.scenario.serving import serve as module
     from rovtwin.scenario.serving.host import ServedVehicle
-    from rovtwin.scenario.serving.protocols import servers_of, world_for
+    from rovtwin.scenario.serving.protocols import places_of, servers_of, world_for
 
-    vehicle = ServedVehicle(world_for("double_blueye", [], None))
-    servers = servers_of(["blueye"], world_for("double_blueye", [], None), vehicle, [f"{h}:{HTTP}" for h in HOSTS])
+    scenario = world_for("double_blueye", [], None)
+    vehicle = ServedVehicle(scenario)
+    servers = servers_of(["blueye"], scenario, vehicle, places_of(["blueye"], [f"{h}:{HTTP}" for h in HOSTS]))
     pids: list[int] = []
 
     class Known(Protocols):

@@ -13,7 +13,7 @@ import numpy as np
 from rovtwin.links.server import Server
 from rovtwin.scenario.pace import Pace
 from rovtwin.scenario.serving.host import ServedVehicle
-from rovtwin.scenario.serving.protocols import servers_of, world_for
+from rovtwin.scenario.serving.protocols import places_of, servers_of, world_for
 from rovtwin.scenario.serving.serve import serve
 
 
@@ -95,7 +95,7 @@ def twin_served(
     """A served twin until the block is left."""
     scenario = world_for(what, overrides, None)
     twin = ServedTwin(ServedVehicle(scenario), speed)
-    servers = [*servers_of(protocols, scenario, twin.vehicle, addresses), *more]
+    servers = [*servers_of(protocols, scenario, twin.vehicle, places_of(protocols, addresses)), *more]
     over = threading.Event()
 
     def run() -> None:

@@ -28,6 +28,7 @@ Addresses = Annotated[
         help="Where to listen, such as 127.0.0.2, one for each drone, or dvl=127.0.0.1:16171; also several.",
     ),
 ]
+Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Of the first protocol, in place of its own.")]
 Expose = Annotated[bool, typer.Option("--expose", help="Allow addresses that others on the network reach.")]
 Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help="Simulated seconds a second.")]
 Duration = Annotated[float | None, typer.Option(min=0.0, help="End after so many simulated seconds; else Ctrl-C.")]
@@ -39,6 +40,7 @@ def serve(
     ],
     protocol: Protocols = None,
     address: Addresses = None,
+    port: Port = None,
     expose: Expose = False,
     speed: Speed = 1.0,
     duration: Duration = None,
@@ -54,17 +56,18 @@ def serve(
     is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own.
     """
     from rovtwin.scenario.serving.host import ServedVehicle
-    from rovtwin.scenario.serving.protocols import own_protocol, servers_of, world_for
+    from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of, world_for
 
     scenario = world_for(what, overrides or (), seed)
     if protocol == [FIRMWARE]:
-        _lockstep(scenario, address or [], expose, duration, as_json)
+        _lockstep(scenario, address or [], port, expose, duration, as_json)
+    names = known(protocol or [own_protocol(scenario)])
+    places, screen = places_of(names, address or [], port), console(as_json)
+    _warn([host for place in places.values() for host in place.hosts], expose, screen)
     with progress_bar("") as bar:
         bar.add_task(f"{what}: compiling", total=None)
         vehicle = ServedVehicle(scenario)
-    names = protocol or [own_protocol(scenario)]
-    servers = servers_of(names, scenario, vehicle, address or [], expose)
-    _serve(vehicle, servers, expose, speed, duration, log, as_json)
+    _serve(vehicle, servers_of(names, scenario, vehicle, places, expose), screen, speed, duration, log, as_json)
 
 
 def replay(
@@ -73,6 +76,7 @@ def replay(
         list[str] | None, typer.Option("--as", help="Protocol to speak: blueye, mavlink, ros2, dvl, ugps, qtm.")
     ] = None,
     address: Addresses = None,
+    port: Port = None,
     expose: Expose = False,
     speed: Speed = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
@@ -80,22 +84,27 @@ def replay(
 ) -> None:
     """Serve a log as if it were the vehicle: its readings come again by the clock, commands move nothing."""
     from rovtwin.core.log import Log
-    from rovtwin.scenario.serving.protocols import own_protocol, servers_of
+    from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of
     from rovtwin.scenario.serving.replayed import ReplayedVehicle
 
     vehicle = ReplayedVehicle(Log.read(log), loop)
-    servers = servers_of(protocol or [own_protocol(vehicle.scenario)], vehicle.scenario, vehicle, address or [], expose)
-    _serve(vehicle, servers, expose, speed, vehicle.duration, None, as_json)
+    names, screen = known(protocol or [own_protocol(vehicle.scenario)]), console(as_json)
+    places = places_of(names, address or [], port)
+    _warn([host for place in places.values() for host in place.hosts], expose, screen)
+    servers = servers_of(names, vehicle.scenario, vehicle, places, expose)
+    _serve(vehicle, servers, screen, speed, vehicle.duration, None, as_json)
 
 
-def _lockstep(scenario: "Scenario", address: list[str], expose: bool, duration: float | None, as_json: bool) -> None:
+def _lockstep(
+    scenario: "Scenario", address: list[str], port: int | None, expose: bool, duration: float | None, as_json: bool
+) -> None:
     import math
 
     from rovtwin.scenario.serving.lockstep import serve_firmware
     from rovtwin.scenario.serving.protocols import Where, places_of
 
     screen = console(as_json)
-    where = places_of([FIRMWARE], address).get(FIRMWARE, Where())
+    where = places_of([FIRMWARE], address, port).get(FIRMWARE, Where())
     _warn(where.hosts, expose, screen)
     with progress_bar("{task.completed:.0f} s") as bar:
         task = bar.add_task("vehicle's time", total=duration)
@@ -115,14 +124,14 @@ def _lockstep(scenario: "Scenario", address: list[str], expose: bool, duration: 
 def _warn(hosts: list[str], expose: bool, screen: Console) -> None:
     from rovtwin.links.server import loopback_only
 
-    for exposed in loopback_only(hosts, expose):
+    for exposed in loopback_only(hosts, expose) or (["it"] if expose else []):
         screen.print(f"warning: everybody who reaches {exposed} can steer this vehicle", style="yellow", markup=False)
 
 
 def _serve(
     vehicle: Any,
     servers: "list[Server]",
-    expose: bool,
+    screen: Console,
     speed: float,
     duration: float | None,
     log: Path | None,
@@ -132,10 +141,8 @@ def _serve(
 
     from rovtwin.scenario.serving.serve import serve as serve_it
 
-    screen = console(as_json)
     if log is not None and log.exists():
         raise ConfigError(f"--log {log}: exists already; a log never overwrites another. Choose another name")
-    _warn([host for server in servers for host in server.addresses], expose, screen)
     screen.print("serving; Ctrl-C ends it")
     with progress_bar("{task.completed:.0f} s") as bar:
         task = bar.add_task("vehicle's time", total=duration)

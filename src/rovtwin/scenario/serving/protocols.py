@@ -1,7 +1,7 @@
 """The protocols that a vehicle can be served by, by name, and the world that it swims in."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -78,36 +78,47 @@ def own_protocol(scenario: Scenario) -> str:
     return "blueye" if all(name.split(".")[-1] in ("surge", "sway", "heave") for name in names) else "mavlink"
 
 
-def servers_of(
-    names: Sequence[str],
-    scenario: Scenario,
-    vehicle: Servable,
-    addresses: Sequence[str] = (),
-    expose: bool = False,
-) -> list[Server]:
-    """Servers of these protocols.
-
-    Args:
-        names: Of protocols.
-        scenario: Of the vehicle.
-        vehicle: What they will speak for.
-        addresses: As given: HOST[:PORT] for the first protocol, PROTOCOL=HOST[:PORT] for a certain one.
-        expose: Whether others on the network may take part where a protocol finds its own addresses.
+def known(names: Sequence[str]) -> list[str]:
+    """The names of protocols, each once.
 
     Raises:
-        ConfigError: There is no such protocol, or an address that is none.
+        ConfigError: There is no such protocol.
     """
     unknown = [name for name in names if name not in PROTOCOLS]
     if unknown:
         raise ConfigError(
             f"--protocol: found {unknown[0]!r}, expected one or more of {', '.join(PROTOCOLS)}, or ardusub-json alone"
         )
-    places = places_of(names, addresses)
-    return [PROTOCOLS[name](scenario, vehicle, places.get(name, Where(expose=expose))) for name in dict.fromkeys(names)]
+    return list(dict.fromkeys(names))
 
 
-def places_of(names: Sequence[str], addresses: Sequence[str]) -> dict[str, Where]:
+def servers_of(
+    names: Sequence[str],
+    scenario: Scenario,
+    vehicle: Servable,
+    places: Mapping[str, Where],
+    expose: bool = False,
+) -> list[Server]:
+    """Servers of these protocols.
+
+    Args:
+        names: Of protocols, `known`.
+        scenario: Of the vehicle.
+        vehicle: What they will speak for.
+        places: Where each shall listen, if not where it usually does.
+        expose: Whether others on the network may take part where a protocol finds its own addresses.
+    """
+    where = {name: replace(places.get(name, Where()), expose=expose) for name in names}
+    return [PROTOCOLS[name](scenario, vehicle, where[name]) for name in names]
+
+
+def places_of(names: Sequence[str], addresses: Sequence[str], port: int | None = None) -> dict[str, Where]:
     """Where each protocol shall listen.
+
+    Args:
+        names: Of protocols.
+        addresses: As given: HOST[:PORT] for the first protocol, PROTOCOL=HOST[:PORT] for a certain one.
+        port: Of the first protocol.
 
     Raises:
         ConfigError: An address that is none, or of another protocol.
@@ -118,11 +129,13 @@ def places_of(names: Sequence[str], addresses: Sequence[str]) -> dict[str, Where
         name, rest = (name, rest) if found else (names[0], text)
         if name not in names:
             raise ConfigError(f"--address {text}: found {name!r}, expected one of the protocols {', '.join(names)}")
-        host, _, port = rest.rpartition(":") if rest.count(":") == 1 else (rest, "", "")
-        if not host or (port and not (port.isdecimal() and 0 < int(port) < 65536)):
+        host, _, given = rest.rpartition(":") if rest.count(":") == 1 else (rest, "", "")
+        if not host or (given and not (given.isdecimal() and 0 < int(given) < 65536)):
             raise ConfigError(f"--address {text}: expected HOST or HOST:PORT, such as 127.0.0.2 or 127.0.0.1:8080")
         before = places.get(name, Where())
-        places[name] = Where([*before.hosts, host], int(port) if port else before.port)
+        places[name] = Where([*before.hosts, host], int(given) if given else before.port)
+    if port is not None:
+        places[names[0]] = replace(places.get(names[0], Where()), port=port)
     return places
 
 
