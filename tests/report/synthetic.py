@@ -184,6 +184,8 @@ def synthetic(dt=0.1, speed=0.25, seed=1, waves=True, optimism=1.0, metadata=Tru
     left, power = [1 - 0.4 * t / t[-1], 1 - 0.3 * t / t[-1]], [20 + np.sin(t), 15 + np.cos(t)]
     fields = ("port_charge", "starboard_charge", "port_power", "starboard_power")
     add("truth/battery", fields, ("1", "1", "W", "W"), "", t, np.column_stack([*left, *power]))
+    late = np.column_stack([0.2 + 3.0 * np.sin(0.3 * t) ** 8, 0.02 + 0.01 * np.cos(t), np.ones_like(t)])
+    add("host/timing", ("late_ms", "link_age", "thrust_on"), ("ms", "s", "1"), "", t, late)
     return Log.from_arrays(
         channels, data, _metadata(t, truth, error, nees, across[on_leg], waves) if metadata else {"version": "0.1.0"}
     )

@@ -196,7 +196,7 @@ def test_captions_say_the_largest_tension_and_what_is_left(log):
 
 
 def test_nobody_misses_tethers_that_a_run_did_not_have(log):
-    assert left_out(without(log, "truth/tether/", "truth/tether_shape/", "truth/battery")) == []
+    assert left_out(without(log, "truth/tether/", "truth/tether_shape/", "truth/battery", "host/timing")) == []
 
 
 def test_an_empty_battery_is_a_fault_of_its_thrusters(coarse):
@@ -287,7 +287,8 @@ def test_nothing_is_named_when_all_is_there(log):
 
 def test_real_vehicle_without_truth(log):
     real = without(log, "truth/", "score/")
-    assert set(figures(real)) == {"path", "pose", "tracking", "velocity", "forces", "consistency", "disturbance"}
+    seven = {"path", "pose", "tracking", "velocity", "forces", "consistency", "disturbance"}
+    assert set(figures(real)) == seven | {"timing"}
     assert any("Errors of the estimate" in line and "no truth/eta" in line for line in left_out(real))
 
 

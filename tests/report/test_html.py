@@ -74,7 +74,7 @@ def test_links_lead_somewhere(page, folder):
 
 def test_figures_as_png_and_svg_of_moderate_size(folder, page):
     png, svg = sorted((folder / "figures").glob("*.png")), sorted((folder / "figures").glob("*.svg"))
-    assert [p.stem for p in png] == [p.stem for p in svg] and len(png) == 10
+    assert [p.stem for p in png] == [p.stem for p in svg] and len(png) == 11
     assert all(p.stat().st_size < 1e6 for p in (*png, *svg))
     assert (folder / "report.html").stat().st_size < 5e6
     assert all(p.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" for p in png)

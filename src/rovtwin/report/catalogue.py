@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from rovtwin.core.log import Log
-from rovtwin.report import consistency, effort, motion, path, supply
+from rovtwin.report import consistency, effort, motion, path, supply, timing
 from rovtwin.report.flight import Flight
 
 
@@ -143,6 +143,17 @@ CATALOGUE = (
         supply.batteries,
         (("truth/battery",),),
         remark=supply.about_batteries,
+        of_everyone=False,
+    ),
+    Entry(
+        "timing",
+        "The loop and the line",
+        "How late each tick of the autopilot began, as a histogram and over time, and how long the vehicle had not "
+        "been heard. Ticks that come late by a whole period in a row make the fail-safe act; so does a silent line. "
+        "There is no truth in this log: errors above are those that the estimate itself sees.",
+        timing.timing,
+        (("host/timing",),),
+        remark=timing.about,
         of_everyone=False,
     ),
 )
