@@ -15,6 +15,8 @@ from rovtwin.scenario.files import scenario_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.serving.vehicle import OF_A_DRONE, drones_of
 
+EARLY = 1e-3  # of a period: readings at its edge belong to one period, however times were rounded
+
 
 class ReplayedVehicle:
     """Readings of a run's log, period by period; each drone of a vehicle of several measures what the whole did.
@@ -39,12 +41,12 @@ class ReplayedVehicle:
         self._arrivals, self._readings = readings_of(log)
         if not self._readings:
             raise LogError(f"{log.source}: found no sensor channels, expected those of a run with log.sensors on")
-        self._length, self._loop = float(self._arrivals[-1]) + self.dt, loop
+        self._ticks, self._loop = int(np.floor(self._arrivals[-1] / self.dt + EARLY)) + 1, loop
         self._tick = 0
 
     @property
     def duration(self) -> float:
-        return np.inf if self._loop else self._length
+        return np.inf if self._loop else self._ticks * self.dt
 
     @property
     def now(self) -> float:
@@ -53,16 +55,13 @@ class ReplayedVehicle:
 
     def advance(self, wishes: Mapping[str, Wish]) -> list[Measurement]:
         """What was measured in the next period."""
-        before = self._round(self.now)
+        k = self._tick % self._ticks if self._loop else self._tick
+        begin, end = np.searchsorted(self._arrivals, [(k - EARLY) * self.dt, (k + 1 - EARLY) * self.dt])
+        later = (self._tick - k) * self.dt
         self._tick += 1
-        begin, end = np.searchsorted(self._arrivals, [before, before + self.dt - 1e-9])
-        later = self.now - self.dt - before
         found = [Measurement(r.sensor, r.value, r.t_valid + later) for r in self._readings[begin:end]]
         if self.drones == ("",):
             return found
         whole = [r for r in found if r.sensor not in OF_A_DRONE]
         own = [r for r in found if r.sensor in OF_A_DRONE]
         return whole + [Measurement(f"{d}/{r.sensor}", r.value, r.t_valid) for d in self.drones for r in own]
-
-    def _round(self, t: float) -> float:
-        return t % self._length if self._loop else t

@@ -1,0 +1,269 @@
+"""Flying over a link: URLs, listening before arming, what is flown and logged, what ends it."""
+
+import numpy as np
+import pytest
+
+from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.link import Link, Source
+from rovtwin.core.log import Log
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.live import readiness
+from rovtwin.scenario.live.connect import LINKS, SOURCES, Url, connect, source
+from rovtwin.scenario.live.flight import fly_live
+from rovtwin.scenario.live.readiness import Ears, listen
+from rovtwin.scenario.live.record import record
+from rovtwin.scenario.pace import Clock, Pace
+
+SPEED = 10.0
+
+
+class Fake(Link):
+    """A vehicle that says what it is given to say, and keeps what it was told."""
+
+    def __init__(self, *readings: Measurement):
+        self.to_say = list(readings)
+        self.told: list[np.ndarray] = []
+        self.stopped = self.armed = self.closed = False
+
+    def read(self):
+        said, self.to_say = self.to_say, []
+        return said
+
+    def send(self, command: Command) -> None:
+        self.told.append(np.array(command.u))
+
+    def arm(self) -> None:
+        self.armed = True
+
+    def stop(self) -> None:
+        self.stopped = True
+
+    def close(self) -> None:
+        self.stop()
+        self.closed = True
+
+
+class Instrument(Source):
+    def __init__(self, *readings: Measurement):
+        self.to_say = list(readings)
+
+    def read(self):
+        said, self.to_say = self.to_say, []
+        return said
+
+    def close(self) -> None:
+        pass
+
+
+def reading(sensor: str, *value: float, t: float = 0.0) -> Measurement:
+    return Measurement(sensor, np.array(value), t)
+
+
+# URLs
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("192.168.1.101", "no scheme"),
+        ("ftp://192.168.1.101", "'ftp'"),
+        ("", "no scheme"),
+        ("blueye://", "0 addresses, expected 2"),
+        ("blueye://1.2.3.4", "1 addresses, expected 2"),
+        ("blueye://1.2.3.4,1.2.3.5,1.2.3.6", "3 addresses, expected 2"),
+        ("replay://nowhere.mcap", "nowhere.mcap"),
+        ("ros2://rov?domain=3", "domain=3"),
+    ],
+)
+def test_a_url_that_cannot_be_used_is_said_with_what_was_expected(text, found):
+    with pytest.raises((ConfigError, LogError)) as error:
+        connect(text, load_scenario("lawnmower_calm"), Clock())
+    assert found in str(error.value)
+
+
+def test_a_blueye_link_is_for_blueyes():
+    scenario = load_scenario("lawnmower_calm", ["vehicle=bluerov2_heavy"])
+    with pytest.raises(ConfigError, match="front_starboard.*expected surge"):
+        connect("blueye://1.2.3.4", scenario, Clock())
+
+
+@pytest.mark.parametrize(
+    "text", ["dvl://", "dvl://host:port", "dvl://host:99999", "qtm://:22223/rov", "blueye://1.2.3.4"]
+)
+def test_a_source_that_cannot_be_used(text):
+    with pytest.raises(ConfigError, match="expected"):
+        source(text, Clock())
+
+
+def test_hosts_and_ports():
+    known = dict(LINKS) | dict(SOURCES)
+    assert Url.of("dvl://192.168.194.95", known, "").host_port(16171) == ("192.168.194.95", 16171)
+    assert Url.of("dvl://[::1]:8000", known, "").host_port(16171) == ("::1", 8000)
+    assert Url.of("replay://a%20b.mcap", known, "").rest == "a b.mcap"
+
+
+# Listening
+
+
+def whole(t: float = 0.0) -> list[Measurement]:
+    return [
+        *(reading("position", 1.0 + i, -2.0, t=t) for i in (-0.5, 0.0, 0.5)),
+        *(reading("pressure", 3.0, t=t), reading("attitude", 0.01, -0.02, 1.5, t=t)),
+        *(reading("gyro", 0, 0, 0, t=t), reading("accelerometer", 0, 0, -9.8, t=t)),
+    ]
+
+
+@pytest.fixture
+def hasty(monkeypatch):
+    monkeypatch.setattr(readiness, "SETTLING", 0.0)
+
+
+def test_the_start_is_where_the_vehicle_is(hasty):
+    vehicle = Fake()
+    ears = Ears(vehicle, [])
+    vehicle_says = iter([[], whole(), *[[]] * 10_000])
+    vehicle.read = lambda: next(vehicle_says)
+    heard = listen(ears, ["position", "dvl"], patience=0.4, speed=SPEED)
+    np.testing.assert_allclose(heard.start.position, [1.0, -2.0, 3.0])
+    assert heard.missing == ("dvl",)
+    assert {"position", "gyro"} <= heard.rates.keys()
+
+
+@pytest.mark.parametrize("silent", ["position", "pressure", "attitude", "gyro", "accelerometer"])
+def test_a_sensor_that_is_not_heard_is_named(hasty, silent):
+    vehicle = Fake()
+    says = iter([[], [r for r in whole() if r.sensor != silent], *[[]] * 10_000])
+    vehicle.read = lambda: next(says)
+    with pytest.raises(LinkTimeout, match=f"expected {silent}"):
+        listen(Ears(vehicle, []), [], patience=0.2)
+
+
+def test_what_an_instrument_measures_is_not_taken_from_the_vehicle_too():
+    vehicle, gps = Fake(reading("position", 0, 0), reading("pressure", 1.0)), Instrument()
+    ears = Ears(vehicle, [gps])
+    assert [r.sensor for r in ears.read()] == ["position", "pressure"]
+    vehicle.to_say, gps.to_say = [reading("position", 0, 0), reading("pressure", 1.0)], [reading("position", 5, 5)]
+    assert [(r.sensor, r.value[0]) for r in ears.read()] == [("pressure", 1.0), ("position", 5.0)]
+    vehicle.to_say = [reading("position", 0, 0)]
+    assert ears.read() == []
+
+
+def test_times_count_from_the_beginning_of_the_flight():
+    ears = Ears(Fake(reading("pressure", 1.0, t=12.5)), [])
+    ears.zero = 10.0
+    assert ears.read()[0].t_valid == pytest.approx(2.5)
+
+
+# Flights
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    # The machine of a test is busy, and time runs fast.
+    ignore = "autopilot.supervisor.deadline_missed.action=ignore"
+    return load_scenario("lawnmower_calm", ["autopilot=model_based", "duration=20", ignore], 3)
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory, scenario):
+    """20 s with the twin behind a link, ten times as fast."""
+    clock = Clock(SPEED)
+    link = connect("twin://", scenario, clock)
+    heard = []
+    folder = tmp_path_factory.mktemp("live") / "run"
+    return fly_live(scenario, link, [], clock, folder, arm=lambda ready: heard.append(ready) or True), heard, link
+
+
+def test_a_flight_over_a_link_is_logged_without_truth(flight):
+    flown, heard, link = flight
+    assert len(heard) == 1 and heard[0].missing == ()
+    log = Log.read(flown.folder / "log.mcap")
+    assert not any(name.startswith("truth/") for name in log.channels)
+    assert log.metadata["live"] == "true"
+    timing = log["host/timing"]
+    assert len(timing) == 1001 and timing["thrust_on"].all()
+    assert flown.summary["judged_by"] == "the autopilot's own estimate"
+    assert flown.summary["nees_position_mean"] is None and flown.summary["late_ms_max"] > 0
+    assert flown.summary["reason"] == "not finished after 20 s"
+    # It dived, by what its pressure sensor says.
+    depth = log["sensor/pressure"]
+    assert depth["depth"][0] < 0.6 < 1.5 < depth["depth"][-1]
+    assert np.abs(log["autopilot/eta"]["z"][-1] - depth["depth"][-1]) < 0.02
+    assert link.read() == [], "the link is closed"
+
+
+def test_who_does_not_arm_moves_nothing(tmp_path, scenario):
+    clock = Clock(SPEED)
+    link = connect("twin://", scenario, clock)
+    sent = []
+    link.send = lambda command: sent.append(command)
+    flown = fly_live(scenario, link, [], clock, tmp_path / "run", arm=lambda ready: False)
+    assert sent == [] and flown.summary["reason"] == "not armed" and not flown.completed
+
+
+def test_a_vehicle_that_is_lost_in_flight_ends_it(tmp_path, scenario):
+    clock = Clock(SPEED)
+    link = connect("twin://", scenario, clock)
+    sent = []
+
+    def send(command):
+        sent.append(command)
+        if len(sent) > 30:
+            link.read = lost
+
+    def lost():
+        raise LinkError("the cable is cut")
+
+    link.send = send
+    flown = fly_live(scenario, link, [], clock, tmp_path / "run", arm=lambda ready: True)
+    assert flown.summary["reason"] == "link lost: the cable is cut" and len(sent) < 40
+    assert (tmp_path / "run" / "summary.json").exists()
+
+
+def test_an_error_in_flight_closes_the_link(tmp_path, scenario):
+    vehicle = Fake()
+    with pytest.raises(ZeroDivisionError):
+        fly_live(scenario, vehicle, [], Clock(), tmp_path / "run", arm=lambda ready: True, say=lambda text: 1 / 0)
+    assert vehicle.closed and vehicle.told == []
+
+
+def test_a_test_cannot_be_flown_over_a_link(tmp_path):
+    vehicle = Fake()
+    with pytest.raises(ConfigError, match="tests cannot be flown"):
+        fly_live(load_scenario("test_mixed"), vehicle, [], Clock(), tmp_path / "run", arm=lambda ready: True)
+    assert vehicle.closed
+
+
+# Recording
+
+
+def test_a_record_has_every_reading_that_came(tmp_path, scenario, hasty):
+    clock, vehicle, gps = Clock(), Fake(), Instrument()
+    sent = iter([[], [reading("pressure", 1.0, t=0.1), reading("strange", 1.0)], [reading("pressure", 1.5, t=0.2)]])
+    vehicle.read = lambda: next(sent, [])
+    gps.to_say = []
+    counts = record(scenario, vehicle, [gps], clock, tmp_path / "pool.mcap", 0.2)
+    assert counts == {"pressure": 2} and vehicle.told == []
+    log = Log.read(tmp_path / "pool.mcap")
+    np.testing.assert_allclose(log["sensor/pressure"]["depth"], [1.0, 1.5])
+
+
+# Time
+
+
+def test_a_loop_that_is_late_is_counted():
+    now = [0.0]
+    pace = Pace(sleep=lambda s: now.__setitem__(0, now[0] + s))
+    assert pace.wait(1.0, lambda: now[0]) == pytest.approx(0.0, abs=1e-9)
+    now[0] = 2.0103
+    assert pace.wait(2.0, lambda: now[0]) == pytest.approx(0.0103)
+    assert pace.wait(2.0, lambda: now[0], speed=2.0) == pytest.approx(0.00515)
+    for _ in range(97):
+        pace.wait(now[0], lambda: now[0])
+    figures = pace.figures()
+    assert figures["late_ms_max"] == pytest.approx(10.3) and figures["late_ms_p50"] == pytest.approx(0.1)
+    assert 5.0 < figures["late_ms_p99"] < 5.4
+    now[0] = 1e9
+    pace.wait(0.0, lambda: now[0])
+    assert pace.counts.sum() == 101, "however late, it has its place"
