@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rovtwin.core.log import Log
-from rovtwin.report.style import ESTIMATE, TRUTH
+from rovtwin.report.style import BLACK, BLUE
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.live.connect import connect, source
@@ -116,7 +116,7 @@ def drawn(rows: list[dict], legs: np.ndarray, path: Path) -> None:
     """Both paths of all seeds beside each other."""
     figure, both = plt.subplots(1, 2, figsize=(9, 5), sharex=True, sharey=True, layout="constrained")
     for axes, key, title, colour in zip(
-        both, ("computed", "wire"), ("in one process", "over the Blueye protocol"), (ESTIMATE, TRUTH), strict=True
+        both, ("computed", "wire"), ("in one process", "over the Blueye protocol"), (BLUE, BLACK), strict=True
     ):
         axes.plot(legs[:, 1], legs[:, 0], color="0.7", linewidth=4, solid_capstyle="round", label="mission")
         for i, row in enumerate(rows):
@@ -154,8 +154,8 @@ def main() -> None:
             time.sleep(1.0)
     legs = np.array([w.position[:2] for w in load_scenario("lawnmower_calm").waypoints])
     legs = np.vstack([[0.0, 0.0], legs])
-    drawn(rows, legs, asked.out.with_suffix(".png"))
     asked.out.with_suffix(".json").write_text(json.dumps(rows))
+    drawn(rows, legs, asked.out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

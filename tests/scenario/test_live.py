@@ -8,12 +8,14 @@ from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.live import flight as live
 from rovtwin.scenario.live import readiness
 from rovtwin.scenario.live.connect import LINKS, SOURCES, Url, connect, source
 from rovtwin.scenario.live.flight import fly_live
 from rovtwin.scenario.live.readiness import Ears, listen
 from rovtwin.scenario.live.record import record
 from rovtwin.scenario.pace import Clock, Pace
+from rovtwin.scenario.realtime import HostAutopilot
 
 SPEED = 10.0
 
@@ -163,6 +165,27 @@ def scenario():
     # The machine of a test is busy, and time runs fast.
     ignore = "autopilot.supervisor.deadline_missed.action=ignore"
     return load_scenario("lawnmower_calm", ["autopilot=model_based", "duration=20", ignore], 3)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def once():
+    """Composed and compiled once: an autopilot that goes on from where it was is good enough for what ends a flight."""
+    compose, composed, autopilot = live.compose, {}, []
+
+    def composed_once(scenario):
+        if scenario.name not in composed:
+            composed[scenario.name] = compose(scenario)
+        return composed[scenario.name]
+
+    def made(*arguments):
+        if not autopilot:
+            autopilot.append(HostAutopilot(*arguments))
+        return autopilot[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(live, "compose", composed_once)
+        patch.setattr(live, "HostAutopilot", made)
+        yield
 
 
 @pytest.fixture(scope="module")
