@@ -27,7 +27,7 @@ from rovtwin.scenario.live.flight import fly_live
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.score import distance_to_leg
 
-HOSTS, UGPS, DVL = ("127.0.0.2", "127.0.0.3"), 8081, 16172
+HOSTS, UGPS, DVL = ("127.0.0.62", "127.0.0.63"), 8081, 16172
 
 
 class Serving:
