@@ -14,9 +14,9 @@ from tests.links.vehicles import Opener, ThreadHosted, last_told
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
+from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.links import hosted
 from rovtwin.links.hosted import HostedLink
-from rovtwin.links.twin import COMMAND_LIFE
 
 REPOSITORY = Path(__file__).parents[2]
 

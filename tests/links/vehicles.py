@@ -39,6 +39,10 @@ class PlainLink(Link):
         if not self.stopped:
             self._obey(np.array(command.u, dtype=float))
 
+    @property
+    def age(self) -> float:
+        return 0.0
+
     def stop(self) -> None:
         self.stopped = True
         self._obey(np.zeros(3))

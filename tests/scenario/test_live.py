@@ -38,6 +38,10 @@ class Fake(Link):
     def arm(self) -> None:
         self.armed = True
 
+    @property
+    def age(self) -> float:
+        return 0.0
+
     def stop(self) -> None:
         self.stopped = True
 

@@ -5,6 +5,8 @@ from typing import Self
 
 from rovtwin.core.flow import Command, Measurement
 
+COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
+
 
 class Source(abc.ABC):
     """Something that measures: a vehicle, or an instrument beside it (acoustic positions, motion capture, a DVL).
@@ -31,7 +33,9 @@ class Source(abc.ABC):
 class Link(Source):
     """What an autopilot needs of a vehicle.
 
-    `send` after `stop` is ignored: stop latches until the link is closed. All methods return at once.
+    Before `arm` nothing is sent that moves the vehicle or takes it from its pilot, and closing a link that was never
+    armed leaves it as it was. A command lives for COMMAND_LIFE. `send` after `stop` is ignored: stop latches until the
+    link is closed. All methods but `arm` return at once.
     """
 
     def arm(self) -> None:
@@ -42,9 +46,9 @@ class Link(Source):
         """
 
     @property
+    @abc.abstractmethod
     def age(self) -> float:
-        """Since the vehicle was last heard [s]; of several lines that of the quietest. Always 0 in a twin."""
-        return 0.0
+        """Since the vehicle was last heard [s], real time; of several lines that of the quietest. 0 of a twin."""
 
     @abc.abstractmethod
     def send(self, command: Command) -> None:

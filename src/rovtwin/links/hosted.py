@@ -17,8 +17,7 @@ import numpy as np
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import Link
-from rovtwin.links.twin import COMMAND_LIFE
+from rovtwin.core.link import COMMAND_LIFE, Link
 
 GONE = "the link's process is gone: thrusters stop by the vehicle's own watchdog"
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]

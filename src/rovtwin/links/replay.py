@@ -7,9 +7,8 @@ import numpy as np
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import Link
+from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.core.log import Log
-from rovtwin.links.twin import COMMAND_LIFE
 
 SENSOR = "sensor/"
 
@@ -56,6 +55,10 @@ class ReplayLink(Link):
         """What thrusters would be told now, shape (n,)."""
         live = not self._stopped and self._clock() - self._sent <= COMMAND_LIFE
         return self._u if live else self._off
+
+    @property
+    def age(self) -> float:
+        return 0.0
 
     def stop(self) -> None:
         self._stopped = True

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import Command, Measurement, Measurements
-from rovtwin.core.link import Link
+from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.core.numerics import jnp
-
-COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
 
 Advance = Callable[[Any, Command, int], tuple[Any, Measurements]]
 
@@ -65,6 +63,10 @@ class TwinLink(Link):
         if not self._stopped:
             self._u = np.clip(u, -1.0, 1.0)
             self._sent_tick = self._tick
+
+    @property
+    def age(self) -> float:
+        return 0.0
 
     def stop(self) -> None:
         self._stopped = True
