@@ -312,7 +312,9 @@ def onboard() -> Example:
     )
     seen = estimates()
     return Example(
-        Onboard.of(model().thrusters, jnp.full(6, 10.0)), OnboardInput(order, seen.eta, seen.nu), differentiable=False
+        Onboard.of(model().thrusters, jnp.full(6, 10.0)),
+        OnboardInput(order, seen.eta, seen.nu, every_tick(jnp.ones(6, dtype=bool))),
+        differentiable=False,
     )
 
 

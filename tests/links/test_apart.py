@@ -141,6 +141,23 @@ def test_a_listener_that_is_slow_loses_the_oldest_readings():
     assert station._listeners == []
 
 
+def test_who_disarms_is_heard_when_two_servers_speak_for_one_drone():
+    protocols = Protocols.__new__(Protocols)
+    protocols._wishes = {}
+    protocols._hear(10.0, Wish("", True))
+    protocols._hear(10.1, Wish("", False))
+    protocols._hear(10.15, Wish("", True))
+    assert not protocols._wishes[""][1].armed
+    protocols._hear(10.1 + apart.WISH_LIFE + 0.01, Wish("", True))
+    assert protocols._wishes[""][1].armed
+
+
+def test_what_a_client_is_called_does_not_steer_the_users_terminal():
+    said = []
+    Station(say=said.append).say("client \x1b[2J\x1b]0;owned\x07 is in control\n")
+    assert said == ["client ?[2J?]0;owned? is in control?"]
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_wish_that_is_no_number_is_none(bad):
     wish = Wish(motion=(bad, 0.5, 7.0, -7.0, 0.0, bad), target=(0.0, bad, 0.0, 0.0), lights=bad)

@@ -69,13 +69,47 @@ FLIES = """
 """
 
 
-def flying(tmp_path, *arguments):
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGKILL])
+def test_a_terminal_that_is_closed_reaches_all_and_leaves_no_thrust(tmp_path, number):
+    """A signal to the whole group of processes, as a dropped ssh or a shutdown sends it."""
+    told = tmp_path / "told"
+    process = flying(tmp_path, new_session=True)
+    try:
+        wait_for(lambda: moving(told), 30.0)
+        os.killpg(process.pid, number)
+        struck = time.monotonic()
+        wait_for(lambda: resting(told))
+        assert last_told(told)[0] - struck < COMMAND_LIFE + 0.2
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_host_that_hangs_holds_nobody_up(tmp_path):
+    """Commands are not heard then, but sending, stopping and closing return, and closing kills it."""
+    link = HostedLink(Opener(tmp_path / "told"), 3)
+    os.kill(link.pid, signal.SIGSTOP)
+    began = time.monotonic()
+    for _ in range(5000):
+        link.send(Command(np.full(3, 0.5)))
+    link.stop()
+    assert time.monotonic() - began < 2.0
+    link.close()
+    assert time.monotonic() - began < 6.0
+    assert not link._process.is_alive()
+
+
+def flying(tmp_path, *arguments, new_session=False):
     """An autopilot in a process of its own that flies a vehicle in another."""
     script = tmp_path / "flies.py"
     script.write_text(textwrap.dedent(FLIES))
     environment = os.environ | {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}"}
     return subprocess.Popen(
-        [sys.executable, script, tmp_path / "told", *arguments], env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, script, tmp_path / "told", *arguments],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=new_session,
     )
 
 

@@ -1,5 +1,7 @@
 """Flying over a link: URLs, listening before arming, what is flown and logged, what ends it."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from rovtwin.core.log import Log
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.live import flight as live
 from rovtwin.scenario.live import readiness
-from rovtwin.scenario.live.connect import LINKS, SOURCES, Url, connect, source
+from rovtwin.scenario.live.connect import LINKS, SOURCES, Url, connect, on_this_machine, source
 from rovtwin.scenario.live.flight import fly_live
 from rovtwin.scenario.live.readiness import Ears, listen
 from rovtwin.scenario.live.record import record
@@ -155,6 +157,16 @@ def test_what_an_instrument_measures_is_not_taken_from_the_vehicle_too():
     assert ears.read() == []
 
 
+def test_the_start_is_not_a_mean_of_two_frames(hasty):
+    """The vehicle's own positions, in a frame of its own, until the first of an instrument; then only these."""
+    vehicle, gps = Fake(), Instrument()
+    says = iter([[], whole(), *[[]] * 10_000])
+    fixes = iter([[], [], [], *([reading("position", 30.0, 20.0)] for _ in range(3)), *[[]] * 10_000])
+    vehicle.read, gps.read = lambda: next(says), lambda: next(fixes)
+    heard = listen(Ears(vehicle, [gps]), [], speed=SPEED)
+    np.testing.assert_allclose(heard.start.position[:2], [30.0, 20.0])
+
+
 def test_times_count_from_the_beginning_of_the_flight():
     ears = Ears(Fake(reading("pressure", 1.0, t=12.5)), [])
     ears.zero = 10.0
@@ -260,6 +272,35 @@ def test_a_test_cannot_be_flown_over_a_link(tmp_path):
     with pytest.raises(ConfigError, match="tests cannot be flown"):
         fly_live(load_scenario("test_mixed"), vehicle, [], Clock(), tmp_path / "run", arm=lambda ready: True)
     assert vehicle.closed
+
+
+def test_a_log_begins_when_the_flight_does(tmp_path, scenario, flight):
+    """However long it took to compile and to listen."""
+    clock = Clock(SPEED)
+    link = connect(f"replay://{flight[0].folder}/log.mcap", scenario, clock)
+    time.sleep(0.5)
+    flown = fly_live(scenario, link, [], clock, tmp_path / "run", arm=lambda ready: True)
+    came, were = flown.log["sensor/pressure"], flight[0].log["sensor/pressure"]
+    assert came["depth"][0] == were["depth"][0]
+    assert len(came) > 0.95 * len(were)
+
+
+def test_another_speed_is_for_twins():
+    for url in (
+        "twin://",
+        "replay://x.mcap",
+        "blueye://127.0.0.2,127.0.0.3",
+        "mavlink://udpout:127.0.0.1:14551",
+        "ros2://rov",
+    ):
+        assert on_this_machine(url)
+    for url in (
+        "blueye://192.168.1.101",
+        "blueye://127.0.0.2,10.0.0.3",
+        "mavlink://udpin:0.0.0.0:14550",
+        "ros2://rov?expose",
+    ):
+        assert not on_this_machine(url)
 
 
 # Recording

@@ -70,6 +70,26 @@ def test_a_stick_moves_what_is_held_and_does_not_run_away_from_a_vehicle_that_ca
     assert abs(vehicle.truth["eta"][2] - let_go) < REACH[2] + 0.1
 
 
+def test_a_hold_whose_sensor_is_silent_gives_nothing():
+    """Without pressure nobody knows the depth: no thrust after a fiction, and the hold is back with the sensor."""
+    scenario = load_scenario("lawnmower_calm", ["faults=[{at: 5, until: 12, sensor: pressure, fault: silent}]"])
+    vehicle = ServedVehicle(scenario)
+    run(vehicle, 4.0, motion=(0, 0, 0.4, 0, 0, 0))
+    run(vehicle, 3.0, hold_depth=True)
+    assert not vehicle.truth["command"][[3, 7]].any()
+    run(vehicle, 20.0, hold_depth=True)
+    held = vehicle.truth["eta"][2]
+    run(vehicle, 3.0, hold_depth=True)
+    assert abs(vehicle.truth["eta"][2] - held) < 0.02
+
+
+def test_a_pair_breaks_as_one():
+    scenario = load_scenario("lawnmower_calm", ["faults=[{at: 0, thruster: port.surge, fault: dead}]"])
+    vehicle = ServedVehicle(scenario)
+    run(vehicle, 2.0, motion=(0.5, 0, 0, 0, 0, 0))
+    np.testing.assert_allclose(vehicle.truth["thrust"], [0, 0, 0, 0, 2.5, 2.5, 0, 0], atol=0.01)
+
+
 def test_each_drone_measures_with_its_own_sensors_at_its_own_place(vehicle):
     readings = run(vehicle, 2.0)
     names = {r.sensor for r in readings}

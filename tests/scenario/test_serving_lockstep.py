@@ -82,6 +82,12 @@ def test_as_fast_as_real_time(physics):
     assert time.perf_counter() - began < 5.0  # a fifth of real time at the least, on a busy machine
 
 
+def test_packets_of_many_rates_compile_a_few(physics):
+    for rate in range(1000, 1040):
+        physics.advance((NEUTRAL,) * 8, 1.0 / rate)
+    assert len(physics._rates) <= 4
+
+
 def test_a_vehicle_that_ardusubs_frame_does_not_drive_is_refused():
     with pytest.raises(ConfigError, match=r"port.surge.*bluerov2_heavy"):
         FirmwarePhysics(world_for("double_blueye", [], None))

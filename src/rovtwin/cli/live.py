@@ -46,18 +46,23 @@ def fly_link(
     from contextlib import ExitStack
 
     from rovtwin.scenario.flight import run_folder
-    from rovtwin.scenario.live.connect import connect, source
+    from rovtwin.scenario.live.connect import connect, on_this_machine, source
     from rovtwin.scenario.live.flight import fly_live
     from rovtwin.scenario.pace import Clock
 
     if not armed and not sys.stdin.isatty():
         raise ConfigError("fly --link: found no terminal to ask on before thrusters may turn; add --arm if they may")
+    if speed != 1.0 and not on_this_machine(link):
+        raise ConfigError(
+            f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours; it is for a twin that is "
+            "served on this machine (an address of 127.0.0.x, or twin://, replay://, ros2://)"
+        )
     clock = Clock(speed)
     with ExitStack() as stack:
         with progress_bar("") as bar:
             bar.add_task(f"connecting to {link}", total=None)
             sources = [stack.enter_context(source(url, clock)) for url in sensors]
-            vehicle = stack.enter_context(connect(link, scenario, clock))
+            vehicle = stack.enter_context(connect(link, scenario, clock, observe=not thrust))
         bar = stack.enter_context(progress_bar("{task.completed:.0f} s flown"))
         task = bar.add_task(f"{scenario.name}: compiling, listening", total=scenario.duration)
 

@@ -26,6 +26,7 @@ RATE = (0.5, 0.5, 0.3, 0.0, 0.0, 0.6)  # at which a full stick moves what is hel
 REACH = (0.5, 0.5, 0.5, 0.5, 0.5, 0.5)  # what is held stays as close to the vehicle while a stick moves it [m, rad]
 INTEGRAL = 0.1  # share of the frequency
 ALPHA, BETA = 0.2, 0.02  # of the tracker of depth: quick against a hold, slow against a millimetre of noise
+SILENT = 0.5  # a sensor is not believed any longer after this [s]
 DEAD = 0.02  # a stick within this is let go
 _LEVEL = (jnp.arange(6) == 3) | (jnp.arange(6) == 4)
 
@@ -54,19 +55,27 @@ class Order(eqx.Module):
 
 
 class OnboardInput(eqx.Module):
-    """The order, and where the vehicle believes to be: eta, shape (6,), nu, shape (6,)."""
+    """The order, and where the vehicle believes to be.
+
+    Attributes:
+        order: What is wished.
+        eta, nu: Pose and velocity, shapes (6,).
+        known: Which axes of them are known, shape (6,), bool; others give nothing while they shall be held.
+    """
 
     order: Order
     eta: Array
     nu: Array
+    known: Array
 
 
 class OnboardMemory(eqx.Module):
-    """Pose that is held, n, shape (6,); which of it, shape (6,), bool; integral [N, N m], shape (6,)."""
+    """Pose that is held, n, shape (6,); which of it, shape (6,), bool; integral [N, N m], shape (6,); target, bool."""
 
     held: Array
     on: Array
     integral: Array
+    aimed: Array
 
 
 class OnboardOutput(eqx.Module):
@@ -102,24 +111,26 @@ class Onboard(Block):
         return cls(thrusters, inverse, np.where(able, most.min(axis=0), 0.0), np.asarray(inertia) * able)
 
     def init(self, key: Array, start: Start) -> OnboardMemory:
-        return OnboardMemory(jnp.zeros(6), jnp.zeros(6, dtype=bool), jnp.zeros(6))
+        return OnboardMemory(jnp.zeros(6), jnp.zeros(6, dtype=bool), jnp.zeros(6), jnp.asarray(False))
 
     def step(self, memory: OnboardMemory, input: OnboardInput, dt: float) -> tuple[OnboardMemory, OnboardOutput]:
         order, eta = input.order, input.eta
         stick = jnp.where(jnp.abs(order.motion) > DEAD, order.motion, 0.0)
-        on = _axes(order)
+        wished = _axes(order)
+        on = wished & input.known
         rate = stick * as_array(RATE) * on
         held = self._held(memory, order, eta, on, rate, dt)
         away = _turned(held - eta, eta[5], -1.0)
         away = jnp.clip(away, -as_array(REACH), as_array(REACH))
         w = as_array(FREQUENCY)
         wanted = self.inertia * (w**2 * away + 2.0 * w * (rate - input.nu)) + memory.integral
-        tau = jnp.where(on, jnp.clip(wanted, -self.largest, self.largest), stick * self.largest)
+        pushed = jnp.where(wished, 0.0, stick * self.largest)
+        tau = jnp.where(on, jnp.clip(wanted, -self.largest, self.largest), pushed)
         grown = memory.integral + self.inertia * INTEGRAL * w**3 * away * dt
         integral = jnp.where(on & (jnp.abs(wanted) < self.largest), grown, memory.integral)
         command, tau = self._allocated(jnp.where(order.armed, tau, 0.0))
         live = order.armed & on
-        return OnboardMemory(held, live, jnp.where(live, integral, 0.0)), OnboardOutput(command, tau)
+        return OnboardMemory(held, live, jnp.where(live, integral, 0.0), order.aimed), OnboardOutput(command, tau)
 
     def _held(self, memory: OnboardMemory, order: Order, eta: Array, on: Array, rate: Array, dt: float) -> Array:
         """Pose to hold: that of when the hold came on, moved by sticks, or the target."""
@@ -129,7 +140,9 @@ class Onboard(Block):
         near = eta + jnp.clip(offset, -as_array(REACH), as_array(REACH))
         aside = jnp.any(rate[:2] != 0.0)  # sticks are ahead and to starboard, what is held is north and east
         moving = jnp.concatenate([jnp.stack([aside, aside]), rate[2:] != 0.0])
-        held = jnp.where(memory.on, jnp.where(moving, near, moved), eta)
+        # A target that is withdrawn is no place to go to any more: the vehicle holds where it is.
+        kept = memory.on & ~(memory.aimed & ~order.aimed)
+        held = jnp.where(kept, jnp.where(moving, near, moved), eta)
         held = jnp.where(_LEVEL, 0.0, held)
         goal = jnp.stack([*order.target[:3], jnp.zeros(()), jnp.zeros(()), order.target[3]])
         held = jnp.where(order.aimed, goal, held)
@@ -163,17 +176,26 @@ def _shortest(difference: Array) -> Array:
 
 
 class SenseMemory(eqx.Module):
-    """Depth and its rate, shape (2,); whether depth is known, bool; attitude and rates as last read, shape (6,)."""
+    """Depth and its rate, shape (2,); attitude and rates as last read, shape (6,); silence of each sensor [s], (3,)."""
 
     depth: Array
-    known: Array
     turning: Array
+    silence: Array
+
+
+class Sensed(eqx.Module):
+    """What a drone knows of itself: eta, nu, shapes (6,), and which axes of them, shape (6,), bool."""
+
+    eta: Array
+    nu: Array
+    known: Array
 
 
 class Sense(Block):
-    """What a drone without a position knows of itself: eta and nu with depth, attitude and rates, the rest zero.
+    """What a drone without a position knows: depth, attitude and their rates; the rest is zero and not known.
 
-    `step(memory, readings, dt) -> (memory, (eta, nu))`; depth and its rate by an alpha-beta tracker.
+    `step(memory, readings, dt) -> (memory, Sensed)`; depth and its rate by an alpha-beta tracker. An axis whose sensor
+    has been silent for SILENT is not known any more: extrapolating it would drive the vehicle after a fiction.
 
     Attributes:
         names: Of its pressure sensor, compass and gyro among the readings.
@@ -184,28 +206,29 @@ class Sense(Block):
     rate: Array = eqx.field(converter=as_array)
 
     def init(self, key: Array, start: Start) -> SenseMemory:
-        return SenseMemory(jnp.zeros(2), jnp.asarray(False), jnp.zeros(6))
+        return SenseMemory(jnp.zeros(2), jnp.zeros(6), jnp.full(3, 2 * SILENT))
 
-    def step(self, memory: SenseMemory, input: Measurements, dt: float) -> tuple[SenseMemory, tuple[Array, Array]]:
+    def step(self, memory: SenseMemory, input: Measurements, dt: float) -> tuple[SenseMemory, Sensed]:
         pressure, attitude, gyro = (input[name] for name in self.names)
-        depth, known = memory.depth, memory.known
-        depth = jnp.stack([depth[0] + depth[1] * dt, depth[1]])
+        heard = jnp.stack([jnp.any(slot.valid) for slot in (pressure, attitude, gyro)])
+        silence = jnp.where(heard, 0.0, memory.silence + dt)
+        depth, known = memory.depth, memory.silence[0] < SILENT
+        depth = jnp.stack([depth[0] + jnp.where(known, depth[1] * dt, 0.0), depth[1]])
         for row in range(pressure.valid.shape[0]):
-            read = pressure.value[row, 0]
-            off = read - depth[0]
-            better = jnp.where(
-                known, depth + off * jnp.stack([as_array(ALPHA), BETA * self.rate]), as_array([1.0, 0.0]) * read
-            )
-            depth = jnp.where(pressure.valid[row], better, depth)
+            depth = jnp.where(pressure.valid[row], self._tracked(depth, pressure.value[row, 0], known), depth)
             known = known | pressure.valid[row]
         angles, rates = memory.turning[:3], memory.turning[3:]
         for row in range(attitude.valid.shape[0]):
             angles = jnp.where(attitude.valid[row], attitude.value[row], angles)
         for row in range(gyro.valid.shape[0]):
             rates = jnp.where(gyro.valid[row], gyro.value[row], rates)
-        still = jnp.zeros(2)
-        eta = jnp.concatenate([still, depth[:1], angles])
-        return SenseMemory(depth, known, jnp.concatenate([angles, rates])), (
-            eta,
-            jnp.concatenate([still, depth[1:], rates]),
-        )
+        no, turns = jnp.asarray(False), jnp.all(silence[1:] < SILENT)
+        eta = jnp.concatenate([jnp.zeros(2), depth[:1], angles])
+        nu = jnp.concatenate([jnp.zeros(2), depth[1:], rates])
+        sensed = Sensed(eta, nu, jnp.stack([no, no, silence[0] < SILENT, turns, turns, turns]))
+        return SenseMemory(depth, jnp.concatenate([angles, rates]), silence), sensed
+
+    def _tracked(self, depth: Array, read: Array, known: Array) -> Array:
+        """Depth and rate after a reading; the first one after a silence is believed as it is."""
+        better = depth + (read - depth[0]) * jnp.stack([as_array(ALPHA), BETA * self.rate])
+        return jnp.where(known, better, jnp.stack([read, jnp.zeros(())]))

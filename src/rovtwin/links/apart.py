@@ -90,14 +90,20 @@ class Protocols:
             while self._lost is None and self._pipe.poll():
                 kind, content = self._pipe.recv()
                 if kind == "wish":
-                    wished, wish = content
-                    self._wishes[wish.drone] = (wished, wish)
+                    self._hear(*content)
                 elif kind == "say":
                     self._said.append(content)
                 elif kind == "failed":
                     self._lost = content
         except (EOFError, OSError):
             self._lost = self._lost or GONE
+
+    def _hear(self, wished: float, wish: Wish) -> None:
+        """Keep the newest wish of a drone; of two servers that speak for one, who disarms is heard."""
+        before = self._wishes.get(wish.drone)
+        if wish.armed and before is not None and not before[1].armed and wished - before[0] < WISH_LIFE:
+            return
+        self._wishes[wish.drone] = (wished, wish)
 
     def close(self) -> None:
         """End the process; may be called twice."""

@@ -5,12 +5,16 @@ was killed), or nothing comes through it, thrusters stop; `stop` latches there.
 """
 
 import multiprocessing
+import os
 import select
 import signal
+import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -23,6 +27,7 @@ GONE = "the link's process is gone: thrusters stop by the vehicle's own watchdog
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
 POLL = 0.004  # how often the host looks at both sides [s]
 SIGN_OF_LIFE = 0.05  # the autopilot hears of a quiet vehicle as often [s]
+AT_ONCE = 100  # readings in one message: more might fill the pipe
 BACKLOG = 2000  # readings kept for an autopilot that does not read
 NAP = 1.0  # a computer that slept longer flies nothing on [s]
 ARMING = 10.0  # longest wait for a vehicle to arm [s]
@@ -113,14 +118,15 @@ class HostedLink(Link):
             return
         self.stop()
         self._closed = True
-        self._pipe.close()
+        self._pipe.close()  # the host stops and closes the link when it sees this, whatever it has heard
         self._process.join(ENDING)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
 
     def _tell(self, kind: str, content: object) -> None:
-        if self._closed:
+        # A host that hangs does not read: what it would not hear in time is not said, so that nobody hangs with it.
+        if self._closed or not _writable(self._pipe):
             return
         try:
             self._pipe.send((kind, content))
@@ -146,8 +152,12 @@ class HostedLink(Link):
 
 
 def _main(pipe: Connection, opener: Opener, thrusters: int) -> None:
-    # Ctrl-C is for the autopilot: it stops and closes in order, and its end of the pipe says so here.
+    # Ctrl-C, a closed terminal and job control are for the autopilot: it ends, the pipe says so here, and the link is
+    # closed in order. Who ends this process itself gets the same.
+    os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: sys.exit(0))
     host(pipe, opener, thrusters)
 
 
@@ -156,48 +166,79 @@ def host(pipe: Connection, opener: Opener, thrusters: int) -> None:
     try:
         with opener() as link:
             pipe.send(("open", None))
-            _mind(pipe, link, np.zeros(thrusters))
+            _Host(pipe, link, np.zeros(thrusters)).mind()
     except LinkError as error:
         _last_words(pipe, str(error))
-    except OSError as error:
+    except Exception as error:  # a driver's mistake: said where a user looks
         _last_words(pipe, f"{type(error).__name__}: {error}")
 
 
-def _mind(pipe: Connection, link: Link, off: np.ndarray) -> None:
-    """Hand on commands and readings until the autopilot is gone; commands that got old become zeros."""
-    came, live, told, slept = 0.0, False, 0.0, _asleep()
-    heard: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
-    while True:
-        try:
-            newest = None
-            if pipe.poll(POLL):
-                while pipe.poll():
-                    kind, content = pipe.recv()
-                    newest = content if kind == "command" else newest
-                    if kind == "stop":
-                        link.stop()
-                    if kind == "arm":
-                        pipe.send(("armed", _arm(link)))
-            if _asleep() - slept > NAP:
-                link.stop()
-                raise LinkError(f"this computer slept for {_asleep() - slept:.0f} s: thrusters are off. Fly again")
-            now = time.monotonic()
-            if newest is not None:
-                came, u = newest  # when it was decided: one that waited in the pipe is old
-            if newest is not None and now - came <= COMMAND_LIFE:
-                link.send(Command(u))
-                live = True
-            elif live and now - came > COMMAND_LIFE:
-                link.send(Command(off))  # type: ignore[arg-type]  (NumPy: it goes to a link)
-                live = False
-            heard += [(r.sensor, r.value, r.t_valid) for r in link.read()]
-            # An autopilot that does not read must not keep us from minding the thrusters.
-            if (heard or now - told > SIGN_OF_LIFE) and select.select([], [pipe], [], 0.0)[1]:
-                pipe.send(("heard", (link.age, list(heard))))
-                heard.clear()
-                told = now
-        except (EOFError, OSError):
+class _Host:
+    """Hands on commands and readings; commands that got old become zeros."""
+
+    def __init__(self, pipe: Connection, link: Link, off: np.ndarray):
+        self._pipe, self._link, self._off = pipe, link, off
+        self._came, self._live, self._told, self._slept = 0.0, False, 0.0, _asleep()
+        self._heard: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
+        self._answers: SimpleQueue[str] = SimpleQueue()
+
+    def mind(self) -> None:
+        """Until the autopilot is gone.
+
+        Raises:
+            LinkError: The vehicle is lost, or this computer has slept.
+        """
+        while True:
+            try:
+                self._obey(self._newest())
+                self._heard += [(r.sensor, r.value, r.t_valid) for r in self._link.read()]
+                self._report()
+            except (EOFError, OSError):
+                return
+
+    def _newest(self) -> tuple[float, np.ndarray] | None:
+        """The newest command that came, with when it was decided; arming and stopping are done at once."""
+        newest = None
+        if self._pipe.poll(POLL):
+            while self._pipe.poll():
+                kind, content = self._pipe.recv()
+                if kind == "command":
+                    newest = content
+                elif kind == "stop":
+                    self._link.stop()
+                elif kind == "arm":
+                    # It takes seconds, and commands must go on expiring.
+                    threading.Thread(target=lambda: self._answers.put(_arm(self._link)), daemon=True).start()
+        return newest
+
+    def _obey(self, newest: tuple[float, np.ndarray] | None) -> None:
+        if (nap := _asleep() - self._slept) > NAP:
+            self._link.stop()
+            raise LinkError(f"this computer slept for {nap:.0f} s: thrusters are off. Fly again")
+        now = time.monotonic()
+        if newest is not None:
+            self._came, u = newest  # one that waited in the pipe is as old as when it was decided
+            if now - self._came <= COMMAND_LIFE:
+                self._link.send(Command(u))  # type: ignore[arg-type]  (NumPy: it goes to a link)
+                self._live = True
+        if self._live and now - self._came > COMMAND_LIFE:
+            self._link.send(Command(self._off))  # type: ignore[arg-type]
+            self._live = False
+
+    def _report(self) -> None:
+        """Readings, and a sign of life. An autopilot that does not read must not keep us from minding the thrusters."""
+        now = time.monotonic()
+        if not (self._heard or now - self._told > SIGN_OF_LIFE) or not _writable(self._pipe):
             return
+        slice_ = [self._heard.popleft() for _ in range(min(len(self._heard), AT_ONCE))]
+        self._pipe.send(("heard", (self._link.age, slice_)))
+        if not self._answers.empty():
+            self._pipe.send(("armed", self._answers.get()))
+        self._told = now
+
+
+def _writable(pipe: Connection) -> bool:
+    return bool(select.select([], [pipe], [], 0.0)[1])
 
 
 def _arm(link: Link) -> str:

@@ -21,7 +21,7 @@ class ReplayLink(Link):
     """
 
     def __init__(self, log: Log, thrusters: int, clock: Callable[[], float]):
-        """Time 0 of the clock is the beginning of the log.
+        """The log begins now, and again with `rewind`; times of readings are those of the clock.
 
         Raises:
             LinkError: The log has no readings.
@@ -32,16 +32,21 @@ class ReplayLink(Link):
                 "the log: found no channel sensor/.., expected readings of sensors. Fly with log.sensors on"
             )
         self._clock, self._off = clock, np.zeros(thrusters)
-        self._next, self._u, self._sent = 0, self._off, -np.inf
+        self._u, self._sent = self._off, -np.inf
         self._stopped = self._closed = False
         self.duration = float(self._arrivals[-1])
+        self.rewind()
+
+    def rewind(self) -> None:
+        """Begin again at the beginning."""
+        self._next, self._began = 0, self._clock()
 
     def read(self) -> list[Measurement]:
         if self._closed:
             return []
-        end = int(np.searchsorted(self._arrivals, self._clock() + 5e-7, side="right"))
+        end = int(np.searchsorted(self._arrivals, self._clock() - self._began + 5e-7, side="right"))
         found, self._next = self._readings[self._next : end], max(end, self._next)
-        return found
+        return [Measurement(r.sensor, r.value, r.t_valid + self._began) for r in found]
 
     def send(self, command: Command) -> None:
         u = np.asarray(command.u, dtype=float)

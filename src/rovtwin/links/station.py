@@ -39,8 +39,12 @@ class Station:
         self.speed = speed
         self.now = 0.0
         self.latest: dict[str, Measurement] = {}
-        self._send, self.say = send, say
+        self._send, self._say = send, say
         self._listeners: list[asyncio.Queue[list[Measurement]]] = []
+
+    def say(self, text: str) -> None:
+        """Tell the user something; what a client is called must not steer their terminal."""
+        self._say("".join(c if c.isprintable() else "?" for c in text))
 
     def wish(self, wish: Wish) -> None:
         """Take a wish to the vehicle. It holds for 0.3 s: a server repeats it while its client lives."""

@@ -55,6 +55,9 @@ def _tethers_of(name: str, i: int, tethers: list[str]) -> list[str]:
 def _thrusters_of(fault: FaultSection, i: int, thrusters: list[str]) -> list[str]:
     """Names of the thrusters that a fault is of."""
     if fault.unit is None:
+        pair = [f"{fault.thruster}_{side}" for side in ("port", "starboard")]  # where a pair is driven as two
+        if fault.thruster not in thrusters and set(pair) <= set(thrusters):
+            return pair
         if fault.thruster not in thrusters:
             raise ConfigError(f"faults[{i}].thruster: no thruster {fault.thruster!r}; there are {', '.join(thrusters)}")
         return [fault.thruster]

@@ -27,7 +27,8 @@ def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array, tr
     if world.mismatch and truth is None:
         plant = perturbed(plant, key, world.mismatch.damping, world.mismatch.mass, world.mismatch.thrust)
     if world.thruster_health:
-        names = list(vehicle.thruster_names)
+        whole = replace(vehicle, pairs_apart=False).thruster_names  # as the file has them: a pair is one
+        names = [name if name in whole else name.rpartition("_")[0] for name in vehicle.thruster_names]
         for name in world.thruster_health:
             if name not in names:
                 raise ConfigError(f"world.thruster_health: no thruster {name!r}; {vehicle.name} has {', '.join(names)}")

@@ -53,10 +53,16 @@ class HostAutopilot:
 
         self._tick = in_one_piece(tick)
         self._parameters = jax.jit(blocks.flatten)(autopilot)
-        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
-        self._after = jax.jit(self._gives.flatten)((nothing, memory))
-        self.taken, self.given = self._pack(()), np.asarray(self._after)
+        self.taken: np.ndarray
+        self.given: np.ndarray
+        self._nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
+        self.restart(memory)
         self._tick(self._parameters, self._after, self.taken).block_until_ready()
+
+    def restart(self, memory: Any) -> None:
+        """Begin anew with a memory, as that of another start; nothing is compiled."""
+        self._after = jax.jit(self._gives.flatten)((self._nothing, memory))
+        self.taken, self.given = self._pack(()), np.asarray(self._after)
 
     def step(
         self,

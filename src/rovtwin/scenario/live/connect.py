@@ -1,5 +1,6 @@
 """From URLs to links and sources: `blueye://192.168.1.101`, `replay://run.mcap`, `dvl://192.168.194.95`."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,6 +89,17 @@ def source(text: str, clock: Clock) -> Source:
     """
     url = Url.of(text, SOURCES, "--sensor")
     return SOURCES[url.scheme](url, clock)
+
+
+def on_this_machine(text: str) -> bool:
+    """Whether the vehicle at a URL is certainly no real one: computed, replayed, or served at a loopback address."""
+    scheme, _, rest = text.partition("://")
+    if scheme in ("twin", "replay"):
+        return True
+    if scheme == "ros2":
+        return not rest.endswith("?expose")
+    hosts = [host for part in rest.split("?")[0].split(",") for host in re.findall(r"\d+\.\d+\.\d+\.\d+", part)]
+    return bool(hosts) and all(host.startswith("127.") for host in hosts)
 
 
 def _twin(url: Url, scenario: Scenario, clock: Clock) -> Link:

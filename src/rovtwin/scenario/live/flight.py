@@ -12,6 +12,7 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
+from rovtwin.links.replay import ReplayLink
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.files import dump_scenario
@@ -62,6 +63,7 @@ def fly_live(
     with link:
         composed = compose(_without_world(scenario))
         ears = Ears(link, sources)
+        _rewound(link)
         readiness = listen(ears, composed.sensor_names, say, clock.speed)
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
@@ -73,7 +75,11 @@ def fly_live(
             recorder = LiveRecorder(scenario, log.write_many)
             ending = "not armed"
             if arm(readiness):
-                link.arm()
+                # It may have drifted while everything was compiled and somebody thought.
+                _rewound(link)
+                loop.start_from(listen(ears, (), say, clock.speed))
+                if thrust:
+                    link.arm()
                 ending = loop.fly(recorder, progress)
             link.stop()
             summary = _summary(recorder, composed, ending, loop.pace)
@@ -87,6 +93,12 @@ def _without_world(scenario: Scenario) -> Scenario:
     if scenario.test:
         raise ConfigError(f"{scenario.name}: tests cannot be flown over a link yet; choose a scenario with a mission")
     return scenario.model_copy(update={"faults": []})
+
+
+def _rewound(link: Link) -> None:
+    """A log begins when it is listened to, not when it was opened."""
+    if isinstance(link, ReplayLink):
+        link.rewind()
 
 
 class _LiveLoop:
@@ -105,8 +117,8 @@ class _LiveLoop:
         loop = composed.loop
         slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in loop.twin.empty().items()}
         key = jax.random.split(composed.key)[0]
-        memory = loop.autopilot.init(key, readiness.start)
-        self._autopilot = HostAutopilot(loop.autopilot, memory, slots, scenario.control_dt)
+        self._begin = lambda start: loop.autopilot.init(key, start)
+        self._autopilot = HostAutopilot(loop.autopilot, self._begin(readiness.start), slots, scenario.control_dt)
         self._above = above(loop.topside, scenario.control_dt)
         self._above(0)
         self._link, self._ears, self._clock = link, ears, clock
@@ -115,11 +127,16 @@ class _LiveLoop:
         self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
         self.pace = Pace()
 
+    def start_from(self, readiness: Readiness) -> None:
+        """Begin where the vehicle is now."""
+        self._autopilot.restart(self._begin(readiness.start))
+
     def fly(self, recorder: LiveRecorder, progress: Progress | None) -> str:
         """Fly to the end of the mission, the duration, Ctrl-C or a lost link; why it ended, "" for the mission's."""
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""
         self._ears.drain()
+        _rewound(self._link)
         self._ears.zero = began = self._clock()
         with Interrupt() as interrupt:
             for k in range(self._total):

@@ -43,18 +43,22 @@ class Ears:
     """Link and sources as one: all readings in order of arrival, times since `zero` [s].
 
     What an instrument beside the vehicle measures is not taken from the vehicle, too: it may well hand on the same.
+
+    Attributes:
+        zero: Time from which readings count [s].
+        instruments: Sensors that instruments have spoken for so far.
     """
 
     def __init__(self, link: Link, sources: Sequence[Source]):
         self._link, self._sources = link, sources
-        self._instruments: set[str] = set()
+        self.instruments: set[str] = set()
         self.zero = 0.0
 
     def read(self) -> list[Measurement]:
         """What came since the last call."""
         beside = [reading for source in self._sources for reading in source.read()]
-        self._instruments.update(reading.sensor for reading in beside)
-        found = [r for r in self._link.read() if r.sensor not in self._instruments] + beside
+        self.instruments.update(reading.sensor for reading in beside)
+        found = [r for r in self._link.read() if r.sensor not in self.instruments] + beside
         return [Measurement(r.sensor, r.value, r.t_valid - self.zero) for r in found]
 
     def drain(self) -> None:
@@ -88,7 +92,11 @@ def listen(
     ears.drain()
     began = told = time.monotonic()
     while True:
-        for reading in ears.read():
+        before = set(ears.instruments)
+        news = ears.read()
+        for name in ears.instruments - before:
+            heard.pop(name, None)  # what the vehicle said of it was in a frame of its own
+        for reading in news:
             heard.setdefault(reading.sensor, []).append(reading.value)
         waited = time.monotonic() - began
         waiting = [name for name in NEEDED if len(heard.get(name, ())) < (ENOUGH if name == "position" else 1)]

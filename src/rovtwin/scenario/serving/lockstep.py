@@ -23,6 +23,7 @@ from rovtwin.vehicle import measurement
 from rovtwin.vehicle.dynamics import State, acceleration, plant_step
 
 USUAL = 1.0 / 1200.0  # the firmware's step [s]
+RATES = 4  # steps of different length that are compiled
 
 
 class FirmwarePhysics:
@@ -63,6 +64,7 @@ class FirmwarePhysics:
         # The step is a constant: a firmware keeps to its rate.
         self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)
         self._parameters = (twin.model, twin.world)
+        self._rates = [USUAL]
         self.reset()
         self._step(*self._parameters, self._memory, as_array(np.zeros(len(self._names))), USUAL)
 
@@ -76,6 +78,10 @@ class FirmwarePhysics:
 
     def advance(self, pwm: tuple[int, ...], dt: float) -> Told:
         """The truth after one step under these outputs [us] of `dt` seconds."""
+        if dt not in self._rates and len(self._rates) >= RATES:
+            dt = self._rates[-1]  # each rate is compiled: a firmware has one, and a stranger shall not have a thousand
+        elif dt not in self._rates:
+            self._rates.append(dt)
         u = BLUEROV2_HEAVY.commands(pwm, self._names)
         self._memory, told = self._step(*self._parameters, self._memory, as_array(u), dt)
         self.time += dt

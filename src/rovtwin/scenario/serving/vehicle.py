@@ -10,7 +10,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Estimate, Measurements
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.observer import ObserverInput
-from rovtwin.gnc.onboard import Onboard, OnboardInput, OnboardMemory, Order, Sense, SenseMemory
+from rovtwin.gnc.onboard import Onboard, OnboardInput, OnboardMemory, Order, Sense, Sensed, SenseMemory
 from rovtwin.scenario.compose_autopilot import navigation_filter
 from rovtwin.scenario.composition import Composed, compose, vehicle_of
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
@@ -89,15 +89,16 @@ class Served(eqx.Module):
         self, memory: ServedMemory, orders: dict[str, Order], k: Array, dt: float
     ) -> tuple[ServedMemory, ServedOutput]:
         """One control period; an order for each drone."""
-        seen = _of_drone(memory.measurements, self.drones[0])
-        filtered, estimate = self.filter.step(memory.filter, ObserverInput(seen, memory.command), dt)
+        measured = _of_drone(memory.measurements, self.drones[0])
+        filtered, estimate = self.filter.step(memory.filter, ObserverInput(measured, memory.command), dt)
         senses, onboards, tau = {}, {}, {}
         u = jnp.zeros_like(memory.command.u)
         for name, onboard in self.onboards.items():
-            where = (estimate.eta, estimate.nu)
+            sensed = Sensed(estimate.eta, estimate.nu, jnp.ones(6, dtype=bool))
             if name in self.senses:
-                senses[name], where = self.senses[name].step(memory.senses[name], memory.measurements, dt)
-            onboards[name], asked = onboard.step(memory.onboards[name], OnboardInput(orders[name], *where), dt)
+                senses[name], sensed = self.senses[name].step(memory.senses[name], memory.measurements, dt)
+            seen = OnboardInput(orders[name], sensed.eta, sensed.nu, sensed.known)
+            onboards[name], asked = onboard.step(memory.onboards[name], seen, dt)
             mine = np.arange(u.shape[0])[:, None] == np.array(self.places[name])
             u = u + jnp.sum(jnp.where(mine, asked.command.u, 0.0), axis=1)  # no scatter: it would not compile as one
             tau[name] = asked.tau
