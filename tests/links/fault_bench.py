@@ -105,6 +105,7 @@ class Bench:
     wires: dict[str, Wire] = field(default_factory=dict)
     proxies: dict[str, list[TcpProxy]] = field(default_factory=dict)
     processes: list[Process] = field(default_factory=list)
+    datagrams: UdpProxy | None = None
     _vehicle: Process | None = None
     _count: int = 0
 
@@ -131,7 +132,7 @@ class Bench:
             arguments = [self.kind, str(self.told), str(self.vehicle_jump)]
             self._vehicle = self._start("tests.links.fault_vehicle", arguments, {})
             vehicle = self._vehicle
-            wait(lambda: vehicle.lines() or not vehicle.alive(), 20.0, "the vehicle is served")
+            wait(lambda: vehicle.lines() or not vehicle.alive(), 60.0, "the vehicle is served")
             assert vehicle.alive(), vehicle.output.read_text() + vehicle.errors.read_text()
         return self._vehicle
 
@@ -150,9 +151,10 @@ class Bench:
     def flying(self, kind: str, where: str, drones: int = 1) -> Iterator[Process]:
         """A pilot that has the thrusters turning."""
         _ = self.vehicle
+        wait(self.resting, 10.0, "the thrusters rest before anybody comes")
         pilot = self.client(kind, where)
         try:
-            wait(lambda: self.turning(drones) or not pilot.alive(), 15.0, f"{kind} {where} turns the thrusters")
+            wait(lambda: self.turning(drones) or not pilot.alive(), 60.0, f"{kind} {where} turns the thrusters")
             assert pilot.alive(), pilot.output.read_text() + pilot.errors.read_text()
             yield pilot
         finally:
@@ -160,10 +162,12 @@ class Bench:
                 pilot.say("close")
                 pilot.expected_dead = True
                 try:
-                    pilot.process.wait(3.0)
+                    pilot.process.wait(10.0)
                 except subprocess.TimeoutExpired:
                     pass
             pilot.end()
+            if self.datagrams is not None:
+                self.loop.loop.call_soon_threadsafe(self.datagrams.forget)
 
     # --- what the vehicle's thrusters are commanded
 
@@ -202,9 +206,10 @@ class Bench:
         first = moving[-1] + 1 if moving else 0
         return max(0.0, commands[first][0] - onset)
 
-    def first_rest(self, onset: float) -> float | None:
-        """From `onset` until all commands are zero for the first time [s]."""
-        commands = self.commands()
+    def first_rest(self, onset: float, drone: int | None = None) -> float | None:
+        """From `onset` until all commands, or those of one drone, are zero for the first time [s]."""
+        part = slice(None) if drone is None else slice(6 * drone, 6 * drone + 6)
+        commands = [(t, values[part]) for t, values in self.commands()]
         before = [values for t, values in commands if t <= onset]
         if before and not any(before[-1]):
             return 0.0
@@ -248,7 +253,7 @@ def bench(kind: str, folder: Path) -> Iterator[Bench]:
             _blueye_wires(made)
         else:
             made.wires = {"udp": Wire(), "tcp": Wire()}
-            loop.open(UdpProxy(made.wires["udp"], (MAVLINK, UDP), (MAVLINK_HOST, UDP)))
+            made.datagrams = loop.open(UdpProxy(made.wires["udp"], (MAVLINK, UDP), (MAVLINK_HOST, UDP)))
             made.proxies["tcp"] = [loop.open(TcpProxy(made.wires["tcp"], (MAVLINK, TCP), (MAVLINK_HOST, TCP)))]
         try:
             yield made

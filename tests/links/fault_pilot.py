@@ -89,6 +89,7 @@ class SdkPilot:
     def __init__(self, where: str, take: bool):
         from blueye.sdk import Drone
 
+        tell("takes" if take else "connects")
         self.drone = Drone(where, timeout=3, disconnect_other_clients=take)
         tell("control", self.drone.in_control)
         self.share, self._sent = (0.0 if take else SHARE), 0.0
@@ -165,6 +166,8 @@ class GroundStation:
         self.line.mav.timesync_send(0, int(1e9 * now))
 
     def close(self) -> None:
+        if self._sticks:
+            self.stop()
         self.line.close()
 
 

@@ -21,6 +21,7 @@ from rovtwin.scenario.serving.serve import serve
 
 BLUEYE_HOSTS, MAVLINK_HOST = ("127.0.0.30", "127.0.0.31"), "127.0.0.40"
 HTTP, UDP, TCP = 8795, 14795, 14796
+BEGIN = 4000.0  # of its clock [s]: it may be set back by an hour
 DRONES = {"blueye": ("port", "starboard"), "mavlink": ("",)}
 
 
@@ -36,7 +37,7 @@ class FaultVehicle:
 
     @property
     def now(self) -> float:
-        return max(0.0, self._tick * self.dt + jump_in(self._jump))
+        return BEGIN + self._tick * self.dt + jump_in(self._jump)
 
     def advance(self, wishes: dict[str, Wish]) -> list[Measurement]:
         self._tick += 1

@@ -116,28 +116,43 @@ class UdpProxy:
     def __init__(self, wire: Wire, here: tuple[str, int], server: tuple[str, int]):
         self.wire, self._here, self._server = wire, here, server
         self._ups: dict[Any, asyncio.DatagramTransport] = {}
+        self._free: list[asyncio.DatagramTransport] = []
+        self._clients: dict[asyncio.DatagramTransport, Any] = {}
+
+    def forget(self) -> None:
+        """All clients are gone: the next ones get their ports towards the server, which knows only so many."""
+        self._free += self._ups.values()
+        self._ups.clear()
+        self._clients.clear()
 
     async def start(self) -> None:
         loop = asyncio.get_running_loop()
+        self._making = asyncio.Lock()
         self._front, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(self._up), local_addr=self._here)
 
     async def stop(self) -> None:
-        for transport in (self._front, *self._ups.values()):
+        for transport in (self._front, *self._ups.values(), *self._free):
             transport.close()
 
     def _up(self, data: bytes, client: Any) -> None:
         asyncio.ensure_future(self._forward(data, client))
 
     async def _forward(self, data: bytes, client: Any) -> None:
-        if client not in self._ups:
+        async with self._making:
+            if client not in self._ups:
+                self._ups[client] = self._free.pop() if self._free else await self._new_up()
+                self._clients[self._ups[client]] = client
+        self._pass(True, data, self._ups[client].sendto)
 
-            def down(answer: bytes, _: Any) -> None:
+    async def _new_up(self) -> asyncio.DatagramTransport:
+        def down(answer: bytes, _: Any) -> None:
+            client = self._clients.get(transport)
+            if client is not None:
                 self._pass(False, answer, lambda piece: self._front.sendto(piece, client))
 
-            loop = asyncio.get_running_loop()
-            made = await loop.create_datagram_endpoint(lambda: _Datagrams(down), remote_addr=self._server)
-            self._ups.setdefault(client, made[0])
-        self._pass(True, data, self._ups[client].sendto)
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.create_datagram_endpoint(lambda: _Datagrams(down), remote_addr=self._server)
+        return transport
 
     def _pass(self, upwards: bool, data: bytes, send: Callable[[bytes], None]) -> None:
         rng = self.wire.rng
