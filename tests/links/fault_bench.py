@@ -21,6 +21,10 @@ MAVLINK = "127.0.0.41"
 PORTS = (5555, 5556, 5557)
 
 
+class Slow(AssertionError):
+    """Something took longer than it may."""
+
+
 def wait(true: Callable[[], Any], seconds: float, what: str, step: float = 0.005) -> Any:
     """Whatever `true` gives once it gives something."""
     end = time.monotonic() + seconds
@@ -211,8 +215,8 @@ class Bench:
         part = slice(None) if drone is None else slice(6 * drone, 6 * drone + 6)
         commands = [(t, values[part]) for t, values in self.commands()]
         before = [values for t, values in commands if t <= onset]
-        if before and not any(before[-1]):
-            return 0.0
+        if not before or not any(before[-1]):
+            raise Slow("the thrusters rested before the fault")
         return next((t - onset for t, values in commands if t > onset and not any(values)), None)
 
     def thrust_share(self, begin: float, end: float) -> float:
@@ -277,5 +281,3 @@ def reset(made: Bench, *names: str) -> None:
     for name in names:
         for proxy in made.proxies[name]:
             made.loop.run(proxy.reset())
-
-

@@ -1,4 +1,4 @@
-"""Faults on the wire while thrusters turn: what happens, and how long until they rest. The table of docs/link_faults.md.
+"""Faults on the wire while thrusters turn: what happens, how long until they rest. The table of docs/link_faults.md.
 
 A case either leaves control possible: then the vehicle still obeys, and rests when it is told to, all within the fault.
 Or it makes control impossible: then the thrusters rest by themselves, and stay so. In both cases nothing crashes, and
@@ -6,10 +6,10 @@ after the fault a new connection turns the thrusters again.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tests.links.fault_bench import MAVLINK, MESSAGES, STREAMS, Bench, Process, reset, running, wait
+from tests.links.fault_bench import MAVLINK, MESSAGES, STREAMS, Bench, Process, Slow, reset, running, wait
 from tests.links.fault_vehicle import TCP, UDP
 from tests.links.wire_faults import SOUND, Fault
 
@@ -46,8 +46,6 @@ class Case:
         client: Kind of pilot, and `where` it flies.
         bound: Longest time to rest [s].
         run: Does it with a pilot that has thrusters turning.
-        fast: Part of `make test`.
-        again: Whether a new connection is tried afterwards.
     """
 
     bench: str
@@ -56,8 +54,6 @@ class Case:
     where: str
     bound: float
     run: Callable[[Bench, Process], Outcome]
-    fast: bool = False
-    again: bool = True
 
     @property
     def drones(self) -> int:
@@ -76,20 +72,40 @@ class Case:
         return f"{self.who}: {self.fault}".replace(" ", "-")
 
 
-def perform(made: Bench, case: Case) -> Outcome:
-    """Do a case; whatever is not as it must be is an AssertionError."""
+def perform(made: Bench, case: Case, patient: bool = False, again: bool = True) -> Outcome:
+    """Do a case; whatever is not as it must be is an AssertionError.
+
+    Args:
+        made: The bench of the case's protocol.
+        case: The case.
+        patient: Try up to three times where something took too long, or the thrusters rested before the fault: on a
+            machine that others use, too, processes of a test may have to wait for their turn.
+        again: Whether a new connection is tried afterwards.
+    """
+    for left in (2, 1, 0) if patient else (0,):
+        try:
+            outcome = _perform(made, case)
+            break
+        except Slow:
+            if left == 0:
+                raise
+    if again:
+        with made.flying(case.client, case.where, case.drones):
+            pass
+    complaints = made.check()
+    assert not complaints, complaints[-3000:]
+    return outcome
+
+
+def _perform(made: Bench, case: Case) -> Outcome:
     made.mend()
     try:
         with made.flying(case.client, case.where, case.drones) as pilot:
             outcome = case.run(made, pilot)
     finally:
         made.mend()
-    if case.again:
-        with made.flying(case.client, case.where, case.drones):
-            pass
-    complaints = made.check()
-    assert not complaints, complaints[-3000:]
-    assert outcome.seconds <= case.bound, f"{outcome.seconds:.2f} s until the thrusters rest, expected {case.bound:.2f}"
+    if outcome.seconds > case.bound:
+        raise Slow(f"{outcome.seconds:.2f} s until the thrusters rest, expected {case.bound:.2f}")
     return outcome
 
 
@@ -106,14 +122,54 @@ def goes_on(wire: str, both: Fault | None = None, lag: float = BUSY, hold: float
     return run
 
 
-def _steered(made: Bench, pilot: Process, lag: float, hold: float = 1.5) -> Outcome:
+def one_after_the_other(wire: str, faults: Sequence[Fault], lag: float) -> Callable[[Bench, Process], Outcome]:
+    """Several faults in one flight: under each a reversed command arrives; under the last the vehicle is stopped."""
+
+    def run(made: Bench, pilot: Process) -> Outcome:
+        for k, fault in enumerate(faults):
+            made.wires[wire].set(fault)
+            time.sleep(0.3)
+            _obeyed(made, pilot, -0.4 if k % 2 == 0 else 0.4, lag)
+        return _steered(made, pilot, lag, 0.3, -0.3 if len(faults) % 2 == 0 else 0.3)
+
+    return run
+
+
+def until_given_up(wire: str, fault: Fault, hold: float = 3.0) -> Callable[[Bench, Process], Outcome]:
+    """A fault under which a link may give up; if it does, the thrusters rest from then on."""
+
+    def run(made: Bench, pilot: Process) -> Outcome:
+        made.wires[wire].set(fault)
+        end = time.monotonic() + hold
+        while time.monotonic() < end and pilot.told("lost") is None:
+            time.sleep(0.01)
+        lost = pilot.told("lost")
+        if lost is None:
+            return _steered(made, pilot, LONG, 1.0)
+        wait(made.resting, LONG, "the thrusters rest")
+        time.sleep(0.6)
+        assert made.resting(), "they turned again"
+        why = " ".join(pilot.lines("lost")[-1][3:12])
+        return Outcome(made.rest_after(lost) or 0.0, f"the link may take it for bad news and gives up ({why} ..)")
+
+    return run
+
+
+def _obeyed(made: Bench, pilot: Process, share: float, lag: float) -> float:
+    """How long a reversed command is under way [s]."""
+    told = pilot.say(f"steer {share}")
+    wait(lambda: made.commands()[-1][1][0] * share > 0 or not pilot.alive(), LONG, "the reversed command arrives")
+    assert pilot.alive(), f"the pilot gave up: {pilot.lines()[-2:]}"
+    late = next(t for t, values in made.commands() if t > told and values[0] * share > 0) - told
+    if late > lag:
+        raise Slow(f"a command arrived after {late:.2f} s, expected {lag:.2f} s")
+    return late
+
+
+def _steered(made: Bench, pilot: Process, lag: float, hold: float = 1.5, share: float = -0.4) -> Outcome:
     began = time.monotonic()
     time.sleep(hold)
-    told = pilot.say("steer -0.4")
-    wait(lambda: made.commands()[-1][1][0] < 0 or not pilot.alive(), LONG, "the reversed command arrives")
-    assert pilot.alive(), f"the pilot gave up: {pilot.lines()[-2:]}"
-    late = next(t for t, values in made.commands() if t > told and values[0] < 0) - told
-    assert late <= lag, f"a command arrived after {late:.2f} s, expected {lag:.2f} s"
+    late = _obeyed(made, pilot, share, lag)
     turning = made.thrust_share(began, time.monotonic())
     _readings_in_order(pilot, began)
     stopped = pilot.say("stop")
@@ -127,7 +183,7 @@ def _steered(made: Bench, pilot: Process, lag: float, hold: float = 1.5) -> Outc
 def _readings_in_order(pilot: Process, since: float) -> None:
     """Links hand readings on all the while, those of a sensor in order of time."""
     heard = [line for line in pilot.lines("heard") if float(line[0]) > since]
-    if pilot.lines("host"):
+    if pilot.lines("host") and heard:
         assert sum(int(line[2]) for line in heard) > 5, "readings stopped coming"
         assert int(heard[-1][4]) == 0, "readings went backwards"
 
@@ -135,7 +191,7 @@ def _readings_in_order(pilot: Process, since: float) -> None:
 # --- control is impossible
 
 
-def cut(act: Callable[[Bench, Process], float | None], says: str = "", hold: float = 1.0, then=None):
+def cut(act: Callable[[Bench, Process], float | None], says: str = "", hold: float = 0.6, then=None):
     """A fault that ends control: the thrusters rest by themselves and stay so for `hold` seconds."""
 
     def run(made: Bench, pilot: Process) -> Outcome:
@@ -172,7 +228,9 @@ def one_of_two(made: Bench, pilot: Process) -> Outcome:
     holed("starboard")(made, pilot)
     wait(made.resting, LONG, "the thrusters rest")
     other, both = made.first_rest(onset, drone=0), made.first_rest(onset)
-    assert other is not None and both is not None and other <= 0.5 + BUSY, f"the other drone rests after {other} s"
+    assert other is not None and both is not None
+    if other > 0.5 + BUSY:
+        raise Slow(f"the other drone rests after {other:.2f} s")
     time.sleep(1.5)
     assert made.resting(), "they turned again"
     return Outcome(both, f"the other drone rests after {other:.2f} s, the lost one by its watchdog")
@@ -227,7 +285,7 @@ def _deaf(pilot: Process, onset: float) -> float | None:
 
 
 def cable_out(*names: str, watchdog: float) -> Callable[[Bench, Process], Outcome]:
-    """Nothing passes for longer than the watchdog, the client is killed meanwhile, then all that was held back comes."""
+    """Nothing passes for longer than the watchdog, the client is killed, then all that was held back comes."""
 
     def run(made: Bench, pilot: Process) -> Outcome:
         onset = time.monotonic()
