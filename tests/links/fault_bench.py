@@ -119,7 +119,11 @@ class Bench:
         self._count += 1
         output, errors = (self.folder / f"{self._count}.{end}" for end in ("out", "err"))
         clean = {k: v for k, v in os.environ.items() if k.lower() != "no_proxy"}
-        path = {"PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}", "PYTHONUNBUFFERED": "1"}
+        path = {
+            "PYTHONPATH": f"{REPOSITORY / 'src'}:{REPOSITORY}",
+            "PYTHONUNBUFFERED": "1",
+            "FAULT_BENCH": str(os.getpid()),
+        }
         with output.open("w") as out, errors.open("w") as err:
             process = subprocess.Popen(
                 [sys.executable, "-m", module, *arguments],

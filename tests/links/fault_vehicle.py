@@ -6,6 +6,7 @@ Every change of what its thrusters are commanded goes to the file TOLD: time [s,
 drone, zeros where it is not armed. The file JUMP holds seconds that its clock is put forward by.
 """
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -65,8 +66,10 @@ def servers(kind: str) -> list:
 
 def main(kind: str, told: str, jump: str) -> int:
     vehicle = FaultVehicle(DRONES[kind], Path(told), Path(jump))
+    parent = int(os.environ.get("FAULT_BENCH", os.getppid()))
     try:
-        serve(vehicle, servers(kind), say=lambda text: print(text, flush=True))
+        # Who started it may be killed: nobody must be left at these addresses.
+        serve(vehicle, servers(kind), say=lambda text: print(text, flush=True), over=lambda: os.getppid() != parent)
     except LinkError as error:
         print(f"ended: {error}", flush=True)
         return 1
