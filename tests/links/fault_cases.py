@@ -182,10 +182,13 @@ def _steered(made: Bench, pilot: Process, lag: float, hold: float = 1.5, share: 
 
 def _readings_in_order(pilot: Process, since: float) -> None:
     """Links hand readings on all the while, those of a sensor in order of time."""
-    heard = [line for line in pilot.lines("heard") if float(line[0]) > since]
-    if pilot.lines("host") and heard:
-        assert sum(int(line[2]) for line in heard) > 5, "readings stopped coming"
-        assert int(heard[-1][4]) == 0, "readings went backwards"
+
+    def heard() -> list[list[str]]:
+        return [line for line in pilot.lines("heard") if float(line[0]) > since]
+
+    if pilot.lines("host"):
+        wait(lambda: sum(int(line[2]) for line in heard()) > 5, LONG, "readings go on coming")
+        assert int(heard()[-1][4]) == 0, "readings went backwards"
 
 
 # --- control is impossible
