@@ -4,6 +4,7 @@ The process keeps the newest command for 0.3 s and no longer. When the pipe to t
 was killed), or nothing comes through it, thrusters stop; `stop` latches there.
 """
 
+import logging
 import multiprocessing
 import os
 import select
@@ -22,6 +23,8 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
+
+logger = logging.getLogger(__name__)
 
 GONE = "the link's process is gone: thrusters stop by the vehicle's own watchdog"
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
@@ -158,6 +161,7 @@ def _main(pipe: Connection, opener: Opener, thrusters: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: sys.exit(0))
+    threading.excepthook = _ended
     host(pipe, opener, thrusters)
 
 
@@ -171,6 +175,12 @@ def host(pipe: Connection, opener: Opener, thrusters: int) -> None:
         _last_words(pipe, str(error))
     except Exception as error:  # a driver's mistake: said where a user looks
         _last_words(pipe, f"{type(error).__name__}: {error}")
+
+
+def _ended(what: threading.ExceptHookArgs) -> None:
+    """A vendor's thread ended by what came over the wire: one line instead of a traceback. The link notices itself."""
+    name = what.thread.name if what.thread else "?"
+    logger.warning("a thread of the link ended (%s): %s: %s", name, what.exc_type.__name__, what.exc_value)
 
 
 class _Host:
