@@ -228,6 +228,27 @@ def test_garbage_in_telemetry_is_counted(served):
         assert wait_for(lambda: link.read())
 
 
+@pytest.mark.parametrize(
+    "frames", [[b"\xff\xfe", b""], [b"blueye.protocol.DepthTel"], [b"blueye.protocol.__doc__", b""]]
+)
+def test_message_that_the_sdk_cannot_take_does_not_end_its_thread(served, frames):
+    with closing(BlueyeLink(PORT)) as link:
+        watcher = link._drone._telemetry_watcher
+        watcher._handle_message(frames)  # what its thread calls
+        assert link.dropped == 1
+        Feeder(served).feed(0.1)
+        assert wait_for(lambda: link.read())
+
+
+def test_timer_that_is_set_back_makes_no_command_young(served):
+    timer = [5000.0]
+    with closing(BlueyeLink(PORT, timer=lambda: timer[0])) as link:
+        link.send(command(0.5, 0.0, 0.0))
+        assert wait_for(lambda: any(motion(served)))
+        timer[0] -= 3600.0
+        assert wait_for(lambda: not any(motion(served)), 0.5)
+
+
 @pytest.mark.parametrize("timeout", [2.0])
 def test_nobody_at_the_address(monkeypatch, timeout):
     monkeypatch.delenv("http_proxy")

@@ -74,6 +74,16 @@ def test_one_waits_for_the_other_for_a_tenth_of_a_second():
     assert found.sensor == "pressure" and found.t_valid == 1.0
 
 
+def test_a_clock_that_is_set_back_is_followed():
+    merge = Merge(np.array(LEVERS))
+    for t in (5000.0, 1400.0, 1400.02):
+        pair = ([reading("pressure", [1.0], t)], [reading("pressure", [2.0], t)])
+        (found,) = merge.join(pair, t, HEARD)
+        assert found.t_valid == t
+    late = ([reading("pressure", [1.0], 1400.01)], [reading("pressure", [2.0], 1400.01)])
+    assert merge.join(late, 1400.03, HEARD) == []
+
+
 def test_reading_that_comes_late_joins_the_one_that_waited():
     merge = Merge(np.array(LEVERS))
     merge.join(([reading("pressure", [1.0], 1.0)], []), 1.01, HEARD)

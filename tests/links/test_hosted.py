@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
@@ -129,6 +130,13 @@ def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(t
             link.send(Command(np.full(3, 0.5)))
             wait_for(lambda: moving(told))
             wait_for(lambda: resting(told), 2.0)
+
+
+def test_a_vendors_thread_that_ends_is_told_of_in_one_line(caplog):
+    what = threading.ExceptHookArgs((UnicodeError, UnicodeError("no text"), None, threading.current_thread()))
+    hosted._ended(what)
+    (record,) = caplog.records
+    assert "no text" in record.getMessage() and "\n" not in record.getMessage() and record.exc_info is None
 
 
 def test_age_grows_while_the_host_is_silent(tmp_path):

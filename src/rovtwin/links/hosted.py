@@ -4,9 +4,11 @@ The process keeps the newest command for 0.3 s and no longer. When the pipe to t
 was killed), or nothing comes through it, thrusters stop; `stop` latches there.
 """
 
+import logging
 import multiprocessing
 import select
 import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +20,8 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
+
+logger = logging.getLogger(__name__)
 
 GONE = "the link's process is gone: thrusters stop by the vehicle's own watchdog"
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
@@ -148,6 +152,7 @@ class HostedLink(Link):
 def _main(pipe: Connection, opener: Opener, thrusters: int) -> None:
     # Ctrl-C is for the autopilot: it stops and closes in order, and its end of the pipe says so here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.excepthook = _ended
     host(pipe, opener, thrusters)
 
 
@@ -161,6 +166,12 @@ def host(pipe: Connection, opener: Opener, thrusters: int) -> None:
         _last_words(pipe, str(error))
     except OSError as error:
         _last_words(pipe, f"{type(error).__name__}: {error}")
+
+
+def _ended(what: threading.ExceptHookArgs) -> None:
+    """A vendor's thread ended by what came over the wire: one line instead of a traceback. The link notices itself."""
+    name = what.thread.name if what.thread else "?"
+    logger.warning("a thread of the link ended (%s): %s: %s", name, what.exc_type.__name__, what.exc_value)
 
 
 def _mind(pipe: Connection, link: Link, off: np.ndarray) -> None:

@@ -1,7 +1,7 @@
 """Connecting to a Blueye through its SDK, within a time limit: a lost reply would hold the SDK for ever."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rovtwin.core.errors import LinkError, LinkTimeout
@@ -9,7 +9,9 @@ from rovtwin.core.errors import LinkError, LinkTimeout
 TRIES = 5  # of a request that the SDK gives 50 ms
 
 
-def connect(ip: str, timeout: float, take_control: bool, observer: bool) -> Any:
+def connect(
+    ip: str, timeout: float, take_control: bool, observer: bool, dropped: Callable[[], None] = lambda: None
+) -> Any:
     """A connected `blueye.sdk.Drone`.
 
     Args:
@@ -17,6 +19,7 @@ def connect(ip: str, timeout: float, take_control: bool, observer: bool) -> Any:
         timeout: Time that all of it may take [s].
         take_control: Send other clients away if one of them is in control.
         observer: Only look.
+        dropped: Called for every message of telemetry that the SDK cannot take, in its thread.
 
     Raises:
         LinkTimeout: There was no answer in time.
@@ -49,6 +52,7 @@ def connect(ip: str, timeout: float, take_control: bool, observer: bool) -> Any:
             f"blueye://{ip}: no answer within {timeout:g} s, expected a Blueye drone of software 3.2 or later. "
             "Is it on, and its surface unit connected?"
         )
+    _guard(drone, dropped)
     if failed:
         release(drone)
         raise LinkError(f"blueye://{ip}: {_said(failed[0])}")
@@ -59,6 +63,22 @@ def connect(ip: str, timeout: float, take_control: bool, observer: bool) -> Any:
             "or connect as an observer"
         )
     return drone
+
+
+def _guard(drone: Any, dropped: Callable[[], None]) -> None:
+    """Let the SDK's thread of telemetry live through messages that it cannot take: else the first would end it."""
+    watcher = drone._telemetry_watcher
+    if not isinstance(watcher, threading.Thread):
+        return  # not connected
+    take: Callable[[Any], None] = watcher._handle_message  # type: ignore[attr-defined]
+
+    def guarded(message: Any) -> None:
+        try:
+            take(message)
+        except Exception:  # a name that is no text, a frame too few: whatever the SDK stumbles over
+            dropped()
+
+    watcher._handle_message = guarded  # type: ignore[attr-defined]
 
 
 def _said(error: Exception) -> str:

@@ -87,7 +87,7 @@ class BlueyeLink(Link):
         self._share, self._sent_at = np.zeros(AXES), -math.inf
         self._stopped = self._closed = False
         self._wake = threading.Event()
-        self._drone = connect(ip, timeout, take_control, observer)
+        self._drone = connect(ip, timeout, take_control, observer, self._drop)
         self._heard = timer()
         self._drone.telemetry.add_msg_callback([], self._take, raw=True)
         refused = set_rates(self._drone, RATES | dict(rates or {}))
@@ -157,6 +157,9 @@ class BlueyeLink(Link):
 
     # In the SDK's thread of telemetry
 
+    def _drop(self) -> None:
+        self.dropped += 1
+
     def _take(self, name: str, payload: bytes) -> None:
         t = self._clock()
         self._heard = self._timer()
@@ -212,7 +215,8 @@ class BlueyeLink(Link):
 
     def _send_motion(self) -> None:
         share = np.zeros(AXES)
-        if not self._stopped and self._timer() - self._sent_at <= COMMAND_LIFE and self.permit():
+        # A timer that was set back makes no command young again.
+        if not self._stopped and 0.0 <= self._timer() - self._sent_at <= COMMAND_LIFE and self.permit():
             share = self._share
         try:
             self._drone.motion.send_thruster_setpoint(*map(float, share), 0.0)

@@ -14,6 +14,7 @@ from rovtwin.core.flow import Measurement
 
 TOGETHER = 0.1  # readings further apart, or that waited longer for the other's, do not belong together [s]
 OUTDATED = 10.0  # age up to which a drone's battery and leak count beside the other's [s]
+JUMP = 1.0  # a reading that is older than the last by more is believed: the clock was set [s]
 WAITING = 256  # readings of one sensor that wait at most
 STATES = ("battery", "leak")  # of the two together: the worse one
 SIDES = (0, 1)
@@ -53,7 +54,8 @@ class Merge:
         return [reading for reading in found if self._in_order(reading)]
 
     def _in_order(self, reading: Measurement) -> bool:
-        if reading.t_valid <= self._last.get(reading.sensor, -np.inf):
+        last = self._last.get(reading.sensor, -np.inf)
+        if last >= reading.t_valid > last - JUMP:  # one from long before: a clock was set back
             return False
         self._last[reading.sensor] = reading.t_valid
         return True
