@@ -15,7 +15,7 @@ from rovtwin.links.blueye.link import BlueyeLink
 from rovtwin.links.blueye.server import BlueyeServer
 
 HOSTS, HTTP = ("127.0.0.16", "127.0.0.17"), 8780
-SLOW = 5  # every so many periods there is a position
+SLOW = 5  # every so many periods there is an altitude
 
 
 class BlueyeRig:
@@ -31,9 +31,10 @@ class BlueyeRig:
         self._end.callback(wait_for_farewells)
         assert wait_for(lambda: self._served.said)
         # Messages of states would come once within the test, which looks for gaps.
-        rates = {"ErrorFlagsTel": 0.0, "PositionEstimateTel": 100.0}
+        rates = {"ErrorFlagsTel": 0.0, "AltitudeTel": 100.0}
         options = {"clock": lambda: self.now, "timer": lambda: self.now, "rates": rates}
         self.link = DoubleBlueyeLink(hosts, **options) if double else BlueyeLink(hosts[0], **options)
+        self.link.arm()
         self._links = self.link._links if isinstance(self.link, DoubleBlueyeLink) else (self.link,)
         self._heard, self._sent = [0] * len(self._links), [0] * len(self._links)
         for i in range(len(self._links)):
@@ -45,7 +46,7 @@ class BlueyeRig:
         def heard(name: str, payload: bytes) -> None:
             self._heard[i] += 1
 
-        drone.telemetry.add_msg_callback([bp.DepthTel, bp.PositionEstimateTel], heard, raw=True)
+        drone.telemetry.add_msg_callback([bp.DepthTel, bp.AltitudeTel], heard, raw=True)
         send = drone.motion.send_thruster_setpoint
 
         def sent(*share: float) -> None:
@@ -60,7 +61,7 @@ class BlueyeRig:
             self.now = self._k * self._period
             batch = [Measurement(self._name(d, "pressure"), np.array([2.0 + self.now]), self.now) for d in self._drones]
             if self._k % SLOW == 0:
-                batch.append(Measurement("position", np.array([1.0, self.now]), self.now))
+                batch.append(Measurement("altimeter", np.array([1.0 + self.now]), self.now))
             self._served.feed(self.now, batch)
             expected = self._k + self._k // SLOW
             assert all(link._closed for link in self._links) or wait_for(lambda: min(self._heard) >= expected)  # noqa: B023

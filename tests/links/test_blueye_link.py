@@ -72,6 +72,18 @@ def feeding(served: Served, **changed) -> Iterator[Feeder]:
         thread.join()
 
 
+def armed(*arguments, **options) -> BlueyeLink:
+    link = BlueyeLink(*arguments, **options)
+    link.arm()
+    return link
+
+
+def both_armed() -> DoubleBlueyeLink:
+    link = DoubleBlueyeLink((PORT, STARBOARD))
+    link.arm()
+    return link
+
+
 def command(*u: float) -> Command:
     return Command(np.array(u))
 
@@ -89,7 +101,7 @@ def motion(served: Served, drone: str = "") -> tuple[float, ...]:
 
 
 def test_readings_are_the_vehicles_in_si(served):
-    with closing(BlueyeLink(PORT)) as link:
+    with closing(BlueyeLink(PORT, position=True)) as link:
         feeder = Feeder(served)
         feeder.feed(1.2)
         assert wait_for(lambda: len(link._readings) > 200)
@@ -106,6 +118,61 @@ def test_readings_are_the_vehicles_in_si(served):
         assert link.read() == [] and link.dropped == 0
 
 
+def test_reckoned_positions_are_left_out_unless_asked_for(served):
+    with closing(BlueyeLink(PORT)) as link:
+        Feeder(served).feed(0.3)
+        assert wait_for(lambda: len(link._readings) > 50)
+        assert "position" not in {r.sensor for r in link.read()}
+
+
+def test_nothing_is_taken_or_moved_before_arming(served):
+    """Somebody else drives by auto depth and heading, as the app does, while a link comes, looks and goes."""
+    pilot = Drone(PORT)
+    pilot.motion.set_surge(0.5)
+    pilot.motion.enable_auto_depth(True)
+    pilot._ctrl_client._messages_to_send.put(bp.WatchdogCtrl(client_id=pilot.client_id))
+    assert wait_for(lambda: motion(served)[0] == 0.5 and newest(served).hold_depth)
+    with feeding(served):
+        link = BlueyeLink(PORT)
+        link.send(command(-1.0, 0.0, 0.0))
+        assert wait_for(lambda: link.read())
+        time.sleep(1.2)  # longer than the SDK waits with its first watchdog
+        link.close()
+        wait_for_farewells()
+        assert motion(served)[0] == 0.5 and newest(served).hold_depth and newest(served).armed
+        told = [w.motion[0] for w in served.wishes if w.armed and w.hold_depth]
+        assert set(told) == {0.5}
+    pilot.disconnect()
+
+
+def test_a_free_drone_stays_free_until_armed(served):
+    with closing(BlueyeLink(PORT)) as link, feeding(served):
+        link.send(command(1.0, 0.0, 0.0))
+        time.sleep(1.2)
+        assert served.wishes == [] and "nobody is in control" in served.said[-1]
+        start = time.monotonic()
+        link.arm()
+        link.arm()
+        assert time.monotonic() - start < 8.0
+        assert wait_for(lambda: newest(served) and newest(served).armed, 0.8)
+        assert motion(served) == (0.0,) * 6, "what was commanded before counts for nothing"
+        link.send(command(0.5, 0.0, 0.0))
+        assert wait_for(lambda: motion(served)[0] == 0.5)
+        link.read()
+        assert wait_for(lambda: "1 clients" in served.said[-1]), "the observer has left"
+        assert wait_for(lambda: "pressure" in {r.sensor for r in link.read()}), "still heard"
+
+
+def test_a_link_that_was_stopped_or_closed_is_not_armed(served):
+    link = BlueyeLink(PORT)
+    link.stop()
+    for end in (link.stop, link.close):
+        end()
+        with pytest.raises(LinkError, match="stopped or closed"):
+            link.arm()
+    assert served.wishes == []
+
+
 def test_times_are_those_of_arrival_on_the_given_clock(served):
     with closing(BlueyeLink(PORT, clock=lambda: 1234.5)) as link:
         Feeder(served).feed(0.1)
@@ -114,7 +181,7 @@ def test_times_are_those_of_arrival_on_the_given_clock(served):
 
 
 def test_command_goes_through_the_thrusters_curve(served):
-    with closing(BlueyeLink(PORT, curve=lambda u: np.sign(u) * u**2)) as link:
+    with closing(armed(PORT, curve=lambda u: np.sign(u) * u**2)) as link:
         link.send(command(0.5, -0.5, 1.0))
         assert wait_for(lambda: motion(served) == (0.25, -0.25, 1.0, 0.0, 0.0, 0.0), 1.0)
         time.sleep(0.2)
@@ -125,7 +192,7 @@ def test_command_goes_through_the_thrusters_curve(served):
 
 
 def test_send_returns_at_once_and_wrong_shapes_stop(served):
-    with closing(BlueyeLink(PORT)) as link:
+    with closing(armed(PORT)) as link:
         start = time.perf_counter()
         for _ in range(100):
             link.send(command(0.5, 0.5, 0.5))
@@ -138,7 +205,7 @@ def test_send_returns_at_once_and_wrong_shapes_stop(served):
 
 
 def test_controllers_of_the_drone_stay_off(served):
-    with closing(BlueyeLink(PORT)) as link, feeding(served):
+    with closing(armed(PORT)) as link, feeding(served):
         assert wait_for(lambda: newest(served) and newest(served).armed, 0.8), "armed before the SDK does it"
         told: list[tuple[bool, bool]] = []
         link._drone.telemetry.add_msg_callback(
@@ -153,12 +220,14 @@ def test_controllers_of_the_drone_stay_off(served):
 
 def test_silence_grows_the_age_and_ends_the_link(served):
     now = [0.0]
-    with closing(BlueyeLink(PORT, timer=lambda: now[0])) as link:
+    with closing(armed(PORT, timer=lambda: now[0])) as link:
         Feeder(served).feed(0.1)
         assert wait_for(lambda: link.read())
         link.send(command(0.5, 0.0, 0.0))
         assert wait_for(lambda: any(motion(served)))
         assert link.age == 0.0
+        time.sleep(0.2)
+        link.read()
         now[0] = 2.9
         assert link.age == pytest.approx(2.9) and link.read() == []
         now[0] = 3.1
@@ -176,8 +245,8 @@ def test_silence_grows_the_age_and_ends_the_link(served):
 
 def test_another_client_is_in_control(served):
     pilot = Drone(PORT)
-    with pytest.raises(LinkError, match="another client is in control"):
-        BlueyeLink(PORT)
+    with closing(BlueyeLink(PORT)) as link, pytest.raises(LinkError, match="another client is in control"):
+        link.arm()
     with closing(BlueyeLink(PORT, observer=True)) as watching:
         pilot.motion.set_surge(0.5)
         pilot._ctrl_client._messages_to_send.put(bp.WatchdogCtrl(client_id=pilot.client_id))
@@ -185,16 +254,18 @@ def test_another_client_is_in_control(served):
         assert wait_for(lambda: watching.read()) and wait_for(lambda: motion(served)[0] == 0.5)
         watching.send(command(1.0, 1.0, 1.0))
         watching.stop()
+        with pytest.raises(LinkError, match="opened to look only"):
+            watching.arm()
         time.sleep(0.2)
         assert motion(served)[0] == 0.5
-    with closing(BlueyeLink(PORT, take_control=True)) as link:
+    with closing(armed(PORT, take_control=True)) as link:
         link.send(command(0.25, 0.0, 0.0))
         assert wait_for(lambda: motion(served)[0] == 0.25)
         pilot.disconnect()
 
 
 def test_another_client_takes_control(served):
-    with closing(BlueyeLink(PORT)) as link, feeding(served):
+    with closing(armed(PORT)) as link, feeding(served):
         link.send(command(0.5, 0.0, 0.0))
         assert wait_for(lambda: motion(served)[0] == 0.5)
         other = Drone(PORT, disconnect_other_clients=True)
@@ -240,7 +311,7 @@ def test_message_that_the_sdk_cannot_take_does_not_end_its_thread(served, frames
 
 def test_timer_that_is_set_back_makes_no_command_young(served):
     timer = [5000.0]
-    with closing(BlueyeLink(PORT, timer=lambda: timer[0])) as link:
+    with closing(armed(PORT, timer=lambda: timer[0])) as link:
         link.send(command(0.5, 0.0, 0.0))
         assert wait_for(lambda: any(motion(served)))
         timer[0] -= 3600.0
@@ -291,7 +362,7 @@ def test_connection_that_comes_too_late_is_let_go(monkeypatch):
 
 
 def test_closing_stops_and_lets_go(served):
-    link = BlueyeLink(PORT)
+    link = armed(PORT)
     link.send(command(1.0, 0.0, 0.0))
     assert wait_for(lambda: motion(served)[0] == 1.0)
     start = time.perf_counter()
@@ -355,7 +426,7 @@ def _past_the_proxy(url: str, **options):
 
 def test_command_is_split_and_readings_are_joined():
     with vehicle(PORT, STARBOARD, drones=("port", "starboard")) as served:
-        with closing(DoubleBlueyeLink((PORT, STARBOARD))) as link, feeding(served):
+        with closing(both_armed()) as link, feeding(served):
             assert wait_for(lambda: link.age < 0.1)
             link.send(command(0.1, 0.2, 0.3, -0.1, -0.2, -0.3))
             for drone, share in (("port", (0.1, 0.2, 0.3)), ("starboard", (-0.1, -0.2, -0.3))):
@@ -364,8 +435,9 @@ def test_command_is_split_and_readings_are_joined():
             time.sleep(0.5)
             found = link.read()
             values = {r.sensor: r.value for r in found}
-            for sensor in ("pressure", "attitude", "gyro", "accelerometer", "dvl", "position"):
+            for sensor in ("pressure", "attitude", "gyro", "accelerometer", "dvl"):
                 np.testing.assert_allclose(values[sensor], TRUTH[sensor], atol=1e-5, err_msg=sensor)
+            assert "position" not in values, "two drones reckon from two zeros"
             assert sum(r.sensor == "gyro" for r in found) < 35, "two drones' readings are one vehicle's"
             for sensor in values:
                 times = [r.t_valid for r in found if r.sensor == sensor]
@@ -378,7 +450,7 @@ def test_command_is_split_and_readings_are_joined():
 def test_one_drone_lost_stops_the_other_within_half_a_second(lost):
     with two() as both:
         stays, goes = both[1 - lost], both[lost]
-        with closing(DoubleBlueyeLink((PORT, STARBOARD))) as link, feeding(stays):
+        with closing(both_armed()) as link, feeding(stays):
             with feeding(goes):
                 assert wait_for(lambda: link.age < 0.1)
                 link.send(command(*[0.5] * 6))
@@ -401,7 +473,7 @@ def test_one_drone_lost_stops_the_other_within_half_a_second(lost):
 
 def test_command_that_is_half_a_number_stops_both():
     with vehicle(PORT, STARBOARD, drones=("port", "starboard")) as served:
-        with closing(DoubleBlueyeLink((PORT, STARBOARD))) as link, feeding(served):
+        with closing(both_armed()) as link, feeding(served):
             assert wait_for(lambda: link.age < 0.1)
             link.send(command(*[0.5] * 6))
             assert wait_for(lambda: any(motion(served, "port")) and any(motion(served, "starboard")))
@@ -432,7 +504,7 @@ def test_drone_behind_a_relay(served):
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
-        with closing(BlueyeLink(RELAY)) as link:
+        with closing(armed(RELAY)) as link:
             Feeder(served).feed(0.2)
             assert wait_for(lambda: "pressure" in {r.sensor for r in link.read()})
             link.send(command(0.5, 0.0, 0.0))

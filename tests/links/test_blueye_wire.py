@@ -53,6 +53,13 @@ def test_motion_that_is_no_number_is_none(bad):
     assert parse_control(frames(sent)) == wire.Motion(wire.STILL)
 
 
+@pytest.mark.parametrize("field", ["type_", "version", "name"])
+def test_what_a_client_calls_itself_cannot_command_a_terminal(field):
+    sent = bp.ConnectClientReq(client_info={field: "\x1b]0;mine\x07\x9b2J\r\nblue\u00e9\u202eeye\x7f"})
+    name = parse_request(frames(sent)).client.name
+    assert name.isascii() and name.isprintable() and "blue" in name and "\\x1b]0;mine" in name
+
+
 @pytest.mark.parametrize("name", sorted(wire.MODES))
 @pytest.mark.parametrize("on", [True, False])
 def test_modes(name, on):

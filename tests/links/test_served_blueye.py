@@ -32,6 +32,13 @@ def twin(ports):
         yield twin
 
 
+@pytest.fixture(scope="module", autouse=True)
+def began(twin) -> tuple[float, float]:
+    """Real time and the vehicle's at the beginning of this module [s]."""
+    twin.until(lambda: twin.history, 60.0)
+    return time.monotonic(), twin.history[-1][0]
+
+
 @pytest.fixture(scope="module")
 def drones(twin):
     with pytest.MonkeyPatch.context() as patch:
@@ -160,10 +167,12 @@ async def motion_capture(port: int) -> np.ndarray:
     return np.array(bodies[0][0])
 
 
-def test_the_vehicles_clock_kept_pace(twin: ServedTwin):
-    """Twice real time, all the while, however busy the clients were."""
-    (t0, _), (t1, _) = twin.history[0], twin.history[-1]
-    began, now = time.monotonic(), t1
-    time.sleep(1.0)
-    rate = (twin.history[-1][0] - now) / (time.monotonic() - began)
-    assert t1 > t0 and abs(rate - 2.0) < 0.2
+def test_the_vehicles_clock_kept_pace(twin: ServedTwin, began):
+    """Twice real time from this module's first period to its last, however busy the clients were.
+
+    The machine is shared: time that the vehicle could not catch up with is a fifth at most.
+    """
+    real, simulated = began
+    time.sleep(max(0.0, real + 2.0 - time.monotonic()))  # for when this test runs alone
+    rate = (twin.history[-1][0] - simulated) / (time.monotonic() - real)
+    assert rate == pytest.approx(2.0, rel=0.2)

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+import rovtwin.scenario.live.connect as connecting
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link, Source
@@ -12,7 +13,7 @@ from rovtwin.core.log import Log
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.live import flight as live
 from rovtwin.scenario.live import readiness
-from rovtwin.scenario.live.connect import LINKS, SOURCES, Url, connect, on_this_machine, source
+from rovtwin.scenario.live.connect import LINKS, SOURCES, Url, connect, described, on_this_machine, source
 from rovtwin.scenario.live.flight import fly_live
 from rovtwin.scenario.live.readiness import Ears, listen
 from rovtwin.scenario.live.record import record
@@ -81,7 +82,12 @@ def reading(sensor: str, *value: float, t: float = 0.0) -> Measurement:
         ("blueye://1.2.3.4", "1 addresses, expected 2"),
         ("blueye://1.2.3.4,1.2.3.5,1.2.3.6", "3 addresses, expected 2"),
         ("replay://nowhere.mcap", "nowhere.mcap"),
-        ("ros2://rov?domain=3", "domain=3"),
+        ("ros2://rov?domain=3", "found the option 'domain', expected expose"),
+        ("blueye://1.2.3.4,1.2.3.5?take", "found the option 'take', expected take_control, position"),
+        ("blueye://1.2.3.4,1.2.3.5?take_control=yes", "'take_control=yes', expected take_control"),
+        ("blueye://1.2.3.4,1.2.3.5?position", "for two drones"),
+        ("mavlink://udpin:127.0.0.1:14550?x", "found the option 'x', expected none: mavlink:// has no options"),
+        ("twin://?speed=2", "found the option 'speed', expected none"),
     ],
 )
 def test_a_url_that_cannot_be_used_is_said_with_what_was_expected(text, found):
@@ -97,7 +103,13 @@ def test_a_blueye_link_is_for_blueyes():
 
 
 @pytest.mark.parametrize(
-    "text", ["dvl://", "dvl://host:port", "dvl://host:99999", "qtm://:22223/rov", "blueye://1.2.3.4"]
+    "text",
+    [
+        *("dvl://", "dvl://host:port", "dvl://host:99999", "qtm://:22223/rov", "blueye://1.2.3.4", "dvl://host/x"),
+        *("ugps://host?topside=1,2", "ugps://host?topside=1,2,nan", "ugps://host?topside", "ugps://host?raw&filtered"),
+        *("ugps://host?raw=1", "ugps://host?heading=3", "qtm://host/rov?origin=1,2,x", "qtm://host/rov?heading=1,2"),
+        *("dvl://host?rotation=inf", "dvl://host?rotation=1&rotation=2", "dvl://host?topside=1,2,3"),
+    ],
 )
 def test_a_source_that_cannot_be_used(text):
     with pytest.raises(ConfigError, match="expected"):
@@ -109,6 +121,56 @@ def test_hosts_and_ports():
     assert Url.of("dvl://192.168.194.95", known, "").host_port(16171) == ("192.168.194.95", 16171)
     assert Url.of("dvl://[::1]:8000", known, "").host_port(16171) == ("::1", 8000)
     assert Url.of("replay://a%20b.mcap", known, "").rest == "a b.mcap"
+
+
+def kept(text: str):
+    """A source of an address where nobody answers, closed again."""
+    with source(text, Clock(50.0)) as found:
+        return found
+
+
+def test_what_is_said_of_a_topside_unit_holds():
+    gps = kept("ugps://127.0.0.1:9?topside=10,-20,90")
+    assert gps._topside == pytest.approx((10.0, -20.0, np.pi / 2)) and gps._path.endswith("raw")
+    assert gps._period == 0.01, "no more often than it can be asked, however fast time runs"
+    assert kept("ugps://127.0.0.1:9?filtered")._path.endswith("filtered")
+    assert described("ugps://h?topside=10,-20,90").endswith(
+        "topside at north 10 m, east -20 m, its mark towards 90 deg; raw positions"
+    )
+    assert "north 0 m, east 0 m, its mark towards 0 deg; filtered" in described("ugps://h?filtered")
+
+
+def test_what_is_said_of_a_lab_holds():
+    """x towards east: y, to its left, is north; up is up."""
+    lab = kept("qtm://127.0.0.1:9/rov?heading=90&origin=1,2,-3")._lab
+    np.testing.assert_allclose(lab.to_eta(np.array([5.0, 7.0, 1.0]), np.eye(3))[:3], [8.0, 7.0, -4.0], atol=1e-9)
+    assert lab.to_eta(np.zeros(3), np.eye(3))[5] == pytest.approx(np.pi / 2)
+    assert "north 1 m, east 2 m, down -3 m, its x axis towards 90 deg" in described(
+        "qtm://h/r?heading=90&origin=1,2,-3"
+    )
+    np.testing.assert_allclose(kept("qtm://127.0.0.1:9/rov")._lab.R_nq, np.diag([1.0, -1.0, -1.0]), atol=1e-12)
+
+
+def test_what_is_said_of_a_dvl_and_a_drone_holds():
+    dvl = kept("dvl://127.0.0.1:9?rotation=90")
+    assert (dvl._cos, dvl._sin) == pytest.approx((0.0, 1.0))
+    assert "turned 90 deg clockwise" in described("dvl://h?rotation=90")
+    assert "control is taken" in described("blueye://a,b?take_control") and "no client" in described("blueye://a,b")
+    assert described("twin://") == "twin://"
+    with pytest.raises(ConfigError, match="turn"):
+        described("dvl://h?turn=3")
+
+
+def test_take_control_reaches_the_links(monkeypatch):
+    opened = []
+    monkeypatch.setattr(connecting, "_hosted", lambda opener, scenario: opened.append(opener))
+    scenario = load_scenario("lawnmower_calm")
+    connect("blueye://1.2.3.4,1.2.3.5?take_control", scenario, Clock())
+    connect("blueye://1.2.3.4,1.2.3.5", scenario, Clock(), observe=True)
+    assert [(o.hosts, o.take_control, o.observe) for o in opened] == [
+        (("1.2.3.4", "1.2.3.5"), True, False),
+        (("1.2.3.4", "1.2.3.5"), False, True),
+    ]
 
 
 # Listening

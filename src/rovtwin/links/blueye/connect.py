@@ -6,7 +6,7 @@ from typing import Any
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 
-TRIES = 5  # of a request that the SDK gives 50 ms
+TRIES = 5  # of a request that the SDK gives 50 ms, unless told otherwise
 
 
 def connect(
@@ -59,8 +59,8 @@ def connect(
     if not observer and not drone.in_control:
         release(drone)
         raise LinkError(
-            f"blueye://{ip}: another client is in control. Close the app or script that is, take control, "
-            "or connect as an observer"
+            f"blueye://{ip}: another client is in control. Close the app or script that is, or take control "
+            f"(blueye://{ip}?take_control)"
         )
     return drone
 
@@ -97,11 +97,11 @@ def release(drone: Any) -> None:
         pass
 
 
-def set_rates(drone: Any, rates: Mapping[str, float]) -> list[str]:
+def set_rates(drone: Any, rates: Mapping[str, float], tries: int = TRIES) -> list[str]:
     """Ask for telemetry at these rates [Hz] by the message's name; the names that the drone would not set."""
     refused = []
     for name, rate in rates.items():
-        for left in reversed(range(TRIES)):
+        for left in reversed(range(tries)):
             try:
                 drone.telemetry.set_msg_publish_frequency(name, rate)
                 break

@@ -99,16 +99,19 @@ class Contents:
         return None if altitude is None else readings.altitude_telemetry(altitude[0])
 
     def _PositionEstimate(self) -> Any:
-        position, euler = self._value("position"), self._value("attitude")
-        if position is None:
-            return None
-        estimate: dict[str, Any] = {"northing": position[0], "easting": position[1], "is_valid": True}
+        """What the vehicle believes itself, as a drone does; of a vehicle that believes nothing, what it measures."""
         believed = self._value("estimate")
+        if believed is not None:
+            place, heading = believed[:2], believed[5]
+        else:
+            place, euler = self._value("position"), self._value("attitude")
+            heading = 0.0 if euler is None else euler[2]
+        if place is None:
+            return None
+        estimate: dict[str, Any] = {"northing": place[0], "easting": place[1], "heading": heading, "is_valid": True}
         if believed is not None:
             rates = {"surge_rate": believed[6], "sway_rate": believed[7], "yaw_rate": believed[11]}
             estimate |= rates | {"speed_over_ground": math.hypot(believed[6], believed[7])}
-        if euler is not None:
-            estimate["heading"] = euler[2]
         return message("PositionEstimateTel")(position_estimate=estimate)
 
     def _ControlForce(self) -> Any:

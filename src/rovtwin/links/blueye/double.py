@@ -32,7 +32,8 @@ class DoubleBlueyeLink(Link):
         ips: Addresses of the port and the starboard drone.
         curves: Of each drone, see `thrust.force_shares`.
         levers: Places of their sensors seen from CO, b [m], shape (2, 3).
-        clock, timer, others: As for BlueyeLink.
+        clock, timer, others: As for BlueyeLink, but for `position`: each drone reckons from a zero of its own and
+            drifts by itself, so that there is nothing to merge.
 
     Raises:
         ConfigError: There are not two different addresses.
@@ -57,11 +58,26 @@ class DoubleBlueyeLink(Link):
         self._clock = clock
         self._merge = Merge(np.array(levers))
         self._links = _connect_both(
-            lambda i: BlueyeLink(ips[i], drone=NAMES[i], curve=curves[i], clock=clock, timer=timer, **others)
+            lambda i: BlueyeLink(
+                ips[i], drone=NAMES[i], curve=curves[i], clock=clock, timer=timer, position=False, **others
+            )
         )
         for link in self._links:
             link.permit = lambda: self.age <= LOST
         self._stopped = self._closed = False
+
+    def arm(self) -> None:
+        """Arm both at once; if one refuses, both links stop.
+
+        Raises:
+            LinkError: As for BlueyeLink, of the first that refuses.
+        """
+        with ThreadPoolExecutor(2) as pool:
+            errors = [task.exception() for task in [pool.submit(link.arm) for link in self._links]]
+        for error in errors:
+            if error is not None:
+                self.stop()
+                raise error
 
     @property
     def age(self) -> float:
@@ -78,7 +94,7 @@ class DoubleBlueyeLink(Link):
 
         Raises:
             LinkTimeout: One of the drones has been silent for 3 s.
-            LinkError: Another client has taken control of one.
+            LinkError: Another client has taken control of one since they were armed.
         """
         if self._closed:
             return []

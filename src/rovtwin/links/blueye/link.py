@@ -12,7 +12,7 @@ import numpy as np
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import Link
+from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.blueye.connect import connect, release, set_rates
 from rovtwin.links.blueye.protobuf import parse
 from rovtwin.links.blueye.readings import parse_power, parse_telemetry
@@ -21,28 +21,34 @@ from rovtwin.links.blueye.thrust import Curve, linear
 logger = logging.getLogger(__name__)
 
 AXES = 3  # surge, sway, heave: the pseudo-thrusters of the part blueye_pioneer
-COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
 REPEAT = 0.05  # motion input is repeated so often: a message may get lost [s]
 SDK_WATCHDOG = 1.0  # from then on the SDK feeds the watchdog by itself [s]
 LOST_AFTER = 3.0  # silence after which the link is lost for good [s]
 PARTING = 0.1  # time that the last zero motion gets to leave [s]
 MOST_READINGS = 8192  # kept for one who does not read; about 20 s
-# What an autopilot needs, as fast as the protocol allows where it helps [Hz]; who is in control, within 0.2 s
+ARMING = 5.0  # longest wait for control when arming [s]; what follows takes up to another 2
+POSITION = "PositionEstimateTel"
+# What an autopilot needs, as fast as the protocol allows where it helps [Hz]; who is in control, within 0.2 s.
+# Nothing is switched off: an app beside us may live by it.
 RATES = {
     **{"CalibratedImuTel": 100.0, "AttitudeTel": 50.0, "DepthTel": 50.0, "DvlVelocityTel": 20.0, "AltitudeTel": 20.0},
-    **{"PositionEstimateTel": 20.0, "BatteryTel": 1.0, "BatteryBQ40Z50Tel": 1.0, "ErrorFlagsTel": 2.0},
-    **{"ConnectedClientsTel": 5.0, "ControlModeTel": 5.0, "Imu1Tel": 0.0, "Imu2Tel": 0.0},
+    **{"BatteryTel": 1.0, "BatteryBQ40Z50Tel": 1.0, "ErrorFlagsTel": 2.0},
+    **{"ConnectedClientsTel": 5.0, "ControlModeTel": 5.0},
 }
 
 
 class BlueyeLink(Link):
     """A drone of protocol v3, its telemetry as Measurements and its motion input as thrusters surge, sway, heave.
 
-    Readings are `pressure, attitude, gyro, accelerometer, battery, leak, dvl, altimeter, position`, as far as the drone
-    sends them, SI, radians, NED and FRD. The protocol has no time stamps: `t_valid` is when a message arrived.
+    Readings are `pressure, attitude, gyro, accelerometer, battery, leak, dvl, altimeter`, as far as the drone sends
+    them, SI, radians, NED and FRD. The protocol has no time stamps: `t_valid` is when a message arrived.
+
+    Until `arm` it is connected as an observer, whom the drone never lets control, and sends nothing but requests for
+    rates of telemetry, which hold for all who listen. `arm` connects as a pilot beside that, and the observer leaves.
 
     A drone publishes all the time, so silence means a lost connection: `read` returns an empty list for 3 s of it
-    (`age` grows), then raises LinkTimeout, for good. It raises LinkError as soon as another client has taken control.
+    (`age` grows), then raises LinkTimeout, for good. Armed, it raises LinkError as soon as another client has taken
+    control.
     Either way the thrusters are off from then on.
 
     Args:
@@ -51,15 +57,17 @@ class BlueyeLink(Link):
         curve: Thruster commands to shares of the largest forces, see `thrust.force_shares`.
         clock: Time for `t_valid` [s].
         rates: Telemetry by message [Hz], beside or in place of RATES.
-        take_control: Send other clients away if one of them is in control.
-        observer: Only look: nothing is sent.
+        take_control: Send other clients away if one of them is in control when arming.
+        observer: Only look: it cannot be armed.
+        position: Whether the drone's own estimate of its position becomes readings `position`, 20 Hz. It is dead
+            reckoning from the same DVL, which drifts: an autopilot that takes it for measured counts the DVL twice.
         accelerometer_sign: -1 for a drone that reads +1 g along z when level and at rest.
         timeout: Time for connecting [s].
         timer: Time for the life of commands and for silence [s].
 
     Raises:
         LinkTimeout: There was no answer in time.
-        LinkError: blueye.sdk is missing, no drone answers as agreed, or another client is in control.
+        LinkError: blueye.sdk is missing, or no drone answers as agreed.
     """
 
     def __init__(
@@ -72,6 +80,7 @@ class BlueyeLink(Link):
         rates: Mapping[str, float] | None = None,
         take_control: bool = False,
         observer: bool = False,
+        position: bool = False,
         accelerometer_sign: float = 1.0,
         timeout: float = 10.0,
         timer: Callable[[], float] = time.monotonic,
@@ -80,22 +89,59 @@ class BlueyeLink(Link):
         self.dropped = 0  # messages that could not be parsed
         self.permit: Callable[[], bool] = lambda: True  # whether thrusters may turn; asked at every motion input
         self._curve, self._clock, self._timer = curve, clock, timer
-        self._sign, self._observer = accelerometer_sign, observer
+        self._sign, self._observer, self._position = accelerometer_sign, observer, position
+        self._ip, self._take_control = ip, take_control
+        self._rates = RATES | ({POSITION: 20.0} if position else {}) | dict(rates or {})
         self._readings: deque[Measurement] = deque(maxlen=MOST_READINGS)
         self._power = 0.0
         self._error: LinkError | None = None
         self._share, self._sent_at = np.zeros(AXES), -math.inf
-        self._stopped = self._closed = False
+        self._armed = self._stopped = self._closed = False
+        self._arming, self._taking = threading.Lock(), threading.Lock()
         self._wake = threading.Event()
-        self._drone = connect(ip, timeout, take_control, observer, self._drop)
+        self._sender = threading.Thread(target=self._keep_sending, daemon=True, name=f"motion of {self.name}")
+        self._drone = connect(ip, timeout, take_control=False, observer=True, dropped=self._drop)
         self._heard = timer()
-        self._drone.telemetry.add_msg_callback([], self._take, raw=True)
-        refused = set_rates(self._drone, RATES | dict(rates or {}))
+        self._callback = self._drone.telemetry.add_msg_callback([], self._listen, raw=True)
+        refused = set_rates(self._drone, self._rates)
         if refused:
             logger.warning("%s: would not set the rate of %s", self.name, ", ".join(refused))
-        self._sender = threading.Thread(target=self._keep_sending, daemon=True, name=f"motion of {self.name}")
-        if not observer:
+
+    def arm(self) -> None:
+        """Become the client in control, switch the drone's own modes off and begin to send; within 8 s.
+
+        Raises:
+            LinkTimeout: There was no answer in time.
+            LinkError: The link is an observer's, stopped, lost or closed, or another client is in control.
+        """
+        if self._observer:
+            raise LinkError(f"{self.name}: opened to look only, found arm(), expected a link without observer=True")
+        with self._arming:
+            if self._error is not None:
+                raise self._error
+            if self._closed or self._stopped:
+                raise LinkError(f"{self.name}: stopped or closed before it was armed. Open a new link")
+            if self._armed:
+                return
+            pilot = connect(self._ip, ARMING, self._take_control, observer=False, dropped=self._drop)
+            # A drone may keep rates for the client that asked for them.
+            set_rates(pilot, self._rates, tries=2)
+            if not self._take_over(pilot):
+                release(pilot)
+                raise LinkError(f"{self.name}: closed while it was being armed")
             self._sender.start()
+
+    def _take_over(self, pilot: Any) -> bool:
+        """Hear and command through the pilot's connection; False when the link was closed meanwhile."""
+        with self._taking:  # what the observer heard last says that we are not in control
+            if self._closed:
+                return False
+            observer, callback = self._drone, self._callback
+            observer.telemetry.remove_msg_callback(callback)
+            self._drone, self._armed = pilot, True
+            self._callback = pilot.telemetry.add_msg_callback([], self._listen, raw=True)
+        threading.Thread(target=release, args=(observer,), name=f"leave {self.name}").start()
+        return True
 
     @property
     def age(self) -> float:
@@ -107,7 +153,7 @@ class BlueyeLink(Link):
 
         Raises:
             LinkTimeout: The drone has been silent for 3 s.
-            LinkError: Another client has taken control.
+            LinkError: Another client has taken control since it was armed.
         """
         if self._closed:
             return []
@@ -127,7 +173,7 @@ class BlueyeLink(Link):
             raise ValueError(f"{self.name}: command of shape {u.shape}, expected ({AXES},): surge, sway, heave")
         if not np.isfinite(u).all():
             self.stop()
-        if not self._stopped:
+        if self._armed and not self._stopped:
             self._share, self._sent_at = np.clip(self._curve(np.clip(u, -1.0, 1.0)), -1.0, 1.0), self._timer()
             self._wake.set()
 
@@ -139,7 +185,8 @@ class BlueyeLink(Link):
         if self._closed:
             return
         self.stop()
-        self._closed = True
+        with self._taking:
+            self._closed = True
         self._wake.set()
         # No daemon: a process that ends waits until the last zero motion has left.
         threading.Thread(target=self._leave, name=f"leave {self.name}").start()
@@ -148,7 +195,7 @@ class BlueyeLink(Link):
         # Disconnecting may wait for a reply: nobody shall wait for that here.
         if self._sender.is_alive():
             self._sender.join(PARTING)
-        time.sleep(0.0 if self._observer else PARTING)
+        time.sleep(PARTING if self._armed else 0.0)
         release(self._drone)
 
     def _fail(self, error: LinkError) -> None:
@@ -160,6 +207,10 @@ class BlueyeLink(Link):
     def _drop(self) -> None:
         self.dropped += 1
 
+    def _listen(self, name: str, payload: bytes) -> None:
+        with self._taking:
+            self._take(name, payload)
+
     def _take(self, name: str, payload: bytes) -> None:
         t = self._clock()
         self._heard = self._timer()
@@ -170,6 +221,8 @@ class BlueyeLink(Link):
                 self._check_modes(payload)
             elif name == "BatteryBQ40Z50Tel":
                 self._power = parse_power(payload)
+            if name == POSITION and not self._position:
+                return
             for sensor, value in parse_telemetry(name, payload, self._sign):
                 if sensor == "battery":
                     value[1] = self._power
@@ -179,7 +232,7 @@ class BlueyeLink(Link):
 
     def _check_pilot(self, payload: bytes) -> None:
         pilot = parse("ConnectedClientsTel", payload).client_id_in_control
-        if not self._observer and pilot != self._drone.client_id and self._error is None:
+        if self._armed and pilot != self._drone.client_id and self._error is None:
             self._fail(
                 LinkError(f"{self.name}: another client has taken control (client {pilot}). Thrusters of ours are off")
             )
@@ -187,7 +240,7 @@ class BlueyeLink(Link):
     def _check_modes(self, payload: bytes) -> None:
         """The drone's own controllers stay off while we control: their messages may get lost, so they are repeated."""
         state = parse("ControlModeTel", payload).state
-        if self._observer or self._closed or self._error:
+        if not self._armed or self._closed or self._error:
             return
         motion = self._drone.motion
         for on, switch in (
@@ -224,7 +277,7 @@ class BlueyeLink(Link):
             self._fail(LinkError(f"{self.name}: cannot be commanded ({error})"))
 
     def _feed_watchdog(self) -> None:
-        """Arm at once: the SDK feeds the watchdog from one second after connecting.
+        """Thrusters on at once: the SDK feeds the watchdog from one second after connecting.
 
         More than once, for what is published before the drone has subscribed is lost.
         """

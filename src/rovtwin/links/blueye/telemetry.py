@@ -29,7 +29,7 @@ KNOWN = {
 OCCASIONS = {
     **{"DepthTel": ("pressure",), "AttitudeTel": ("attitude",), "DvlVelocityTel": ("dvl",)},
     **{name: ("gyro", "accelerometer") for name in ("CalibratedImuTel", "Imu1Tel", "Imu2Tel")},
-    **{"AltitudeTel": ("altimeter",), "PositionEstimateTel": ("position",), "ControlForceTel": ("force",)},
+    **{"AltitudeTel": ("altimeter",), "PositionEstimateTel": ("estimate", "position"), "ControlForceTel": ("force",)},
 }
 EARLY = 0.1  # of a period by which a message may come early: sensors' clocks are not the scheduler's
 FOLLOW = 0.1  # of what it came early by, the schedule is moved

@@ -1,8 +1,9 @@
 """From URLs to links and sources: `blueye://192.168.1.101`, `replay://run.mcap`, `dvl://192.168.194.95`."""
 
+import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -15,27 +16,45 @@ from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
 from rovtwin.links.hosted import HostedLink
 from rovtwin.links.replay import ReplayLink
+from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.links.twin import TwinLink
 from rovtwin.scenario.composition import compose, vehicle_of
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.twin import TwinInput
 
+# Scheme -> its options, each with the numbers that it takes, or none: `?topside=1,2,90&raw`
+OPTIONS: dict[str, dict[str, str]] = {
+    "blueye": {"take_control": "", "position": ""},
+    "ros2": {"expose": ""},
+    "ugps": {"topside": "NORTH,EAST,HEADING_DEG", "raw": "", "filtered": ""},
+    "qtm": {"heading": "DEG", "origin": "NORTH,EAST,DOWN"},
+    "dvl": {"rotation": "DEG"},
+}
+
 
 @dataclass(frozen=True)
 class Url:
-    """An address as the user gave it: `scheme://rest?options`."""
+    """An address as the user gave it: `scheme://rest?option&option=number,number`.
+
+    Attributes:
+        text: All of it.
+        scheme: What is before `://`.
+        rest: What is between that and the options.
+        options: Those that were given, each with its numbers [m, degrees].
+    """
 
     text: str
     scheme: str
     rest: str
+    options: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, text: str, known: dict[str, Any], option: str) -> "Url":
         """Taken apart.
 
         Raises:
-            ConfigError: No scheme, or one that nobody speaks.
+            ConfigError: No scheme, or one that nobody speaks; an option that there is not, or not with such numbers.
         """
         scheme, found, rest = text.partition("://")
         if not found or scheme not in known:
@@ -43,13 +62,20 @@ class Url:
             raise ConfigError(
                 f"{option} {text}: found {'no scheme' if not found else repr(scheme)}, expected one of {names}"
             )
-        return cls(text, scheme, unquote(rest))
+        rest, _, query = rest.partition("?")
+        options: dict[str, tuple[float, ...]] = {}
+        for part in filter(None, query.split("&")):
+            name, numbers = _parse_option(unquote(part), OPTIONS.get(scheme, {}), f"{option} {text}", scheme)
+            if name in options:
+                raise ConfigError(f"{option} {text}: found the option '{name}' twice, expected it once")
+            options[name] = numbers
+        return cls(text, scheme, unquote(rest), options)
 
     def host_port(self, port: int) -> tuple[str, int]:
         """Host and port, the latter as given or the protocol's own.
 
         Raises:
-            ConfigError: There is no host, or the port is no number.
+            ConfigError: There is no host, the port is no number, or there is more than that.
         """
         try:
             parts = urlsplit(f"//{self.rest}")
@@ -58,7 +84,31 @@ class Url:
             raise ConfigError(f"{self.text}: {error}, expected {self.scheme}://HOST[:PORT]") from None
         if not host:
             raise ConfigError(f"{self.text}: found no host, expected {self.scheme}://HOST[:PORT]")
+        if parts.path.strip("/"):
+            raise ConfigError(f"{self.text}: found '{parts.path}' after it, expected {self.scheme}://HOST[:PORT]")
         return host, given or port
+
+
+def _parse_option(part: str, known: dict[str, str], where: str, scheme: str) -> tuple[str, tuple[float, ...]]:
+    """An option's name and numbers."""
+    name, given, text = part.partition("=")
+    if name not in known:
+        forms = ", ".join(f"{n}={form}" if form else n for n, form in known.items())
+        expected = forms or f"none: {scheme}:// has no options"
+        raise ConfigError(f"{where}: found the option '{name}', expected {expected}")
+    form = known[name]
+    wrong = ConfigError(f"{where}: found the option '{part}', expected {name}{'=' if form else ''}{form}")
+    if not form:
+        if given:
+            raise wrong
+        return name, ()
+    try:
+        numbers = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        raise wrong from None
+    if len(numbers) != len(form.split(",")) or not all(map(math.isfinite, numbers)):
+        raise wrong
+    return name, numbers
 
 
 def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
@@ -102,6 +152,17 @@ def on_this_machine(text: str) -> bool:
     return bool(hosts) and all(host.startswith("127.") for host in hosts)
 
 
+def described(text: str) -> str:
+    """One line for the user: the URL, and which frame and rights are assumed of what is there.
+
+    Raises:
+        ConfigError: The URL cannot be used.
+    """
+    url = Url.of(text, LINKS | SOURCES, "--link, --sensor")
+    tell = _TOLD.get(url.scheme)
+    return f"{text}: {tell(url)}" if tell else text
+
+
 def _twin(url: Url, scenario: Scenario, clock: Clock) -> Link:
     composed = compose(scenario)
     twin, dt = composed.loop.twin, scenario.control_dt
@@ -137,17 +198,20 @@ class _Blueye:
     thrusters: Any
     clock: Clock
     observe: bool
+    take_control: bool = False
+    position: bool = False
 
     def __call__(self) -> Link:
         from rovtwin.links.blueye.double import DoubleBlueyeLink
         from rovtwin.links.blueye.link import BlueyeLink
         from rovtwin.links.blueye.thrust import force_shares
 
+        rights: dict[str, Any] = {"observer": self.observe, "take_control": self.take_control}
         if len(self.hosts) == 1:
             curve = force_shares(self.thrusters, range(3))
-            return BlueyeLink(self.hosts[0], curve=curve, clock=self.clock, observer=self.observe)
+            return BlueyeLink(self.hosts[0], curve=curve, clock=self.clock, position=self.position, **rights)
         curves = [force_shares(self.thrusters, range(3 * i, 3 * i + 3)) for i in range(2)]
-        return DoubleBlueyeLink(self.hosts, curves=curves, clock=self.clock, observer=self.observe)
+        return DoubleBlueyeLink(self.hosts, curves=curves, clock=self.clock, **rights)
 
 
 def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
@@ -165,7 +229,19 @@ def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -
             f"--link {url.text}: found {len(hosts)} addresses, expected {drones} for {vehicle.name}: "
             f"blueye://{'192.168.1.101' if drones == 1 else 'PORT,STARBOARD'}"
         )
-    return _hosted(_Blueye(hosts, _thrusters(scenario), clock, observe), scenario)
+    if drones == 2 and "position" in url.options:
+        raise ConfigError(
+            f"--link {url.text}: found the option 'position' for two drones, expected it for one: each reckons from a "
+            "zero of its own. Take positions from --sensor"
+        )
+    rights = {"take_control": "take_control" in url.options, "position": "position" in url.options}
+    return _hosted(_Blueye(hosts, _thrusters(scenario), clock, observe, **rights), scenario)
+
+
+def _blueye_told(url: Url) -> str:
+    others = "control is taken from other clients" if "take_control" in url.options else "no client is sent away"
+    place = "; positions as it reckons them itself" if "position" in url.options else ""
+    return f"{others} when arming{place}"
 
 
 @dataclass(frozen=True)
@@ -213,30 +289,76 @@ class _Ros2:
 
 
 def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    namespace, _, option = url.rest.partition("?")
-    if option not in ("", "expose"):
-        raise ConfigError(f"--link {url.text}: found ?{option}, expected ros2://NAMESPACE or ros2://NAMESPACE?expose")
-    return _hosted(_Ros2(namespace.strip("/") or "rov", _thrusters(scenario), clock, bool(option)), scenario)
+    namespace = url.rest.strip("/") or "rov"
+    return _hosted(_Ros2(namespace, _thrusters(scenario), clock, "expose" in url.options), scenario)
 
 
 def _dvl(url: Url, clock: Clock) -> Source:
     from rovtwin.links.waterlinked.dvl_source import PORT, DvlSource
 
-    return DvlSource(*url.host_port(PORT), clock, altimeter=True)
+    rotation = math.radians(_rotation(url))
+    return DvlSource(*url.host_port(PORT), clock, rotation=rotation, altimeter=True)
+
+
+def _rotation(url: Url) -> float:
+    (degrees,) = url.options.get("rotation", (0.0,))
+    return degrees
+
+
+def _dvl_told(url: Url) -> str:
+    return f"its forward axis turned {_rotation(url):g} deg clockwise from the vehicle's"
 
 
 def _ugps(url: Url, clock: Clock) -> Source:
     from rovtwin.links.waterlinked.ugps_source import PORT, UgpsSource
 
-    return UgpsSource(*url.host_port(PORT), clock, rate=10.0 * clock.speed)
+    north, east, degrees = _topside(url)
+    topside = (north, east, math.radians(degrees))
+    rate = min(100.0, 10.0 * clock.speed)
+    return UgpsSource(*url.host_port(PORT), clock, topside=topside, rate=rate, raw=_raw(url))
+
+
+def _topside(url: Url) -> tuple[float, ...]:
+    return url.options.get("topside", (0.0, 0.0, 0.0))
+
+
+def _raw(url: Url) -> bool:
+    """Positions before the kit's own filter, unless told otherwise: the autopilot filters itself."""
+    if {"raw", "filtered"} <= url.options.keys():
+        raise ConfigError(f"--sensor {url.text}: found the options 'raw' and 'filtered', expected one of them")
+    return "filtered" not in url.options
+
+
+def _ugps_told(url: Url) -> str:
+    north, east, degrees = _topside(url)
+    kind = "raw" if _raw(url) else "filtered"
+    return f"topside at north {north:g} m, east {east:g} m, its mark towards {degrees:g} deg; {kind} positions"
 
 
 def _qtm(url: Url, clock: Clock) -> Source:
+    from rovtwin.links.qualisys.poses import HALF_TURN, Lab
     from rovtwin.links.qualisys.source import PORT, QtmSource
 
     where, _, body = url.rest.partition("/")
     host, port = Url(url.text, url.scheme, where).host_port(PORT)
-    return QtmSource(host, body or None, port, clock)
+    degrees, origin = _lab(url)
+    turn = rotation_from_euler(np.array([0.0, 0.0, math.radians(degrees)]))
+    lab = Lab(R_nq=(turn @ np.array(HALF_TURN)).tolist(), origin=origin)
+    return QtmSource(host, body or None, port, clock, lab)
+
+
+def _lab(url: Url) -> tuple[float, tuple[float, ...]]:
+    """Heading of the lab's x axis [degrees], and its origin in n [m]."""
+    (degrees,) = url.options.get("heading", (0.0,))
+    return degrees, url.options.get("origin", (0.0, 0.0, 0.0))
+
+
+def _qtm_told(url: Url) -> str:
+    degrees, (north, east, down) = _lab(url)
+    return (
+        f"the lab's origin at north {north:g} m, east {east:g} m, down {down:g} m, its x axis towards {degrees:g} deg, "
+        "its z up"
+    )
 
 
 LINKS: dict[str, Callable[[Url, Scenario, Clock], Link]] = {
@@ -247,3 +369,9 @@ LINKS: dict[str, Callable[[Url, Scenario, Clock], Link]] = {
     "replay": _replay,
 }
 SOURCES: dict[str, Callable[[Url, Clock], Source]] = {"ugps": _ugps, "dvl": _dvl, "qtm": _qtm}
+_TOLD: dict[str, Callable[[Url], str]] = {
+    "blueye": _blueye_told,
+    "ugps": _ugps_told,
+    "dvl": _dvl_told,
+    "qtm": _qtm_told,
+}
