@@ -15,7 +15,7 @@ from rovtwin.core.numerics import jax
 from rovtwin.links.hosted import HostedLink
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.twin import TwinLink
-from rovtwin.scenario.composition import compose, vehicle_of
+from rovtwin.scenario.composition import compose, vehicle_of, water_density
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.twin import TwinInput
@@ -163,16 +163,19 @@ class _Mavlink:
     url: str
     thrusters: Any
     clock: Clock
+    density: float
 
     def __call__(self) -> Link:
         from rovtwin.links.mavlink.link import MavlinkLink
         from rovtwin.links.mavlink.mixing import shares
+        from rovtwin.links.mavlink.readings import Readings
 
-        return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock)
+        readings = Readings(density=self.density)
+        return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock, readings=readings)
 
 
 def _mavlink(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    return _hosted(_Mavlink(url.rest, _thrusters(scenario), clock), scenario)
+    return _hosted(_Mavlink(url.rest, _thrusters(scenario), clock, water_density(scenario)), scenario)
 
 
 @dataclass(frozen=True)
@@ -183,19 +186,20 @@ class _Ros2:
     thrusters: Any
     clock: Clock
     expose: bool
+    density: float
 
     def __call__(self) -> Link:
         from rovtwin.links.mavlink.mixing import mixer
+        from rovtwin.links.ros2.convert import Water
         from rovtwin.links.ros2.link import Ros2Link
 
-        simulated = self.clock.speed != 1.0
         return Ros2Link(
             self.namespace,
             self.thrusters.count,
-            None if simulated else self.clock,
+            clock=self.clock,
             wrench=mixer(self.thrusters).wrench,
             sources={"position": "position", "dvl": "dvl"},
-            use_sim_time=simulated,
+            water=Water(density=self.density),
             expose=self.expose,
         )
 
@@ -204,7 +208,8 @@ def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Link:
     namespace, _, option = url.rest.partition("?")
     if option not in ("", "expose"):
         raise ConfigError(f"--link {url.text}: found ?{option}, expected ros2://NAMESPACE or ros2://NAMESPACE?expose")
-    return _hosted(_Ros2(namespace.strip("/") or "rov", _thrusters(scenario), clock, bool(option)), scenario)
+    name = namespace.strip("/") or "rov"
+    return _hosted(_Ros2(name, _thrusters(scenario), clock, bool(option), water_density(scenario)), scenario)
 
 
 def _dvl(url: Url, clock: Clock) -> Source:
