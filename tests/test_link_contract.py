@@ -156,6 +156,7 @@ def mavlink_rig() -> Rig:
 def ros2_rig() -> Rig:
     """A ROS 2 vehicle that obeys `cmd_thrusters`, without a network."""
     vehicle = FakeVehicle(THRUSTERS, PERIOD)
+    vehicle.link.arm()
     return Rig(vehicle.link, vehicle.wait, vehicle.link.read, vehicle.applied)
 
 

@@ -138,6 +138,103 @@ def test_link_that_is_killed_disarms_by_the_vehicles_own_time_out():
         assert soon(lambda: not served.wishes[-1].armed, 1.0)
 
 
+def test_age_and_a_vehicle_that_falls_silent(monkeypatch):
+    with serving(endpoint(udp_port=(port := free_port()), tcp_port=None)) as served:
+        assert soon(lambda: bool(served.said))
+        served.feed(0.0, measured(0.0))
+        link = MavlinkLink(f"udpout:127.0.0.1:{port}", SURGE_SWAY_YAW)
+        link.arm()
+        assert collect(link, served, 0.3) and link.age < 1.0
+    assert soon(lambda: link.age > 0.5) and not link._stopped
+    monkeypatch.setattr("rovtwin.links.mavlink.link.LOST_AFTER", 0.8)
+    assert soon(lambda: link._stopped), "nobody needs to read for the thrusters to go off"
+    for _ in range(2):
+        with pytest.raises(LinkTimeout, match="silent"):
+            link.read()
+    assert link.age == float("inf") and time.monotonic() < link._disarm_until
+    with pytest.raises(LinkTimeout, match="silent"):
+        link.arm()
+    link.close()
+    assert link.read() == [] and link.age == float("inf")
+
+
+def kinds_sent(link):
+    """What the link sends from now on: names of messages, and of commands their numbers."""
+    sent, send = [], link._line.send
+
+    def record(message):
+        command = getattr(message, "command", None)
+        sent.append((message.get_type(), command, getattr(message, "param1", None) if command == 400 else None))
+        send(message)
+
+    link._line.send = record
+    return sent
+
+
+@pytest.mark.parametrize("end", ["stop", "close", "refused"])
+def test_unarmed_link_leaves_the_vehicle_to_its_pilot(end):
+    with linked() as (served, link):
+        sent = kinds_sent(link)
+        link.send(Command(np.array([0.5, 0.5, 0.5])))
+        time.sleep(0.2)
+        if end == "refused":  # of the mode: it was never asked to arm
+            link._target = 77
+            link._time_limit = 0.3
+            with pytest.raises(LinkError):
+                link.arm()
+        link.stop()
+        time.sleep(0.2)
+        link.close()
+        assert not served.wishes
+    assert "MANUAL_CONTROL" not in {kind for kind, _, _ in sent}
+    assert 400 not in {command for _, command, _ in sent}
+    if end != "refused":
+        assert {kind for kind, command, _ in sent if command != 511} <= {"HEARTBEAT"}
+
+
+class WithoutArming(dict):
+    """Answers to commands, that to arming lost."""
+
+    def __setitem__(self, command, result):
+        if command != 400:
+            super().__setitem__(command, result)
+
+
+def test_stop_ends_arming_at_once_and_disarms():
+    with linked(gain=1.0, time_limit=5.0) as (_served, link):
+        sent = kinds_sent(link)
+        acks = link._acks = WithoutArming()
+        threading.Timer(0.6, link.stop).start()
+        start = time.monotonic()
+        with pytest.raises(LinkError, match="stopped"):
+            link.arm()
+        assert time.monotonic() - start < 1.5 and 400 not in acks
+        assert ("COMMAND_LONG", 400, 1.0) in sent
+        assert soon(lambda: ("COMMAND_LONG", 400, 0.0) in sent)
+        assert soon(lambda: not link.armed)
+
+
+def test_arming_has_one_limit_and_disarms_when_it_gives_up(monkeypatch):
+    monkeypatch.setattr("rovtwin.links.mavlink.link.ARMING", 1.0)
+    with linked(gain=1.0) as (_served, link):
+        sent, send = kinds_sent(link), link._line.send
+        link._line.send = lambda m: None if getattr(m, "param1", None) == 1.0 and m.command == 400 else send(m)
+        start = time.monotonic()
+        with pytest.raises(LinkTimeout, match="arming"):
+            link.arm()
+        assert time.monotonic() - start < 2.0
+        assert soon(lambda: ("COMMAND_LONG", 400, 0.0) in sent)
+        time.sleep(0.1)
+        count = sum(kind == "MANUAL_CONTROL" for kind, _, _ in sent)
+        time.sleep(0.2)
+        assert sum(kind == "MANUAL_CONTROL" for kind, _, _ in sent) == count, "it is its pilot's again"
+        link._line.send = send
+        monkeypatch.undo()
+        link.arm()  # one may try again
+        time.sleep(0.6)
+        assert link.armed
+
+
 def test_nobody_there():
     start = time.monotonic()
     with pytest.raises(LinkTimeout, match="no heartbeat"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.links.ros2_fake import FakeTransport, FakeVehicle
 
-from rovtwin.core.errors import LinkError
+from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command
 from rovtwin.links.ros2 import convert
 from rovtwin.links.ros2 import messages as msg
@@ -104,6 +104,7 @@ def test_simulated_time_on_our_clock():
 def test_a_wrench_in_flu_and_zeros_at_the_end():
     transport = FakeTransport()
     link = Ros2Link("rov", 2, wrench=lambda u: np.array([10.0 * u[0], 1, 2, 3, 4, 5.0 * u[1]]), transport=transport)
+    link.arm()
     link.send(Command(np.array([1.0, 0.5])))
     end = time.monotonic() + 10
     while not transport.published and time.monotonic() < end:
@@ -117,6 +118,119 @@ def test_a_wrench_in_flu_and_zeros_at_the_end():
 
 
 def test_wrong_number_of_commands_stops(vehicle):
+    vehicle.link.arm()
     vehicle.link.send(Command(np.array([0.5, 0.5, 0.5])))
     vehicle.link.send(Command(np.array([0.5])))
     assert not vehicle.applied().any()
+
+
+@pytest.mark.parametrize("end", ["stop", "close", "nonsense"])
+def test_unarmed_link_says_nothing(vehicle, end):
+    vehicle.link.send(Command(np.array([0.5, 0.5, 0.5])))
+    vehicle.settle()
+    if end == "nonsense":
+        vehicle.link.send(Command(np.full(3, np.nan)))
+    if end != "close":
+        vehicle.link.stop()
+        vehicle.settle()
+    vehicle.link.close()
+    assert vehicle.transport.published == []
+
+
+def test_stopped_link_does_not_arm(vehicle):
+    vehicle.link.stop()
+    with pytest.raises(LinkError, match="stopped"):
+        vehicle.link.arm()
+    vehicle.link.close()
+    assert vehicle.transport.published == []
+
+
+@pytest.mark.parametrize(("heard", "limit"), [(True, 3.0), (False, 10.0)])
+def test_age_and_a_vehicle_that_falls_silent(heard, limit):
+    transport, now = FakeTransport(), [50.0]
+    with Ros2Link("rov", 1, transport=transport, stamp_clock=lambda: now[0], timer=lambda: now[0]) as link:
+        link.arm()
+        if heard:
+            now[0] += 5.0
+            transport.deliver("/rov/imu", convert.imu(now[0], gyro=[0.1, 0.2, 0.3]))
+            assert link.age == 0.0
+        transport.deliver("/rov/imu", convert.imu(9e8, gyro=[0.1, 0.2, 0.3]))
+        now[0] += limit - 0.1
+        assert link.age == pytest.approx(limit - 0.1) and len(link.read()) == heard
+        transport.published.clear()
+        now[0] += 0.2
+        end = time.monotonic() + 10
+        while not transport.published and time.monotonic() < end:  # the thrusters go off though nobody reads
+            time.sleep(0.005)
+        assert dict(transport.published)["/rov/arm"].data is False
+        for _ in range(2):
+            with pytest.raises(LinkTimeout, match=f"for {limit:g} s.*synchronise"):
+                link.read()
+        transport.deliver("/rov/imu", convert.imu(now[0], gyro=[0.1, 0.2, 0.3]))
+        with pytest.raises(LinkTimeout):
+            link.arm()
+        assert link.age == math.inf
+    assert link.read() == [] and link.age == math.inf
+
+
+class Fast:
+    """A clock by hand that runs `speed` times as fast as the real one."""
+
+    def __init__(self, speed: float):
+        self.speed, self.real = speed, 0.0
+
+    def __call__(self) -> float:
+        return 40.0 + self.real * self.speed
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 8.0])
+def test_simulated_time_is_found_and_mapped_at_the_clocks_speed(speed):
+    """Stamps from 0 on, after a way of 5 to 35 ms: times are late by the shortest."""
+    transport, clock, rng = FakeTransport(), Fast(speed), np.random.default_rng(5)
+    errors = []
+    with Ros2Link("rov", 1, clock, transport=transport, timer=lambda: clock.real) as link:
+        for k in range(1000):
+            sent = 0.1 + 0.04 * k
+            clock.real = sent + 0.005 + 0.03 * rng.random()
+            transport.deliver("/clock", msg.Clock(convert.stamp(speed * sent)))
+            transport.deliver("/rov/imu", convert.imu(speed * (sent - 0.01), gyro=[0.1, 0.2, 0.3]))
+            errors += [r.t_valid - (40.0 + speed * (sent - 0.01)) for r in link.read()]
+        assert len(errors) > 990 and not link.problems
+    assert 0.0 < min(errors[50:]) and max(errors[50:]) < 0.008 * speed
+
+
+def test_a_simulation_that_begins_anew_is_followed():
+    transport, clock = FakeTransport(), Fast(1.0)
+    with Ros2Link("rov", 1, clock, transport=transport, timer=lambda: clock.real) as link:
+        found = {}
+        for k in range(1, 1000):
+            clock.real = 0.02 * k
+            now = clock.real % 10.0 + 0.02
+            transport.deliver("/clock", msg.Clock(convert.stamp(now)))
+            transport.deliver("/rov/imu", convert.imu(now, gyro=[0.1, 0.2, 0.3]))
+            found |= {clock(): r.t_valid for r in link.read()}
+        late = [seen - valid for seen, valid in found.items()]
+        assert min(late) >= 0.0 and max(late) < 0.01
+        assert sum(seen > 51.5 for seen in found) > 420, "a second later it is believed"
+
+
+def test_hosts_time_at_the_clocks_speed():
+    transport, clock = FakeTransport(), Fast(4.0)
+    stamp_clock = lambda: 1e9 + clock.real  # noqa: E731
+    with Ros2Link("rov", 1, clock, transport=transport, stamp_clock=stamp_clock, timer=lambda: clock.real) as link:
+        for k in range(1, 100):
+            clock.real = 0.1 * k
+            transport.deliver("/rov/imu", convert.imu(1e9 + clock.real - 0.05, gyro=[0.1, 0.2, 0.3]))
+            assert [r.t_valid for r in link.read()] == pytest.approx([clock() - 0.2], abs=0.02)
+
+
+def test_hosts_time_beside_a_strangers_clock():
+    """Something else on the network publishes /clock: the vehicle's stamps are of the host's clock all the same."""
+    transport, now = FakeTransport(), [50.0]
+    with Ros2Link("rov", 1, lambda: now[0], transport=transport, stamp_clock=lambda: 1e9 + now[0]) as link:
+        transport.deliver("/clock", msg.Clock(convert.stamp(7.0)))
+        transport.deliver("/rov/imu", convert.imu(1e9 + 49.9, gyro=[0.1, 0.2, 0.3]))
+        assert [r.t_valid for r in link.read()] == pytest.approx([49.9])
+    transport = FakeTransport()
+    with Ros2Link("rov", 1, use_sim_time=False, transport=transport):
+        assert "/clock" not in transport.heard

@@ -127,6 +127,7 @@ def test_our_link_flies_our_server_and_readings_come_back_as_they_were():
         feed = Feeding(served)
         link = Ros2Link("fleet/rov_1", 3, wrench=wrench, domain=DOMAIN, middleware="cyclonedds")
         with link:
+            link.arm()
             found: dict[str, Measurement] = {}
             expected = {"position", "dvl", "gyro", "accelerometer", "pressure", "battery"}
 
@@ -146,6 +147,37 @@ def test_our_link_flies_our_server_and_readings_come_back_as_they_were():
             link.stop()
             until(lambda: not served.wishes[-1].armed)
             assert not link.problems, link.problems
+
+
+class Watch:
+    """Our clock: begins at 700, `speed` times as fast as the real one."""
+
+    def __init__(self, speed: float):
+        self.speed, self.began = speed, time.monotonic()
+
+    def __call__(self) -> float:
+        return 700.0 + (time.monotonic() - self.began) * self.speed
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_our_link_finds_out_that_our_server_stamps_in_simulated_time(speed):
+    clock = Watch(speed)
+    server = Ros2Server("sim", FORCES, DOMAIN, middleware="cyclonedds")
+    with (
+        serving(server, speed=speed) as served,
+        Ros2Link("sim", 3, clock, domain=DOMAIN, middleware="cyclonedds") as link,
+    ):
+        began, late = clock(), []
+
+        def feed() -> None:
+            t = clock() - began
+            served.feed(t, [Measurement("gyro", np.array([t, 0.0, 0.0]), t)])
+            # The reading itself says when it was measured.
+            late.extend(r.t_valid - (began + r.value[0]) for r in link.read())
+
+        until(lambda: len(late) > 80, feed)
+        assert np.abs(late[-30:]).max() < 0.1
+        assert link.age < 1.0
 
 
 def test_garbage_moves_nothing_and_the_server_goes_on():
@@ -199,6 +231,7 @@ from rovtwin.core.flow import Command
 from rovtwin.links.ros2.link import Ros2Link
 link = Ros2Link("rov", 1, None, use_sim_time=True, wrench=lambda u: np.array([100.0, 0, 0, 0, 0, 0]) * u,
                 domain={DOMAIN}, middleware="rclpy")
+link.arm()
 end = time.monotonic() + {PATIENCE}
 while time.monotonic() < end:
     link.send(Command(np.array([0.25])))

@@ -46,7 +46,7 @@ def fly_link(
     from contextlib import ExitStack
 
     from rovtwin.scenario.flight import run_folder
-    from rovtwin.scenario.live.connect import connect, on_this_machine, source
+    from rovtwin.scenario.live.connect import connect, described, on_this_machine, source
     from rovtwin.scenario.live.flight import fly_live
     from rovtwin.scenario.pace import Clock
 
@@ -63,6 +63,8 @@ def fly_link(
             bar.add_task(f"connecting to {link}", total=None)
             sources = [stack.enter_context(source(url, clock)) for url in sensors]
             vehicle = stack.enter_context(connect(link, scenario, clock, observe=not thrust))
+        for url in (link, *sensors):
+            screen.print(described(url), markup=False, soft_wrap=True)
         bar = stack.enter_context(progress_bar("{task.completed:.0f} s flown"))
         task = bar.add_task(f"{scenario.name}: compiling, listening", total=scenario.duration)
 

@@ -153,6 +153,12 @@ def vehicle_of(scenario: Scenario) -> Vehicle:
     return vehicle_from_dict(scenario.vehicle, f"{scenario.name}: vehicle")
 
 
+def water_density(scenario: Scenario) -> float:
+    """Density of the water that the vehicle is in [kg/m3]: the scenario's, else what the vehicle is written for."""
+    water = scenario.world.water
+    return vehicle_of(scenario).assembly.density if water is None else water.kg_per_m3
+
+
 def _field_name(name: str) -> str:
     """A thruster's name as a field of a log channel, which has no dots."""
     return name.replace(".", "_")

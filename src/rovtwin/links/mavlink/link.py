@@ -11,7 +11,7 @@ import numpy as np
 
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import Link
+from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.mavlink.boot_clock import BootClock, Order
 from rovtwin.links.mavlink.line import Line
 from rovtwin.links.mavlink.mixing import clean_axes
@@ -20,12 +20,15 @@ from rovtwin.links.mavlink.pilot import sticks_of_axes
 from rovtwin.links.mavlink.readings import Readings, text_of
 from rovtwin.links.mavlink.wire import dialect, number
 
-COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
 SEND_EVERY = 0.04  # MANUAL_CONTROL, as ground stations send it [s]
 HEARTBEAT = 1.0  # [s]
 BACKLOG = 20_000  # readings that nobody fetches are dropped beyond this, the oldest first
 ASK_AGAIN = 10.0  # for the rates [s]
 AGAIN = 0.25  # a command that is not acknowledged is sent again [s]
+ARMING = 8.0  # longest time for arming in all [s]; the link's host waits 10 s
+DISARMING = 10.0  # for so long disarming is repeated while the vehicle does not say that it is disarmed [s]
+DISARMING_LEAST = 1.5  # a heartbeat that comes sooner may be of before arming; there is one a second [s]
+LOST_AFTER = 3.0  # silence of the autopilot after which the link is lost for good [s]
 STALE_MODE = 3.0  # the vehicle's mode is what its last heartbeat said; older than this it is not known [s]
 ARMED_FLAG, CUSTOM_MODE = 128, 1
 GROUND_STATION, INVALID = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
@@ -40,7 +43,10 @@ Axes = Callable[[np.ndarray], np.ndarray]
 
 
 class MavlinkLink(Link):
-    """An ArduSub vehicle. It must be armed with `arm` before it moves; `stop` and `close` disarm it.
+    """An ArduSub vehicle. It must be armed with `arm` before it moves; `stop` and `close` then disarm it.
+
+    Until it is asked to arm, only heartbeats and requests for telemetry are sent. Silence of the autopilot for 3 s is a
+    lost connection: `read` raises LinkTimeout from then on, and the thrusters are off for good.
 
     Commands u become the six axes of MANUAL_CONTROL in mode MANUAL, where ArduSub's mixing makes pulse widths of them.
     Only what six axes can say arrives: with eight thrusters the nearest to u (see `mixing.Mixer.axes`).
@@ -55,7 +61,7 @@ class MavlinkLink(Link):
         system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
         target: The vehicle's system id, or None for the first that is heard.
         gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None believes what the vehicle says.
-        time_limit: For the first heartbeat, and for each answer while arming [s].
+        time_limit: For the first heartbeat, and for each answer while arming [s], which takes 8 s at most.
         baud: Of a serial port.
 
     Raises:
@@ -94,7 +100,10 @@ class MavlinkLink(Link):
         self._neutral: np.ndarray = np.zeros(6)
         self._wanted, self._wanted_at = self._neutral, -math.inf
         self._stopped = self._closed = False
-        self._disarm_until, self._wake = -math.inf, threading.Event()
+        self._asked = False  # whether it was asked to arm and not let go since: only then it is ours to steer
+        self._heard_at = -math.inf
+        self._error: LinkError | None = None
+        self._disarm_since, self._disarm_until, self._wake = -math.inf, -math.inf, threading.Event()
         self._line = Line(url, baud, system, 190, self._heard)  # 190: MAV_COMP_ID_MISSIONPLANNER
         self._line.start()
         self._sender = threading.Thread(target=self._send_on, name="mavlink steers", daemon=True)
@@ -104,6 +113,12 @@ class MavlinkLink(Link):
         except BaseException:
             self.close()
             raise
+
+    @property
+    def age(self) -> float:
+        """Since the autopilot was last heard [real s]; infinite for a link that is lost or closed."""
+        lost = self._closed or self._error is not None or bool(self._line.failure)
+        return math.inf if lost else max(0.0, time.monotonic() - self._heard_at)
 
     @property
     def armed(self) -> bool:
@@ -116,28 +131,42 @@ class MavlinkLink(Link):
         return self._gain
 
     def arm(self) -> None:
-        """Set mode MANUAL and arm; returns when the vehicle says that it is so.
+        """Set mode MANUAL and arm; returns when the vehicle says that it is so, after 8 s at most.
+
+        Whoever calls `stop` meanwhile ends it at once. Where it fails after the vehicle was asked, it disarms.
 
         Raises:
             LinkError: The vehicle refuses, or the link is stopped.
             LinkTimeout: It does not answer.
         """
-        if self._stopped:
-            raise LinkError(f"mavlink: {self._line.url}: stopped: open the link anew before arming")
-        self._learn_gain()
-        self._command(SET_MODE, "mode MANUAL", CUSTOM_MODE, MANUAL.number)
-        self._until(lambda: self._mode == MANUAL.number, "it is in mode MANUAL")
-        self._command(ARM_DISARM, "arming", 1.0)
-        self._until(lambda: self._vehicle_armed, "it is armed")
-        if self._stopped:  # while we waited: a heartbeat from before may have called the disarming off
-            self._disarm_until = time.monotonic() + 10.0
-            raise LinkError(f"mavlink: {self._line.url}: stopped while arming")
+        end = time.monotonic() + ARMING
+        self._check_usable()
+        self._learn_gain(end)
+        self._command(SET_MODE, "mode MANUAL", end, CUSTOM_MODE, MANUAL.number)
+        self._until(lambda: self._mode == MANUAL.number, "it is in mode MANUAL", end)
+        with self._lock:
+            self._asked = not self._stopped
+            self._disarm_until = -math.inf  # of an attempt before
+        try:
+            self._command(ARM_DISARM, "arming", end, 1.0)
+            self._until(lambda: self._vehicle_armed, "it is armed", end)
+            self._check_usable()
+        except BaseException:
+            self._let_go()
+            raise
 
     def read(self) -> list[Measurement]:
+        """Readings since the last call.
+
+        Raises:
+            LinkTimeout: The autopilot has been silent for 3 s.
+            LinkError: The line is of no use any more.
+        """
         if self._closed:
             return []
-        if self._line.failure and not self._queue:
-            raise LinkError(f"mavlink: {self._line.url}: {self._line.failure}. Check the tether and open the link anew")
+        self._check_line()
+        if self._error is not None and not (self._line.failure and self._queue):
+            raise self._error
         return [self._queue.popleft() for _ in range(len(self._queue))]
 
     def send(self, command: Command) -> None:
@@ -154,22 +183,63 @@ class MavlinkLink(Link):
         with self._lock:
             if not self._stopped:
                 self._stopped, self._wanted = True, self._neutral
-                self._disarm_until = time.monotonic() + 10.0
+                if self._asked:
+                    self._begin_disarming()
         self._wake.set()
+        with self._news:  # whoever is arming gives up
+            self._news.notify_all()
 
     def close(self) -> None:
         self.stop()
         if self._closed:
             return
-        # A last word whatever the sender's thread does: neutral and disarm, three times for a line that loses some.
-        for _ in range(3):
-            self._send_sticks(self._neutral)
-            self._send_disarm()
+        if self._asked or time.monotonic() < self._disarm_until:
+            # A last word whatever the sender's thread does: neutral and disarm, three times for a line that loses some.
+            for _ in range(3):
+                self._send_sticks(self._neutral)
+                self._send_disarm()
         self._closed = True
         self._wake.set()
         self._sender.join(1.0)
         self._line.close()
         self._queue.clear()
+
+    def _let_go(self) -> None:
+        """Arming failed: disarm, for it may yet be obeyed, and leave the vehicle to its pilot."""
+        with self._lock:
+            if self._asked:
+                self._send_sticks(self._neutral)
+                self._begin_disarming()
+            self._asked = False
+        self._wake.set()
+
+    def _begin_disarming(self) -> None:
+        self._disarm_since = time.monotonic()
+        self._disarm_until = self._disarm_since + DISARMING
+
+    def _check_line(self) -> None:
+        """Gives the link up, thrusters off, where the line failed or the autopilot fell silent."""
+        if self._error is not None:
+            return
+        if self._line.failure:
+            fix = "Check the tether and open the link anew"
+            self._error = LinkError(f"mavlink: {self._line.url}: {self._line.failure}. {fix}")
+        # The first heartbeat has a time limit of its own.
+        elif math.isfinite(self._heard_at) and time.monotonic() - self._heard_at > LOST_AFTER:
+            self._error = LinkTimeout(
+                f"mavlink: {self._line.url}: the autopilot was silent for {LOST_AFTER:g} s, expected a heartbeat a "
+                "second. Thrusters are off. Check the tether and open the link anew"
+            )
+        if self._error is not None:
+            self.stop()
+
+    def _check_usable(self) -> None:
+        """Raises LinkError where the link is stopped or lost."""
+        self._check_line()
+        if self._error is not None:
+            raise self._error
+        if self._stopped:
+            raise LinkError(f"mavlink: {self._line.url}: stopped: open the link anew before arming")
 
     # --- sending
 
@@ -181,7 +251,9 @@ class MavlinkLink(Link):
             if now - heartbeat_at >= HEARTBEAT:
                 heartbeat_at = now
                 self._line.send(self._dialect.MAVLink_heartbeat_message(GROUND_STATION, INVALID, 0, 0, 4, 3))
-            self._send_sticks(self._live(now))
+            self._check_line()
+            if self._asked:
+                self._send_sticks(self._live(now))
             if now < self._disarm_until and now - disarm_at >= AGAIN:
                 disarm_at = now
                 self._send_disarm()
@@ -230,32 +302,38 @@ class MavlinkLink(Link):
             if rate > 0.0:
                 self._send_command(SET_INTERVAL, float(ids[name]), 1e6 / rate)
 
-    def _learn_gain(self) -> None:
+    def _learn_gain(self, end: float) -> None:
         if self._gain is None:
             self._line.send(self._dialect.MAVLink_param_request_read_message(self._target, 1, b"JS_GAIN_DEFAULT", -1))
-            self._until(lambda: self._gain is not None, "it tells JS_GAIN_DEFAULT (or give `gain`)")
+            self._until(lambda: self._gain is not None, "it tells JS_GAIN_DEFAULT (or give `gain`)", end)
 
-    def _command(self, command: int, what: str, *values: float) -> None:
+    def _command(self, command: int, what: str, end: float, *values: float) -> None:
         self._acks.pop(command, None)
         self._texts.clear()
-        end = time.monotonic() + self._time_limit
-        while command not in self._acks and time.monotonic() < end:
+        began = time.monotonic()
+        end = min(end, began + self._time_limit)
+        while command not in self._acks and (now := time.monotonic()) < end:
+            self._check_usable()
             self._send_command(command, *values)
-            self._wait(lambda: command in self._acks, AGAIN)
+            self._wait(lambda: command in self._acks, min(AGAIN, end - now))
+        self._check_usable()
         result = self._acks.get(command)
         if result is None:
-            raise LinkTimeout(f"mavlink: {self._line.url}: {what}: no answer in {self._time_limit:g} s")
+            raise LinkTimeout(f"mavlink: {self._line.url}: {what}: no answer in {time.monotonic() - began:.1f} s")
         if result != 0:
             reasons = "; ".join(self._texts) or "it does not say why"
             raise LinkError(f"mavlink: {self._line.url}: {what}: refused (MAV_RESULT {result}): {reasons}")
 
-    def _until(self, done: Callable[[], bool], what: str) -> None:
-        if not self._wait(done, self._time_limit):
-            raise LinkTimeout(f"mavlink: {self._line.url}: waited {self._time_limit:g} s until {what}")
+    def _until(self, done: Callable[[], bool], what: str, end: float) -> None:
+        limit = max(0.0, min(self._time_limit, end - time.monotonic()))
+        if not self._wait(done, limit):
+            self._check_usable()
+            raise LinkTimeout(f"mavlink: {self._line.url}: waited {limit:.1f} s until {what}")
 
     def _wait(self, done: Callable[[], bool], limit: float) -> bool:
         with self._news:
-            return self._news.wait_for(lambda: done() or bool(self._line.failure), limit) and done()
+            over = self._news.wait_for(lambda: done() or self._stopped or bool(self._line.failure), limit)
+            return over and done()
 
     # --- listening
 
@@ -266,6 +344,8 @@ class MavlinkLink(Link):
             self._heartbeat(message)
         if message.get_srcSystem() != self._target:
             return
+        if message.get_srcComponent() == 1:  # the autopilot's; others of the vehicle may outlive it
+            self._heard_at = time.monotonic()
         if kind == "COMMAND_ACK":
             self._acks[message.command] = message.result
         elif kind == "STATUSTEXT":
@@ -286,7 +366,7 @@ class MavlinkLink(Link):
         if vehicle and message.get_srcSystem() == self._target:
             self._mode, self._vehicle_armed = message.custom_mode, bool(message.base_mode & ARMED_FLAG)
             self._mode_at = time.monotonic()
-            if not self._vehicle_armed and self._stopped:
+            if not self._vehicle_armed and time.monotonic() - self._disarm_since > DISARMING_LEAST:
                 self._disarm_until = -math.inf
 
     def _told_gain(self, message: Any) -> None:

@@ -1,5 +1,6 @@
 """A ROS 2 vehicle behind a Link: readings from its topics, thruster commands or a wrench to it."""
 
+import math
 import threading
 import time
 from collections import deque
@@ -9,18 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import LinkError
+from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import Link
+from rovtwin.core.link import COMMAND_LIFE, Link
+from rovtwin.links.clock import ClockMap
 from rovtwin.links.ros2 import convert, listen
 from rovtwin.links.ros2 import messages as msg
 from rovtwin.links.ros2.server import check_namespace
 from rovtwin.links.ros2.transport import Middleware, Transport, open_transport
 
-COMMAND_LIFE = 0.3  # a command older than this counts as thrusters off [s]
 REPEAT = 0.05  # commands go out again after this [s]
 FAREWELL = 0.5  # for so long after stop or an expired command, thrusters off is repeated [s]
 BACKLOG = 10_000  # readings that wait for `read`; the oldest are lost beyond
+LOST_AFTER, FIRST = 3.0, 10.0  # silence after which the link is lost for good, and that before the first message [s]
+WINDOW = 10.0  # the shortest delay of /clock of so many seconds counts [s]
 ANCHOR = 0.005  # by so much two clocks may drift before their difference is taken anew [s]
 ARM, WRENCH, THRUSTERS, CLOCK = "arm", "cmd_wrench", "cmd_thrusters", "/clock"
 
@@ -46,26 +49,31 @@ SOURCES = {
 class Ros2Link(Link):
     """A vehicle that speaks ROS 2.
 
-    What it sends: `arm` (std_msgs/Bool), `cmd_thrusters` (std_msgs/Float64MultiArray: u, -1 to 1) and, with `wrench`,
-    `cmd_wrench` (geometry_msgs/WrenchStamped in base_link); at 20 Hz while the last command is younger than 0.3 s. On
-    `stop`, `close` and an expired command: `arm: false` and zeros, for half a second. The vehicle must by itself stop
-    when it hears nothing any more.
+    It sends nothing until `arm`. From then on it sends `arm` (std_msgs/Bool), `cmd_thrusters`
+    (std_msgs/Float64MultiArray: u, -1 to 1) and, with `wrench`, `cmd_wrench` (geometry_msgs/WrenchStamped in
+    base_link), at 20 Hz while the last command is younger than 0.3 s. On `stop`, `close` and an expired command:
+    `arm: false` and zeros, for half a second. The vehicle must by itself stop when it hears nothing any more.
+
+    Silence of the vehicle for 3 s (10 s before its first message) is a lost connection: `read` raises LinkTimeout from
+    then on, and the thrusters are off for good.
 
     Args:
         namespace: Of the vehicle's topics, `rov` for `/rov/imu`.
         thrusters: Number of thrusters.
-        clock: Times of readings are on it [s]. With `use_sim_time` it may be None: times are simulated time itself
-            (`sim_time`), as a host needs it that flies a twin faster than real.
+        clock: Times of readings are on it [s]. Where it runs faster than real it says so by an attribute `speed`. With
+            `use_sim_time=True` it may be None: times are then simulated time itself (`sim_time`).
         wrench: tau [N, N m], b, shape (6,), of commands u, shape (n,), for a vehicle that takes forces.
         sources: Topic on which each sensor is heard; an empty name mutes it. By default position and dvl come from
             `odometry`; where the vehicle has them as topics of their own: `{"position": "position", "dvl": "dvl"}`.
         names: Other names for topics, such as `{"imu": "imu/data"}`; with a slash in front from the root.
-        use_sim_time: Whether stamps are of `/clock`; otherwise of the host's clock.
-        tolerance: By how much a stamp may be off now before the message is refused [s]. Stamps of zero mean now.
+        use_sim_time: Whether stamps are of `/clock`, which is mapped to `clock` by its shortest delay of late; False:
+            of the host's clock; None: of whichever of the two they are near, `/clock` first where it is heard.
+        tolerance: By how much a stamp may be off now before the message is refused [real s]. Stamps of zero mean now.
         water: How pressure becomes depth.
         domain, expose, middleware: See `open_transport`. A vehicle on another machine needs `expose`.
         transport: To use in place of a new one.
-        stamp_clock: The host's clock that stamps are of without `use_sim_time`.
+        stamp_clock: The host's clock that stamps are of where there is no simulated time.
+        timer: Real time, for silence [s].
 
     Raises:
         LinkError: The namespace or a source is none, or ROS 2 cannot be joined.
@@ -80,7 +88,7 @@ class Ros2Link(Link):
         wrench: Callable[[np.ndarray], np.ndarray] | None = None,
         sources: Mapping[str, str] | None = None,
         names: Mapping[str, str] | None = None,
-        use_sim_time: bool = False,
+        use_sim_time: bool | None = None,
         tolerance: float = 1.0,
         water: convert.Water = convert.Water(),
         domain: int | None = None,
@@ -88,18 +96,25 @@ class Ros2Link(Link):
         middleware: Middleware = "auto",
         transport: Transport | None = None,
         stamp_clock: Callable[[], float] = time.time,
+        timer: Callable[[], float] = time.monotonic,
     ):
         convert.prepare()
         self._root, self._names = check_namespace(namespace), dict(names or {})
         self._sources = _checked({**SOURCES, **(sources or {})})
         if clock is None and not use_sim_time:
-            raise LinkError("clock: found None, expected a clock; only with use_sim_time there is another, /clock")
+            raise LinkError("clock: found None, expected a clock; only with use_sim_time=True there is another, /clock")
         self._sim_time: float | None = None
         self._clock = clock or self.sim_time
         self._age_clock = clock or time.monotonic  # that commands age by
-        self._stamp_clock, self._tolerance, self._water = stamp_clock, tolerance, water
+        self._speed = float(getattr(clock, "speed", 1.0))  # of `clock`, in its seconds a real one
+        self._stamp_clock, self._tolerance, self._water = stamp_clock, tolerance * max(1.0, self._speed), water
         self._use_sim_time, self._wrench, self._count = use_sim_time, wrench, thrusters
-        self._offset = None if clock else 0.0  # from stamps to our clock
+        self._own_time = clock is None  # simulated time is our clock
+        self._map = ClockMap(WINDOW * self._speed, 0.25 * self._speed, self._speed)
+        self._anchor = (0.0, math.inf)  # the same instant on the stamps' clock and on ours
+        self._timer = timer
+        self._error: LinkError | None = None
+        self._heard_at, self._heard_any, self._asked = timer(), False, False
         self._lock = threading.Lock()
         self._wake = threading.Condition(self._lock)
         self._readings: deque[Measurement] = deque(maxlen=BACKLOG)
@@ -122,9 +137,38 @@ class Ros2Link(Link):
         self._thread = threading.Thread(target=self._work, name="ros2 link", daemon=True)
         self._thread.start()
 
-    def read(self) -> list[Measurement]:
+    @property
+    def age(self) -> float:
+        """Since the vehicle was last heard, or the link opened [real s]; infinite for a link that is lost or closed."""
+        return math.inf if self._closed or self._error else max(0.0, self._timer() - self._heard_at)
+
+    def arm(self) -> None:
+        """From now on it says `arm: true` with each command.
+
+        Raises:
+            LinkError: The link is stopped or lost.
+        """
+        self._check_alive()
         with self._lock:
-            found = [] if self._closed else list(self._readings)
+            if self._error is not None:
+                raise self._error
+            if self._stopped:
+                raise LinkError(f"ros2: {self._root}: stopped: open the link anew before arming")
+            self._asked = True
+
+    def read(self) -> list[Measurement]:
+        """Readings since the last call.
+
+        Raises:
+            LinkTimeout: The vehicle has been silent for 3 s, or was not heard within 10 s.
+        """
+        if self._closed:
+            return []
+        self._check_alive()
+        if self._error is not None:
+            raise self._error
+        with self._lock:
+            found = list(self._readings)
             self._readings.clear()
         return found
 
@@ -142,8 +186,22 @@ class Ros2Link(Link):
         with self._wake:
             if not self._stopped:
                 self._stopped = True
-                self._quiet_at = time.monotonic() + FAREWELL
+                if self._asked:
+                    self._quiet_at = time.monotonic() + FAREWELL
                 self._wake.notify_all()
+
+    def _check_alive(self) -> None:
+        """Gives the link up, thrusters off, where the vehicle fell silent."""
+        limit = LOST_AFTER if self._heard_any else FIRST
+        if self._error is not None or self._closed or self._timer() - self._heard_at <= limit:
+            return
+        with self._lock:
+            problems = "; ".join(self.problems.values())
+        why = problems or "Does it publish, is ROS_DOMAIN_ID the same, and does `ros2 topic list` show it?"
+        self._error = LinkTimeout(
+            f"ros2: {self._root}: nothing usable on its topics for {limit:g} s. Thrusters are off. {why}"
+        )
+        self.stop()
 
     def sim_time(self) -> float:
         """The newest time on `/clock` [s]; 0 before the first."""
@@ -163,7 +221,7 @@ class Ros2Link(Link):
     # ------------------------------------------------------------------------------------------------------ hearing
 
     def _listen(self) -> None:
-        if self._use_sim_time:
+        if self._use_sim_time is not False:
             self._transport.subscribe(CLOCK, msg.Clock, self._hear_clock)
         for topic in sorted(set(self._sources.values()) - {""}):
             wanted = {sensor for sensor, source in self._sources.items() if source == topic}
@@ -179,15 +237,10 @@ class Ros2Link(Link):
         except LinkError as error:
             self._refuse("clock", error)
             return
-        now = self._sim_time = found or 0.0
-        self._align(self._clock() - now)
-
-    def _align(self, offset: float) -> float:
-        """The difference of the clocks. It is kept while it holds, so that times come as evenly as stamps do."""
         with self._lock:
-            if self._offset is None or abs(offset - self._offset) > (10 * ANCHOR if self._use_sim_time else ANCHOR):
-                self._offset = offset
-            return self._offset
+            now = self._sim_time = found or 0.0
+            if not self._own_time:
+                self._map(now, self._clock())
 
     def _hear(self, topic: str, wanted: set[str], message: Any) -> None:
         """In a thread of the transport."""
@@ -199,6 +252,7 @@ class Ros2Link(Link):
             self._refuse(topic, error)
             return
         with self._lock:
+            self._heard_at, self._heard_any = self._timer(), True
             for sensor in wanted & found.keys():
                 last = self._last.get(sensor, -np.inf)
                 # A repeat, or one that was overtaken. Much older: the vehicle began anew, and so do we.
@@ -217,18 +271,38 @@ class Ros2Link(Link):
         stamp = listen.guarded(listen.stamp_of, message.header.stamp) if hasattr(message, "header") else None
         if stamp is None:
             return now
-        if not self._use_sim_time:
-            self._align(now - self._stamp_clock())
-        if self._offset is None or (self._use_sim_time and self._sim_time is None):
+        if self._use_sim_time and self._sim_time is None:
             raise LinkError("nothing on /clock yet, and stamps are of simulated time (use_sim_time)")
-        t = stamp + self._offset
-        if not listen.is_near(t, now, self._tolerance):
-            fix = "does it use simulated time?" if not self._use_sim_time else "does it use the host's time?"
-            raise LinkError(
-                f"a stamp {t - now:+.3f} s from now, expected within {self._tolerance} s: {fix} If not, synchronise "
-                "the clocks of both machines (chrony)"
-            )
-        return t
+        found = []
+        if self._sim_time is not None:
+            with self._lock:
+                found.append(stamp + (0.0 if self._own_time else self._map.offset))
+            if listen.is_near(found[0], now, self._tolerance):
+                return found[0] if self._own_time else min(found[0], now)
+        if not self._use_sim_time:
+            found.append(self._of_host(stamp, now))
+            if listen.is_near(found[-1], now, self._tolerance):
+                return found[-1]
+        if self._sim_time is None:
+            fix = "does it use simulated time, and publishes no /clock?"
+        else:
+            fix = "does it use the host's time?" if self._use_sim_time else "of neither /clock nor the host's clock?"
+        raise LinkError(
+            f"a stamp {found[0] - now:+.3f} s from now, expected within {self._tolerance} s: {fix} If not, synchronise "
+            "the clocks of both machines (chrony)"
+        )
+
+    def _of_host(self, stamp: float, now: float) -> float:
+        """Our time of a stamp of the host's clock [s]. Both are anchored anew only when they drift apart.
+
+        So times come as evenly as stamps do.
+        """
+        host = self._stamp_clock()
+        with self._lock:
+            then, ours = self._anchor
+            if not abs(ours + (host - then) * self._speed - now) <= ANCHOR * self._speed:
+                then, ours = self._anchor = host, now
+        return ours + (stamp - then) * self._speed
 
     def _refuse(self, topic: str, error: LinkError) -> None:
         with self._lock:
@@ -241,9 +315,11 @@ class Ros2Link(Link):
         """The thread that publishes: `send` and `stop` only leave a note."""
         armed = closed = spoke = False
         while not closed:
+            self._check_alive()
             with self._wake:
                 stopped, closed, u = self._stopped, self._closed, self._u
-                live = not stopped and self._age_clock() - self._sent <= COMMAND_LIFE
+                young = self._age_clock() - self._sent <= COMMAND_LIFE * self._speed
+                live = self._asked and young and not stopped
                 if armed and not live:
                     self._quiet_at = time.monotonic() + FAREWELL
             try:

@@ -18,7 +18,7 @@ from rovtwin.links.hosted import HostedLink
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.links.twin import TwinLink
-from rovtwin.scenario.composition import compose, vehicle_of
+from rovtwin.scenario.composition import compose, vehicle_of, water_density
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.twin import TwinInput
@@ -251,16 +251,19 @@ class _Mavlink:
     url: str
     thrusters: Any
     clock: Clock
+    density: float
 
     def __call__(self) -> Link:
         from rovtwin.links.mavlink.link import MavlinkLink
         from rovtwin.links.mavlink.mixing import shares
+        from rovtwin.links.mavlink.readings import Readings
 
-        return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock)
+        readings = Readings(density=self.density)
+        return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock, readings=readings)
 
 
 def _mavlink(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    return _hosted(_Mavlink(url.rest, _thrusters(scenario), clock), scenario)
+    return _hosted(_Mavlink(url.rest, _thrusters(scenario), clock, water_density(scenario)), scenario)
 
 
 @dataclass(frozen=True)
@@ -271,26 +274,27 @@ class _Ros2:
     thrusters: Any
     clock: Clock
     expose: bool
+    density: float
 
     def __call__(self) -> Link:
         from rovtwin.links.mavlink.mixing import mixer
+        from rovtwin.links.ros2.convert import Water
         from rovtwin.links.ros2.link import Ros2Link
 
-        simulated = self.clock.speed != 1.0
         return Ros2Link(
             self.namespace,
             self.thrusters.count,
-            None if simulated else self.clock,
+            clock=self.clock,
             wrench=mixer(self.thrusters).wrench,
             sources={"position": "position", "dvl": "dvl"},
-            use_sim_time=simulated,
+            water=Water(density=self.density),
             expose=self.expose,
         )
 
 
 def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    namespace = url.rest.strip("/") or "rov"
-    return _hosted(_Ros2(namespace, _thrusters(scenario), clock, "expose" in url.options), scenario)
+    namespace, exposed = url.rest.strip("/") or "rov", "expose" in url.options
+    return _hosted(_Ros2(namespace, _thrusters(scenario), clock, exposed, water_density(scenario)), scenario)
 
 
 def _dvl(url: Url, clock: Clock) -> Source:

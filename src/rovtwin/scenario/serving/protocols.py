@@ -11,7 +11,7 @@ import yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.gnc.onboard import RATE
 from rovtwin.links.server import Server
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.composition import vehicle_of, water_density
 from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import list_library
@@ -150,12 +150,23 @@ def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
     from rovtwin.links.mavlink.mixing import mixer
     from rovtwin.links.mavlink.server import MavlinkServer
 
+    described = vehicle_of(scenario)
+    if len(vehicle.drones) != 1:
+        raise ConfigError(
+            f"mavlink: {described.name} is made of {len(vehicle.drones)} drones ({', '.join(vehicle.drones)}), "
+            "expected one vehicle; use --protocol blueye"
+        )
     options = where.options("address")
     if "port" in options:
         options["udp_port"] = options.pop("port")
-    mixing = mixer(vehicle_of(scenario).model().thrusters) if len(vehicle.drones) == 1 else None
-    fastest = (RATE[0], RATE[1], RATE[2], RATE[5])
-    return MavlinkServer(datum=scenario.origin, mixer=mixing, drone=vehicle.drones[0], fastest=fastest, **options)
+    return MavlinkServer(
+        datum=scenario.origin,
+        mixer=mixer(described.model().thrusters),
+        drone=vehicle.drones[0],
+        fastest=(RATE[0], RATE[1], RATE[2], RATE[5]),
+        density=water_density(scenario),
+        **options,
+    )
 
 
 def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
@@ -164,9 +175,8 @@ def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
 
     if where.hosts:
         raise ConfigError("--address ros2=..: ROS 2 finds its nodes by itself; set ROS_DOMAIN_ID, or add --expose")
-    water = Water(density=scenario.world.water.kg_per_m3) if scenario.world.water else Water()
     largest = tuple(float(x) for x in vehicle.largest[vehicle.drones[0]])
-    return Ros2Server(largest=largest, water=water, expose=where.expose)
+    return Ros2Server(largest=largest, water=Water(density=water_density(scenario)), expose=where.expose)
 
 
 def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
