@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from tests.block_examples import START
-from tests.vehicle.random_vehicles import build
 
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.onboard import FREQUENCY, Onboard, OnboardInput, Order
+from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.thrusters import static_force
 
 DT = 0.02
@@ -15,7 +15,7 @@ ALL = jnp.ones(6, dtype=bool)
 
 @pytest.fixture(scope="module")
 def onboard():
-    return Onboard.of(build(3, count=6).thrusters, np.full(6, 10.0))
+    return Onboard.of(load_vehicle("bluerov2_heavy").model().thrusters, np.full(6, 10.0))
 
 
 @pytest.fixture(scope="module")

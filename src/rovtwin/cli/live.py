@@ -88,6 +88,9 @@ def fly_link(
         )
 
 
+TOO_OFTEN = 150.0  # no vehicle that is known here tells its rates of turn more often [Hz]
+
+
 def _question(thrust: bool) -> str:
     return "Arm? Thrusters will turn" if thrust else "Begin? Without thrust: zeros are sent"
 
@@ -99,6 +102,9 @@ def _heard(readiness: Any, screen: Console) -> None:
     screen.print(rows)
     north, east, depth = (float(x) for x in readiness.start.position)
     screen.print(f"the vehicle is at north {north:.2f} m, east {east:.2f} m, depth {depth:.2f} m")
+    if readiness.rates.get("gyro", 0.0) > TOO_OFTEN:
+        rate = figure(readiness.rates["gyro"], "Hz")
+        screen.print(f"the gyro comes at {rate}: if this is a served twin, is --speed that of serve?", style="yellow")
     if readiness.missing:
         screen.print(f"not heard, flying without: {', '.join(readiness.missing)}", style="yellow", markup=False)
 
@@ -110,7 +116,7 @@ def record(
     link: Annotated[str, typer.Option(metavar="URL", help="The vehicle; see `rovtwin fly --help`.")],
     out: Annotated[Path, typer.Option(help="New MCAP file.")],
     sensor: Sensors = None,
-    duration: Annotated[float | None, typer.Option(min=0.0, help="[s]; else until Ctrl-C.")] = None,
+    duration: Annotated[float | None, typer.Option(min=0.0, help="Seconds; else until Ctrl-C.")] = None,
     seed: Seed = None,
     overrides: Overrides = None,
     as_json: AsJson = False,

@@ -152,6 +152,8 @@ def _closing_table(flight: Any, screen: Console) -> None:
     for one in summary["decisions"]:
         screen.print(f"  {one['t']:7.1f} s  {one['what']}: {one['cause']}", markup=False)
     screen.print(rows)
+    if summary.get("judged_by"):
+        screen.print(f"  judged by {summary['judged_by']}: there is no truth")
     if flight.folder:
         screen.print(f"wrote {flight.folder}", markup=False, soft_wrap=True)
 

@@ -64,6 +64,7 @@ def serve(
     names = known(protocol or [own_protocol(scenario)])
     places, screen = places_of(names, address or [], port), console(as_json)
     _warn([host for place in places.values() for host in place.hosts], expose, screen)
+    screen.print(f"{what}: compiling, some 10 to 30 s", markup=False)
     with progress_bar("") as bar:
         bar.add_task(f"{what}: compiling", total=None)
         vehicle = ServedVehicle(scenario)
@@ -143,7 +144,14 @@ def _serve(
 
     if log is not None and log.exists():
         raise ConfigError(f"--log {log}: exists already; a log never overwrites another. Choose another name")
-    screen.print("serving; Ctrl-C ends it")
+    told: list[str] = []
+
+    def said(text: str) -> None:
+        screen.print(text, markup=False, soft_wrap=True)
+        if not told:
+            screen.print("serving; Ctrl-C ends it")
+        told.append(text)
+
     with progress_bar("{task.completed:.0f} s") as bar:
         task = bar.add_task("vehicle's time", total=duration)
         pace = serve_it(
@@ -152,7 +160,7 @@ def _serve(
             speed=speed,
             duration=math.inf if duration is None else duration,
             log=log,
-            say=lambda text: screen.print(text, markup=False, soft_wrap=True),
+            say=said,
             progress=lambda t, _: bar.update(task, completed=t),
         )
     figures = pace.figures()

@@ -13,7 +13,12 @@ class Source(abc.ABC):
 
     All methods return at once and never raise for a quiet instrument (`read` returns an empty list); `LinkError` means
     that it cannot be used any more. Times of readings are those of the clock that the source was given [s].
+
+    Attributes:
+        provides: Sensors that an autopilot takes from here and from nowhere else, whether it is heard or not.
     """
+
+    provides: frozenset[str] = frozenset()
 
     @abc.abstractmethod
     def read(self) -> list[Measurement]:

@@ -6,6 +6,7 @@ closes its sockets. A side that hangs is noticed by the age of its wishes.
 
 import asyncio
 import multiprocessing
+import os
 import select
 import signal
 import time
@@ -122,7 +123,8 @@ class Protocols:
 
 
 def _main(pipe: Connection, servers: list[Server], drones: tuple[str, ...], speed: float) -> None:
-    # Ctrl-C is for the physics: it closes the pipe, and that ends this process in order.
+    # Ctrl-C and what ends a group of processes are for the physics: it closes the pipe, and that ends this one.
+    os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         asyncio.run(_serve(pipe, servers, drones, speed))

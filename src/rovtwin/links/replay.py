@@ -11,6 +11,7 @@ from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.core.log import Log
 
 SENSOR = "sensor/"
+PATIENCE = 1.0  # after the last reading [s]
 
 
 class ReplayLink(Link):
@@ -42,8 +43,11 @@ class ReplayLink(Link):
         self._next, self._began = 0, self._clock()
 
     def read(self) -> list[Measurement]:
+        """Readings that are due; LinkError when the log has ended."""
         if self._closed:
             return []
+        if (over := self._clock() - self._began - self.duration) > PATIENCE:
+            raise LinkError(f"the log has ended, {over:.0f} s ago: it is {self.duration:.0f} s long")
         end = int(np.searchsorted(self._arrivals, self._clock() - self._began + 5e-7, side="right"))
         found, self._next = self._readings[self._next : end], max(end, self._next)
         return [Measurement(r.sensor, r.value, r.t_valid + self._began) for r in found]

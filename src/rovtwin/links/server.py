@@ -36,6 +36,9 @@ def loopback_only(addresses: Sequence[str], exposed: bool) -> list[str]:
     Raises:
         ConfigError: There are, and nobody said that this is wanted.
     """
+    for address in addresses:
+        if not _is_address(address):
+            raise ConfigError(f"--address {address}: found no IP address, expected one such as 127.0.0.1 or 127.0.0.2")
     found = [address for address in addresses if not _is_loopback(address)]
     if found and not exposed:
         raise ConfigError(
@@ -43,6 +46,14 @@ def loopback_only(addresses: Sequence[str], exposed: bool) -> list[str]:
             "(127.0.0.1, 127.0.0.2, ..). If this is what you want, add --expose"
         )
     return found
+
+
+def _is_address(address: str) -> bool:
+    try:
+        ipaddress.ip_address(address)
+    except ValueError:
+        return address == "localhost"
+    return True
 
 
 def _is_loopback(address: str) -> bool:

@@ -53,6 +53,7 @@ def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path
         "report.html.j2",
         title=title or log.metadata.get("name") or "Flight report",
         verdict=verdict(flight),
+        live=log.metadata.get("live") == "true",
         pictures=pictures,
         mission=mission_table(flight) or manoeuvre_table(flight),
         faults=fault_table(flight),

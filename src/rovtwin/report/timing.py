@@ -17,7 +17,7 @@ def timing(flight: Flight) -> Figure:
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.3))
     histogram = dress(figure.add_subplot(grid[:, 0]), "Ticks [1]", "Late by [ms]")
     most = min(max(float(np.max(late, initial=0.0)), 1.0), 1e6)
-    histogram.hist(np.clip(late, 0.0, most), bins=np.linspace(0.0, most, STEPS), color=BLUE, log=True)
+    histogram.hist(np.clip(late, 0.0, most), bins=np.linspace(0.0, most, STEPS).tolist(), color=BLUE, log=True)
     p99 = float(np.percentile(late, 99))
     histogram.axvline(p99, color=BLACK, linewidth=0.9, linestyle="--")
     when = dress(figure.add_subplot(grid[0, 1]), "Late by [ms]")

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-BIN = 1e-4  # [s]
-BINS = 1000  # up to 100 ms; later than that counts in the last
+# Steps of lateness that are counted [s]: fine to 100 ms, coarse to 10 s; later than that counts in the last.
+EDGES = np.concatenate([np.arange(0.0, 0.1, 1e-4), np.arange(0.1, 10.0, 0.01)])
 SLIP = 0.25  # a loop that may let time go does so when it is later than this [s]
 
 
@@ -25,14 +25,14 @@ class Pace:
     """Waits for the periods of a loop, and counts how late each began.
 
     Attributes:
-        counts: Periods by lateness, in steps of BIN, shape (BINS,).
+        counts: Periods by lateness, in the steps that begin at EDGES.
         latest: Largest lateness [s].
         slipped: Time that was given up in all [s].
     """
 
     def __init__(self, sleep: Callable[[float], None] = time.sleep):
         self._sleep = sleep
-        self.counts = np.zeros(BINS, dtype=np.int64)
+        self.counts = np.zeros(len(EDGES), dtype=np.int64)
         self.latest = 0.0
         self.slipped = 0.0
 
@@ -41,14 +41,15 @@ class Pace:
         while (rest := due - now()) > 0.0:
             self._sleep(rest / speed)
         late = -rest / speed
-        self.counts[min(int(late / BIN), BINS - 1)] += 1
+        self.counts[int(np.searchsorted(EDGES, late, side="right")) - 1] += 1
         self.latest = max(self.latest, late)
         return late
 
     def figures(self) -> dict[str, float]:
-        """Median, 99th percentile (to BIN) and largest lateness [ms], and time given up [s]."""
+        """Median, 99th percentile (to the step's end) and largest lateness [ms], and time given up [s]."""
+        ends = np.append(EDGES[1:], 10.0)
         share = np.cumsum(self.counts) / max(self.counts.sum(), 1)
-        half, most = (1e3 * BIN * float(np.searchsorted(share, p) + 1) for p in (0.5, 0.99))
+        half, most = (1e3 * float(ends[np.searchsorted(share, p)]) for p in (0.5, 0.99))
         return {
             "late_ms_p50": half,
             "late_ms_p99": most,

@@ -168,7 +168,7 @@ class Served:
     async def hear_requests(self) -> None:
         """Answer requests, each with one reply."""
         while True:
-            frames = await self._requests.recv_multipart(copy=False)
+            frames = await _received(self._requests)
             before = self.drone.clients.in_control, len(self.drone.clients.all)
             content = [frame.bytes for frame in frames]
             reply = answer(content, self.drone, self._telemetry, _peer(frames), time.monotonic())
@@ -189,7 +189,7 @@ class Served:
     async def hear_control(self) -> None:
         """Take what clients command."""
         while True:
-            frames = await self._control.recv_multipart(copy=False)
+            frames = await _received(self._control)
             try:
                 control = parse_control([frame.bytes for frame in frames])
             except LinkError:
@@ -242,6 +242,17 @@ class Served:
         payload = self._telemetry.build(name)
         if payload is not None and self._telemetry.rates[name] > 0:
             self._out.send_multipart([(PACKAGE + name).encode(), payload])
+
+
+async def _received(socket: Any) -> list[Any]:
+    """The next message. What is no ZeroMQ at all can wake a socket that then has nothing: that is no end of it."""
+    import zmq
+
+    while True:
+        try:
+            return await socket.recv_multipart(copy=False)
+        except zmq.Again:
+            await asyncio.sleep(0.01)
 
 
 def _peer(frames: Sequence[Any]) -> str:

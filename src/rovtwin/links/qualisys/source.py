@@ -59,6 +59,7 @@ class QtmSource(BackgroundSource):
             raise LinkError(f"{where}: needs the vendor's client; pip install 'rovtwin[qualisys]'") from None
         if wrong := sorted(set(sensors) - set(SENSORS)):
             raise LinkError(f"{where}: {wrong[0]}: no such reading; expected some of {', '.join(SENSORS)}")
+        self.provides = frozenset(sensors) - {"mocap"}
         super().__init__(where, port, clock)
         self._address, self._body = (host, port), body
         self._lab, self._sensors = lab or Lab(), tuple(sensors)

@@ -44,6 +44,7 @@ class DvlSource(BackgroundSource):
         rotation: float = 0.0,
         altimeter: bool = False,
     ):
+        self.provides = frozenset({"dvl"})
         super().__init__(f"dvl://{host}:{port}", port, clock)
         self._address = (host, port)
         self._cos, self._sin = math.cos(rotation), math.sin(rotation)

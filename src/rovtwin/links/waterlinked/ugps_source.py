@@ -53,6 +53,7 @@ class UgpsSource(BackgroundSource):
         latency: float = 0.0,
         raw: bool = False,
     ):
+        self.provides = frozenset({"position"})
         super().__init__(f"ugps://{host}:{port}", port, clock)
         if not 0.0 < rate <= 100.0:
             raise LinkError(f"{self.where}: rate {rate:g} Hz: expected more than 0 and at most 100")

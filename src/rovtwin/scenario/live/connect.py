@@ -216,6 +216,11 @@ class _Blueye:
 
 def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
     hosts = tuple(host.strip() for host in url.rest.split(",") if host.strip())
+    if ported := [host for host in hosts if ":" in host]:
+        raise ConfigError(
+            f"--link {url.text}: found a port in {ported[0]}, expected an address: a Blueye's ports are fixed. "
+            "For a twin served with --port, set http_proxy=http://ADDRESS:PORT"
+        )
     vehicle = vehicle_of(scenario)
     ends = [name.split(".")[-1] for name in vehicle.thruster_names]
     drones = len(ends) // 3

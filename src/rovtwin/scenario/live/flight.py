@@ -61,7 +61,7 @@ def fly_live(
         LinkError: The vehicle is not there, is silent, or refuses to arm. A link that is lost in flight ends it.
     """
     with link:
-        composed = compose(_without_world(scenario))
+        composed = compose(_without_world(scenario if thrust else _dry(scenario)))
         ears = Ears(link, sources)
         _rewound(link)
         readiness = listen(ears, composed.sensor_names, say, clock.speed)
@@ -93,6 +93,17 @@ def _without_world(scenario: Scenario) -> Scenario:
     if scenario.test:
         raise ConfigError(f"{scenario.name}: tests cannot be flown over a link yet; choose a scenario with a mission")
     return scenario.model_copy(update={"faults": []})
+
+
+def _dry(scenario: Scenario) -> Scenario:
+    """The scenario for a run without thrust: forces that do not come are no failure then."""
+    supervisor = scenario.autopilot.supervisor
+    ignored = {
+        name: getattr(supervisor, name).model_copy(update={"action": "ignore"})
+        for name in ("thruster_failed", "saturated")
+    }
+    autopilot = scenario.autopilot.model_copy(update={"supervisor": supervisor.model_copy(update=ignored)})
+    return scenario.model_copy(update={"autopilot": autopilot})
 
 
 def _rewound(link: Link) -> None:

@@ -46,12 +46,12 @@ class Ears:
 
     Attributes:
         zero: Time from which readings count [s].
-        instruments: Sensors that instruments have spoken for so far.
+        instruments: Sensors that instruments provide, or have spoken for.
     """
 
     def __init__(self, link: Link, sources: Sequence[Source]):
         self._link, self._sources = link, sources
-        self.instruments: set[str] = set()
+        self.instruments = {name for source in sources for name in source.provides}
         self.zero = 0.0
 
     def read(self) -> list[Measurement]:

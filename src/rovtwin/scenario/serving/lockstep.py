@@ -3,6 +3,7 @@
 The firmware makes its sensors' errors itself, so it gets the truth; it also keeps the time, as fast as both can.
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -107,11 +108,13 @@ def serve_firmware(
         physics.advance, physics.reset, where.hosts[0] if where.hosts else "127.0.0.1", where.port or PORT
     )
     say(f"ardusub-json: waits at udp {lockstep.addresses[0]}:{lockstep.port} for ArduSub's simulation")
-    shown = 0.0
+    shown, began = 0.0, time.monotonic()
     try:
         with Interrupt() as interrupt:
             while not interrupt.asked and physics.time < duration:
                 lockstep.serve_one()
+                if not lockstep.counts.steps and time.monotonic() - began > duration:
+                    break  # nobody came
                 if physics.time - shown > 1.0:
                     shown = physics.time
                     progress(shown)

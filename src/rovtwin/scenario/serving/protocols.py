@@ -58,7 +58,7 @@ def world_for(what: str, overrides: Sequence[str], seed: int | None) -> Scenario
     extra = [f"vehicle={what}", "autopilot=model_based", "sensors.dvl.on_board=true", f"name={Path(what).stem}"]
     scenario = load_scenario(PLAIN, [*extra, *overrides], seed)
     if vehicle_of(scenario).power_sources:
-        return load_scenario(PLAIN, [*extra, "battery=true", *overrides], seed)
+        return load_scenario(PLAIN, [*extra, "battery=true", "sensors.battery=true", *overrides], seed)
     return scenario
 
 
@@ -142,6 +142,12 @@ def places_of(names: Sequence[str], addresses: Sequence[str], port: int | None =
 def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
     from rovtwin.links.blueye.server import BlueyeServer
 
+    names = vehicle_of(scenario).thruster_names
+    if any(name.split(".")[-1] not in ("surge", "sway", "heave") for name in names):
+        raise ConfigError(
+            f"--protocol blueye: found the thrusters {', '.join(names)}, expected surge, sway, heave of one Blueye "
+            "or two, as blueye_pioneer and double_blueye have them"
+        )
     hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
     return BlueyeServer(hosts, http_port=where.port or 80)
 
