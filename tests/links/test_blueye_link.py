@@ -487,6 +487,20 @@ def test_one_of_two_cannot_be_reached(served):
     assert wait_for(lambda: "nobody is in control" in served.said[-1]), "the other one is let go"
 
 
+def test_one_of_two_refuses_to_be_armed():
+    with vehicle(PORT, STARBOARD, drones=("port", "starboard")) as served:
+        pilot = Drone(STARBOARD)
+        with closing(DoubleBlueyeLink((PORT, STARBOARD))) as link, feeding(served):
+            start = time.monotonic()
+            with pytest.raises(LinkError, match=r"another client is in control.*take_control"):
+                link.arm()
+            assert time.monotonic() - start < 8.0
+            link.send(command(*[0.5] * 6))
+            time.sleep(0.3)
+            assert not any(any(w.motion) for w in served.wishes), "half a vehicle does not start"
+        pilot.disconnect()
+
+
 def test_two_drones_have_two_addresses():
     with pytest.raises(ConfigError, match="two different addresses"):
         DoubleBlueyeLink((PORT, PORT))
