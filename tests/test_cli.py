@@ -302,6 +302,7 @@ def test_help_answers_at_once():
     assert os.times().children_user - before < 0.5
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_with_a_readable_log_and_a_report(tmp_path):
     folder = tmp_path / "interrupted"
     process = subprocess.Popen(

@@ -168,10 +168,9 @@ def _quick() -> list[Case]:
     messages, datagrams = (LOSS, REORDER, CUT, TENFOLD), (HALF, LOSS, CUT, GARBAGE, TENFOLD, REORDER)
     many = "one after the other"
     chosen = (
-        *("half-open connection BlueyeLink", "client killed -9 (link's process) BlueyeLink"),
+        "half-open connection BlueyeLink",
         *("client killed -9 (autopilot) DoubleBlueyeLink", "server killed -9 DoubleBlueyeLink"),
-        *("second client takes control BlueyeLink", "clock of the link an hour back DoubleBlueyeLink"),
-        *("client killed -9 (link's process) MavlinkLink, UDP", "second client changes the mode MavlinkLink, UDP"),
+        "client killed -9 (link's process) MavlinkLink, UDP",
     )
     return [
         Case("blueye", many, "link", LATER, LIFE + BUSY, one_after_the_other("messages", messages, PAUSE)),

@@ -40,6 +40,7 @@ def arguments(folder, *more):
     return "track", folder / "log.mcap", "-o", folder / "track.mcap", *video, *more
 
 
+@pytest.mark.slow
 def test_track_writes_a_log_and_says_how_good_it_is(recorded):
     result = run(*arguments(recorded))
     assert result.exit_code == 0, result.output

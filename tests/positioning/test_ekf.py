@@ -80,6 +80,7 @@ def nees(out, d):
     return np.einsum("ki,ki->k", e, np.linalg.solve(out.covariance + 1e-14 * np.eye(6), e[..., None])[..., 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", [None, LAYOUT])
 def test_square_with_markers_at_unknown_and_at_known_places(layout):
     start = drive().position[0] + (0.0 if layout is None else 0.4)

@@ -49,6 +49,7 @@ def test_smoothing_is_better_than_filtering():
     assert 0.15 < smoothed.pixel_rms < 0.22
 
 
+@pytest.mark.slow
 def test_the_smoother_knows_how_good_it_is():
     pytest.importorskip("gtsam")
     smoothed, d = tracked("smoother")

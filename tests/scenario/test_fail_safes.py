@@ -47,6 +47,7 @@ def leaking():
     return flight(faults={"leak": AT})
 
 
+@pytest.mark.slow
 def test_a_leak_brings_it_up():
     run = leaking()
     assert phases(run)[-2:] == ["surfacing", "surfaced"] and depth(run)[-1] < 0.8

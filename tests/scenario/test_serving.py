@@ -70,6 +70,7 @@ def test_a_stick_moves_what_is_held_and_does_not_run_away_from_a_vehicle_that_ca
     assert abs(vehicle.truth["eta"][2] - let_go) < REACH[2] + 0.1
 
 
+@pytest.mark.slow
 def test_a_hold_whose_sensor_is_silent_gives_nothing():
     """Without pressure nobody knows the depth: no thrust after a fiction, and the hold is back with the sensor."""
     scenario = load_scenario("lawnmower_calm", ["faults=[{at: 5, until: 12, sensor: pressure, fault: silent}]"])
@@ -83,6 +84,7 @@ def test_a_hold_whose_sensor_is_silent_gives_nothing():
     assert abs(vehicle.truth["eta"][2] - held) < 0.02
 
 
+@pytest.mark.slow
 def test_a_pair_breaks_as_one():
     scenario = load_scenario("lawnmower_calm", ["faults=[{at: 0, thruster: port.surge, fault: dead}]"])
     vehicle = ServedVehicle(scenario)

@@ -82,6 +82,7 @@ def test_as_fast_as_real_time(physics):
     assert time.perf_counter() - began < 5.0  # a fifth of real time at the least, on a busy machine
 
 
+@pytest.mark.slow
 def test_packets_of_many_rates_compile_a_few(physics):
     for rate in range(1000, 1040):
         physics.advance((NEUTRAL,) * 8, 1.0 / rate)

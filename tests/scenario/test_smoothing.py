@@ -34,6 +34,7 @@ def test_the_filter_over_the_log_is_the_one_that_flew(run, smoothed):
     np.testing.assert_allclose(smoothed.track.filtered[:n], flown[:n], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_last_instant_is_the_filters(smoothed):
     np.testing.assert_allclose(smoothed.track.eta[-1], smoothed.track.filtered[-1], atol=1e-9)
 
