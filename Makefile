@@ -73,13 +73,13 @@ system:
 	echo "rovtwin: no OpenGL over EGL here: scenes are drawn by the ray-caster, without meshes." >&2; \
 	echo "         Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri" >&2
 
-# The build backend goes in first, at its pinned version: every pip then builds the package with it.
+# What builds packages goes in first, at its pinned version: ours with hatchling, what comes as source with setuptools.
 $(STAMP): pyproject.toml constraints.txt | check-python
 	@if ! $(BIN)/python -c 'import pip' 2>/dev/null; then \
 	  echo "rovtwin: making $(VENV) with $$("$(PYTHON)" --version)"; rm -rf $(VENV); "$(PYTHON)" -m venv $(VENV); fi
 	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) (about 1.2 GB on disk)"
 	@$(MAKE) --no-print-directory system
-	@$(PIP) hatchling editables
+	@$(PIP) hatchling editables setuptools
 	@$(PIP) --no-build-isolation -e '.[all]'
 	@touch $@
 	@echo "rovtwin: done; try $(BIN)/rovtwin --help"
