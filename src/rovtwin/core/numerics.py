@@ -26,8 +26,6 @@ def _xla_flags() -> None:
         _add_flag("--", "xla_cpu_prefer_vector_width", "512")
     # One roll-out is sequential: a second thread only adds hand-overs.
     os.environ.setdefault("PJRT_NPROC", "1")
-    # What XLA warns of when it gives up compiling into one piece, see `in_one_piece`, is for its developers.
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
 
 
 _xla_flags()
