@@ -51,8 +51,9 @@ def test_a_vehicle_that_is_lost_in_flight_is_an_error_at_the_next_read(tmp_path)
     assert resting(tmp_path / "told")
 
 
+# Whoever runs the tests may ignore signals, as nohup and background jobs do; a user's autopilot does not.
 FLIES = """
-    import sys, time
+    import signal, sys, time
     from pathlib import Path
     import numpy as np
     from tests.links.vehicles import Opener
@@ -60,6 +61,9 @@ FLIES = """
     from rovtwin.links.hosted import HostedLink
 
     if __name__ == "__main__":
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
         with HostedLink(Opener(Path(sys.argv[1])), 3) as link:
             while True:
                 link.send(Command(np.full(3, 0.5)))
