@@ -1,6 +1,6 @@
 """The tables of docs/link_faults.md: every fault on the wire, and the time until the thrusters rest.
 
-python docs/scripts/link_faults.py [--repeat 2] [--only WORDS] [--out docs/link_faults.md]
+python -m docs.scripts.link_faults [--repeat 2] [--only WORDS] [--out docs/link_faults.md]
 """
 
 import argparse
@@ -12,13 +12,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from tests.links.fault_bench import bench
+from tests.links.fault_cases import Case, Outcome, perform
+from tests.links.fault_list import CASES
+
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))
-
-from tests.links.fault_bench import bench  # noqa: E402
-from tests.links.fault_cases import Case, Outcome, perform  # noqa: E402
-from tests.links.fault_list import CASES  # noqa: E402
-
 BEGIN, END = "<!-- tables: docs/scripts/link_faults.py -->", "<!-- end of tables -->"
 TITLES = {"blueye": "Blueye (watchdog 2 s)", "mavlink": "MAVLink, ArduSub (pilot's time-out 3 s)"}
 PACKAGES = ("blueye.sdk", "blueye.protocol", "pyzmq", "pymavlink")

@@ -15,11 +15,12 @@ from multiprocessing.connection import Connection
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
+from rovtwin.core.link import COMMAND_LIFE
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.wish import Wish
 
-WISH_LIFE = 0.3  # a wish older than this is none [s]
+WISH_LIFE = COMMAND_LIFE  # a wish older than this is none [s]
 GONE = "it ended, or was killed; thrusters are off"
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
 STARTING = 20.0  # a new process must be up within this [s]

@@ -232,7 +232,7 @@ class _Host:
                 self._link.send(Command(u))  # type: ignore[arg-type]  (NumPy: it goes to a link)
                 self._live = True
         if self._live and now - self._came > COMMAND_LIFE:
-            self._link.send(Command(self._off))  # type: ignore[arg-type]
+            self._link.send(Command(self._off))  # type: ignore[arg-type]  (NumPy, as above)
             self._live = False
 
     def _report(self) -> None:

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import LinkError
-from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import COMMAND_LIFE, Link
+from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Log
+from rovtwin.links.kept import KeptLink
 
 SENSOR = "sensor/"
 PATIENCE = 1.0  # after the last reading [s]
 
 
-class ReplayLink(Link):
+class ReplayLink(KeptLink):
     """The readings of a log, each at the time at which the autopilot of that flight got it.
 
     Attributes:
@@ -32,9 +32,8 @@ class ReplayLink(Link):
             raise LinkError(
                 "the log: found no channel sensor/.., expected readings of sensors. Fly with log.sensors on"
             )
-        self._clock, self._off = clock, np.zeros(thrusters)
-        self._u, self._sent = self._off, -np.inf
-        self._stopped = self._closed = False
+        super().__init__(thrusters)
+        self._clock = clock
         self.duration = float(self._arrivals[-1])
         self.rewind()
 
@@ -52,29 +51,8 @@ class ReplayLink(Link):
         found, self._next = self._readings[self._next : end], max(end, self._next)
         return [Measurement(r.sensor, r.value, r.t_valid + self._began) for r in found]
 
-    def send(self, command: Command) -> None:
-        u = np.asarray(command.u, dtype=float)
-        if not np.all(np.isfinite(u)):
-            self.stop()
-        if not self._stopped:
-            self._u, self._sent = np.clip(u, -1.0, 1.0), self._clock()
-
-    @property
-    def command(self) -> np.ndarray:
-        """What thrusters would be told now, shape (n,)."""
-        live = not self._stopped and self._clock() - self._sent <= COMMAND_LIFE
-        return self._u if live else self._off
-
-    @property
-    def age(self) -> float:
-        return 0.0
-
-    def stop(self) -> None:
-        self._stopped = True
-
-    def close(self) -> None:
-        self.stop()
-        self._closed = True
+    def _now(self) -> float:
+        return self._clock()
 
 
 def readings_of(log: Log) -> tuple[np.ndarray, list[Measurement]]:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import Command, Measurement, Measurements
-from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.core.numerics import jnp
+from rovtwin.links.kept import KeptLink
 
 Advance = Callable[[Any, Command, int], tuple[Any, Measurements]]
 
 
-class TwinLink(Link):
+class TwinLink(KeptLink):
     """A simulated vehicle that moves on by up to one control period whenever it is read.
 
     Args:
@@ -24,16 +24,12 @@ class TwinLink(Link):
     """
 
     def __init__(self, advance: Advance, memory: Any, thrusters: int, period: float, clock: Callable[[], float]):
+        super().__init__(thrusters)
         self._advance = advance
         self._period = period
         self._clock = clock
         self.memory = memory
-        self._off = np.zeros(thrusters)
-        self._u = self._off
-        self._sent_tick = 0
         self._tick = 0
-        self._stopped = False
-        self._closed = False
 
     @property
     def tick(self) -> int:
@@ -47,33 +43,13 @@ class TwinLink(Link):
         # One period a call at most: a host that comes late reads the missed periods one by one, and loses nothing.
         # Half a microsecond of grace: k * period and the clock round differently.
         if (self._tick + 1) * self._period <= self._clock() + 5e-7:
-            self.memory, slots = self._advance(self.memory, Command(jnp.asarray(self._live())), self._tick)
+            self.memory, slots = self._advance(self.memory, Command(jnp.asarray(self.command)), self._tick)
             self._tick += 1
             readings += _listed(slots)
         return readings
 
-    def _live(self) -> np.ndarray:
-        aged = (self._tick - self._sent_tick) * self._period > COMMAND_LIFE
-        return self._off if self._stopped or aged else self._u
-
-    def send(self, command: Command) -> None:
-        u = np.asarray(command.u, dtype=float)
-        if not np.all(np.isfinite(u)):
-            self.stop()
-        if not self._stopped:
-            self._u = np.clip(u, -1.0, 1.0)
-            self._sent_tick = self._tick
-
-    @property
-    def age(self) -> float:
-        return 0.0
-
-    def stop(self) -> None:
-        self._stopped = True
-
-    def close(self) -> None:
-        self.stop()
-        self._closed = True
+    def _now(self) -> float:
+        return self._tick * self._period
 
 
 def _listed(slots: Measurements) -> list[Measurement]:

@@ -70,7 +70,7 @@ def _guard(drone: Any, dropped: Callable[[], None]) -> None:
     watcher = drone._telemetry_watcher
     if not isinstance(watcher, threading.Thread):
         return  # not connected
-    take: Callable[[Any], None] = watcher._handle_message  # type: ignore[attr-defined]
+    take: Callable[[Any], None] = watcher._handle_message  # type: ignore[attr-defined]  (the SDK has no hook)
 
     def guarded(message: Any) -> None:
         try:
@@ -78,7 +78,7 @@ def _guard(drone: Any, dropped: Callable[[], None]) -> None:
         except Exception:  # a name that is no text, a frame too few: whatever the SDK stumbles over
             dropped()
 
-    watcher._handle_message = guarded  # type: ignore[attr-defined]
+    watcher._handle_message = guarded  # type: ignore[attr-defined]  (as above)
 
 
 def _said(error: Exception) -> str:

@@ -9,6 +9,7 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
 from rovtwin.links.blueye.drone import Drone
 from rovtwin.links.blueye.protobuf import message
+from rovtwin.links.rotations import rotation_from_euler
 
 # What a drone may know of a station's readings
 SENSORS = (
@@ -83,7 +84,7 @@ class Contents:
         if gyro is None and force is None:
             return None
         euler = self._value("attitude")
-        field = None if euler is None else _seen_from(euler, EARTH_FIELD)
+        field = None if euler is None else EARTH_FIELD @ rotation_from_euler(euler)
         return readings.imu_telemetry(name, gyro, force, field, self._drone.about.water_temperature)
 
     def _DvlVelocity(self) -> Any:
@@ -215,16 +216,3 @@ def listed(clients: Any) -> list[dict[str, Any]]:
 def _info(text: dict[str, str]) -> dict[str, str]:
     fields = message("ClientInfo").DESCRIPTOR.fields_by_name
     return {(key if key in fields else key.rstrip("_")): value for key, value in text.items()}
-
-
-def _seen_from(euler: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """A vector in n as seen in b, shape (3,): R_nb^T v. Fossen (2021), eq. 2.31, in NumPy for one reading."""
-    (cf, ct, cp), (sf, st, sp) = np.cos(euler), np.sin(euler)
-    R_nb = np.array(
-        [
-            [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
-            [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
-            [-st, ct * sf, ct * cf],
-        ]
-    )
-    return vector @ R_nb

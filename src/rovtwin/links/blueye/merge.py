@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rovtwin.core.flow import Measurement
+from rovtwin.links.rotations import rotation_from_euler
 
 TOGETHER = 0.1  # readings further apart, or that waited longer for the other's, do not belong together [s]
 OUTDATED = 10.0  # age up to which a drone's battery and leak count beside the other's [s]
@@ -118,11 +119,8 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 def _in_n(euler: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """R_nb r, shape (3,). Fossen (2021), eq. 2.31, in NumPy for one reading."""
-    (cf, ct, cp), (sf, st, sp) = np.cos(euler), np.sin(euler)
-    level = np.array([ct * r[0] + st * (sf * r[1] + cf * r[2]), cf * r[1] - sf * r[2]])
-    down = -st * r[0] + ct * (sf * r[1] + cf * r[2])
-    return np.array([cp * level[0] - sp * level[1], sp * level[0] + cp * level[1], down])
+    """R_nb r, shape (3,)."""
+    return rotation_from_euler(euler) @ r
 
 
 # Sensor -> its reading at CO from that at r: (value, r, Euler angles, omega)

@@ -15,6 +15,7 @@ import numpy as np
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.guided import Place
+from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.links.station import Station
 
 GRAVITY = 9.80665  # of the unit mg [m/s2]
@@ -103,7 +104,7 @@ class Scene:
         estimate = self.reading("estimate")
         attitude = self.attitude()
         nu = estimate.value[6:9] if estimate is not None else self.values("dvl", 3)
-        return _to_n(attitude, nu) if attitude is not None else np.zeros(3)
+        return rotation_from_euler(attitude) @ nu if attitude is not None else np.zeros(3)
 
 
 def rounds(batch: Sequence[Measurement]) -> list[list[Measurement]]:
@@ -117,15 +118,6 @@ def rounds(batch: Sequence[Measurement]) -> list[list[Measurement]]:
             found.append([])
         found[row].append(reading)
     return found
-
-
-def _to_n(euler: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    # core.frames is JAX: too slow for a host's loop, at 50 us a call.
-    (cf, ct, cp), (sf, st, sp) = np.cos(euler), np.sin(euler)
-    x, y, z = vector
-    ahead = ct * x + st * (sf * y + cf * z)
-    right = cf * y - sf * z
-    return np.array([cp * ahead - sp * right, sp * ahead + cp * right, -st * x + ct * (sf * y + cf * z)])
 
 
 def milliseconds(t: float) -> int:

@@ -113,7 +113,7 @@ class _TruthLog:
     def __exit__(self, *error: object) -> None:
         if self._times:
             self.flush()
-        self._writer.__exit__(*error)  # type: ignore[arg-type]
+        self._writer.__exit__(*error)  # type: ignore[arg-type]  (handed on as they came)
 
 
 def _truth_log(path: Path, vehicle: Advancing) -> _TruthLog:

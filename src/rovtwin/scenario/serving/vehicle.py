@@ -134,13 +134,13 @@ def served_of(scenario: Scenario) -> tuple[Served, Composed]:
         onboards[name] = _onboard(composed.model, places[name], drones[name], len(drones))
     names = ("pressure", "attitude", "gyro")
     senses = {
-        d: Sense(tuple(f"{d}/{n}" for n in names), sensors[f"{d}/pressure"].rate / 1000)  # type: ignore[arg-type]
+        d: Sense(tuple(f"{d}/{n}" for n in names), sensors[f"{d}/pressure"].rate / 1000)  # type: ignore[arg-type]  (three names)
         for d in drones
         if d
     }
     served = Served(
         replace(twin, sensors=sensors),
-        navigation_filter(MODEL_BASED, composed.model, first),  # type: ignore[arg-type]
+        navigation_filter(MODEL_BASED, composed.model, first),  # type: ignore[arg-type]  (as above)
         senses,
         onboards,
         places,
