@@ -114,7 +114,7 @@ def in_one_process(seed: int, dvl: bool) -> dict:
 
 def drawn(rows: list[dict], legs: np.ndarray, path: Path) -> None:
     """Both paths of all seeds beside each other."""
-    figure, both = plt.subplots(1, 2, figsize=(9, 5), sharex=True, sharey=True, layout="constrained")
+    figure, both = plt.subplots(1, 2, figsize=(9, 4), sharex=True, sharey=True, layout="constrained")
     for axes, key, title, colour in zip(
         both, ("computed", "wire"), ("in one process", "over the Blueye protocol"), (BLUE, BLACK), strict=True
     ):
@@ -128,7 +128,7 @@ def drawn(rows: list[dict], legs: np.ndarray, path: Path) -> None:
         axes.set_aspect("equal")
         axes.grid(alpha=0.3)
     both[0].set_ylabel("north [m]")
-    both[0].legend(loc="lower right", fontsize=8)
+    both[0].legend(loc="center", fontsize=8)
     figure.savefig(path, dpi=110)
 
 
