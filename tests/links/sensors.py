@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from rovtwin.core.flow import Measurement
+from rovtwin.core.link import Source
 
 HOST = "127.0.0.1"
 
@@ -26,6 +27,18 @@ def wait_until(condition: Callable[[], object], seconds: float = 5.0, every: flo
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(every)
+
+
+def gather(source: Source, count: int, seconds: float = 5.0) -> list[Measurement]:
+    """At least so many readings of a source."""
+    got: list[Measurement] = []
+
+    def enough() -> bool:
+        got.extend(source.read())
+        return len(got) >= count
+
+    wait_until(enough, seconds)
+    return got
 
 
 def reading(sensor: str, t: float, *value: float) -> Measurement:

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.links.sensors import HOST, free_port, peer, reading, wait_until
+from tests.links.sensors import HOST, free_port, gather, peer, reading, wait_until
 from tests.links.serving import serving
 
 from rovtwin.core.errors import LinkError
@@ -14,17 +14,6 @@ from rovtwin.links.background import BACKLOG
 from rovtwin.links.waterlinked.dvl_server import DvlServer
 from rovtwin.links.waterlinked.dvl_source import DvlSource
 from rovtwin.links.waterlinked.dvl_wire import VelocityReport, report_line
-
-
-def gather(source, count, seconds=5.0):
-    got = []
-
-    def enough():
-        got.extend(source.read())
-        return len(got) >= count
-
-    wait_until(enough, seconds)
-    return got
 
 
 def line(k, **changes):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.links.vehicles import Opener, ThreadHosted, last_told
+from tests.links.vehicles import Opener, ThreadHosted, last_told, moving, resting
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
@@ -27,14 +27,6 @@ def wait_for(condition, seconds=5.0):
     while not condition():
         assert time.monotonic() < until, "it never happened"
         time.sleep(0.005)
-
-
-def resting(told: Path) -> bool:
-    return told.exists() and not last_told(told)[1].any()
-
-
-def moving(told: Path) -> bool:
-    return told.exists() and last_told(told)[1].any()
 
 
 def test_a_vehicle_that_cannot_be_reached_says_why():

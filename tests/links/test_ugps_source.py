@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.links.sensors import HOST, free_port, peer, reading, wait_until
+from tests.links.sensors import HOST, free_port, gather, peer, reading, wait_until
 from tests.links.serving import serving
 
 from rovtwin.core.datum import Datum
@@ -17,17 +17,6 @@ from rovtwin.links.waterlinked.ugps_server import UgpsServer
 from rovtwin.links.waterlinked.ugps_source import UgpsSource
 
 FIX = wire.body_of(wire.AcousticPosition(10.0, 3.0, 4.0, 0.5, True, (1.0,), (-60.0,), (-90.0,), (1.0,)))
-
-
-def gather(source, count, seconds=5.0):
-    got = []
-
-    def enough():
-        got.extend(source.read())
-        return len(got) >= count
-
-    wait_until(enough, seconds)
-    return got
 
 
 def test_positions_are_those_that_were_fed():

@@ -72,9 +72,18 @@ class Opener:
 
 
 def last_told(path: Path) -> tuple[float, np.ndarray]:
-    """When the thrusters were last told something [s, monotonic], and what."""
-    words = [float(word) for word in path.read_text().splitlines()[-1].split()]
+    """When the thrusters were last told something [s, monotonic], and what: NaN before the first whole line."""
+    lines = path.read_text().split("\n")[:-1] if path.exists() else []
+    words = [float(word) for word in lines[-1].split()] if lines else [np.nan, np.nan]
     return words[0], np.array(words[1:])
+
+
+def resting(path: Path) -> bool:
+    return bool((last_told(path)[1] == 0.0).all())
+
+
+def moving(path: Path) -> bool:
+    return bool((np.abs(last_told(path)[1]) > 0.0).any())
 
 
 class ThreadHosted(HostedLink):

@@ -8,6 +8,7 @@ from typing import Any, Literal, Self
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ros2.confine import confined
+from rovtwin.links.ros2.messages import layout
 
 Middleware = Literal["auto", "rclpy", "cyclonedds"]
 DEPTH = 10  # of the history of a topic: ROS 2's default
@@ -104,3 +105,16 @@ def _choose() -> str:
         raise LinkError(MISSING)
     wanted = "rclpy" if os.environ.get("ROS_DISTRO") else "cyclonedds"
     return wanted if wanted in found else found[0]
+
+
+def ours_of(message: Any, kind: type) -> Any:
+    """A middleware's message as one of ours, whichever it is: it has the same fields; arrays become lists."""
+    values = {}
+    for name, ros, inner in layout(kind):
+        value = getattr(message, name)
+        if inner is not None:
+            value = [ours_of(item, inner) for item in value] if ros.endswith("[]") else ours_of(value, inner)
+        elif "[" in ros:
+            value = value.tolist() if hasattr(value, "tolist") else list(value)
+        values[name] = value
+    return kind(**values)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ros2.messages import layout, ros_name
-from rovtwin.links.ros2.transport import DEPTH, Transport
+from rovtwin.links.ros2.transport import DEPTH, Transport, ours_of
 
 if TYPE_CHECKING:
     from cyclonedds.core import ReadCondition
@@ -130,7 +130,7 @@ class CycloneTransport(Transport):
             try:
                 samples = reader.take(BATCH, condition)
                 # A publisher that leaves sends a sample without content.
-                messages = [from_idl(sample, kind) for sample in samples if isinstance(sample, idl_type(kind))]
+                messages = [ours_of(sample, kind) for sample in samples if isinstance(sample, idl_type(kind))]
             except Exception:  # whatever the network made the library stumble over
                 self.dropped += 1
                 return
@@ -233,14 +233,3 @@ def to_idl(message: Any) -> Any:
             value = list(value)
         values[name] = value
     return idl_type(kind)(**values)
-
-
-def from_idl(sample: Any, kind: type) -> Any:
-    """A sample of cyclonedds as one of our messages."""
-    values = {}
-    for name, ros, inner in layout(kind):
-        value = getattr(sample, name)
-        if inner is not None:
-            value = [from_idl(item, inner) for item in value] if ros.endswith("[]") else from_idl(value, inner)
-        values[name] = value
-    return kind(**values)

@@ -9,7 +9,7 @@ from typing import Any
 
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ros2.messages import layout, ros_name
-from rovtwin.links.ros2.transport import DEPTH, Transport
+from rovtwin.links.ros2.transport import DEPTH, Transport, ours_of
 
 # Releases that know ROS_LOCALHOST_ONLY and not yet ROS_AUTOMATIC_DISCOVERY_RANGE.
 _BEFORE_IRON = ("foxy", "galactic", "humble")
@@ -64,7 +64,7 @@ class RclpyTransport(Transport):
     def subscribe(self, topic: str, kind: type, callback: Callable[[Any], None], stream: bool = True) -> None:
         def take(message: Any) -> None:
             try:
-                ours = from_ros(message, kind)
+                ours = ours_of(message, kind)
             except Exception:  # whatever the network made the library stumble over
                 self.dropped += 1
                 return
@@ -157,16 +157,3 @@ def to_ros(message: Any) -> Any:
             value = list(value)
         setattr(made, name, value)
     return made
-
-
-def from_ros(message: Any, kind: type) -> Any:
-    """A message of rclpy as one of ours."""
-    values = {}
-    for name, ros, inner in layout(kind):
-        value = getattr(message, name)
-        if inner is not None:
-            value = [from_ros(item, inner) for item in value] if ros.endswith("[]") else from_ros(value, inner)
-        elif "[" in ros:
-            value = value.tolist() if hasattr(value, "tolist") else list(value)
-        values[name] = value
-    return kind(**values)
