@@ -16,7 +16,7 @@ from tests.links.vehicles import Opener, ThreadHosted, last_told, moving, restin
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE
-from rovtwin.links import hosted
+from rovtwin.links import host
 from rovtwin.links.hosted import HostedLink
 
 REPOSITORY = Path(__file__).parents[2]
@@ -137,7 +137,7 @@ def test_an_exception_in_the_autopilot_leaves_no_thrust(tmp_path):
 def test_a_computer_that_slept_flies_nothing_on(tmp_path, monkeypatch):
     """A lid that was closed: the clock that counts sleep has gone on, the other one has not."""
     slept = [0.0]
-    monkeypatch.setattr(hosted, "_asleep", lambda: slept[0])
+    monkeypatch.setattr(host, "_asleep", lambda: slept[0])
     told = tmp_path / "told"
     with ThreadHosted(Opener(told), 3) as link:
         link.send(Command(np.full(3, 0.5)))
@@ -153,7 +153,7 @@ def test_a_computer_that_slept_flies_nothing_on(tmp_path, monkeypatch):
 
 def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(tmp_path, monkeypatch):
     """The pipe fills up with readings; commands go on expiring, and the newest readings are kept."""
-    monkeypatch.setattr(hosted, "BACKLOG", 20)
+    monkeypatch.setattr(host, "BACKLOG", 20)
     told = tmp_path / "told"
     with ThreadHosted(Opener(told), 3) as link:
         for _ in range(3):
@@ -164,9 +164,9 @@ def test_an_autopilot_that_does_not_read_is_still_obeyed_and_memory_is_bounded(t
 
 def test_a_vendors_thread_that_ends_is_told_of_in_one_line(monkeypatch):
     said = []
-    monkeypatch.setattr(hosted.logger, "warning", lambda text, *details: said.append(text % details))
+    monkeypatch.setattr(host.logger, "warning", lambda text, *details: said.append(text % details))
     what = threading.ExceptHookArgs((UnicodeError, UnicodeError("no text"), None, threading.current_thread()))
-    hosted._ended(what)
+    host._ended(what)
     assert len(said) == 1 and "no text" in said[0] and "\n" not in said[0]
 
 

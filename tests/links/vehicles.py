@@ -11,7 +11,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link
-from rovtwin.links import hosted
+from rovtwin.links import host
 from rovtwin.links.hosted import HostedLink
 
 PERIOD = 0.02
@@ -89,13 +89,13 @@ def moving(path: Path) -> bool:
 class ThreadHosted(HostedLink):
     """The host in a thread of this process: what it does with a link, without the time that a process takes."""
 
-    def _start(self, opener, thrusters):
+    def _start(self, opener, thrusters, stop_at):
         self._pipe, theirs = multiprocessing.Pipe()
-        thread = threading.Thread(target=self._run, args=(theirs, opener, thrusters), daemon=True)
+        thread = threading.Thread(target=self._run, args=(theirs, opener, thrusters, stop_at), daemon=True)
         thread.start()
         return thread
 
     @staticmethod
-    def _run(pipe, opener, thrusters):
+    def _run(pipe, opener, thrusters, stop_at):
         with pipe:
-            hosted.host(pipe, opener, thrusters)
+            host.host(pipe, opener, thrusters, stop_at)

@@ -1,42 +1,25 @@
 """HostedLink: a real vehicle's link in a process of its own, so that the vehicle outlives whatever becomes of ours.
 
-The process keeps the newest command for 0.3 s and no longer. When the pipe to the autopilot closes (it ended, crashed,
-was killed), or nothing comes through it, thrusters stop; `stop` latches there.
+What goes on in that process is in `host`.
 """
 
-import logging
 import multiprocessing
-import os
-import select
-import signal
-import sys
-import threading
 import time
-from collections import deque
-from collections.abc import Callable
-from multiprocessing.connection import Connection
-from queue import SimpleQueue
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Measurement
-from rovtwin.core.link import COMMAND_LIFE, Link
-
-logger = logging.getLogger(__name__)
+from rovtwin.core.link import Link
+from rovtwin.links import host
+from rovtwin.links.host import Opener, writable
 
 GONE = "the link's process is gone: thrusters stop by the vehicle's own watchdog"
 ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
-POLL = 0.004  # how often the host looks at both sides [s]
-SIGN_OF_LIFE = 0.05  # the autopilot hears of a quiet vehicle as often [s]
-AT_ONCE = 100  # readings in one message: more might fill the pipe
-BACKLOG = 2000  # readings kept for an autopilot that does not read
-NAP = 1.0  # a computer that slept longer flies nothing on [s]
 ARMING = 10.0  # longest wait for a vehicle to arm [s]
 CONNECTING = 30.0  # longest wait for a vehicle [s]
-
-Opener = Callable[[], Link]  # picklable: it opens the link within the host process
 
 
 class HostedLink(Link):
@@ -44,35 +27,44 @@ class HostedLink(Link):
 
     Attributes:
         age: Since anything was last heard of the vehicle [s]; that of the quieter drone of two.
+        stopped_at: When the host was last told to stop, by whomever [s, monotonic]; -inf if never.
     """
 
-    def __init__(self, opener: Opener, thrusters: int):
+    def __init__(self, opener: Opener, thrusters: int, stop_at: Path | None = None, patience: float = CONNECTING):
         """Starts the host and waits until the vehicle answers.
+
+        Args:
+            opener: Opens the link, in the host's process.
+            thrusters: How many it has.
+            stop_at: Where the host makes a socket at which any message stops the thrusters.
+            patience: Longest wait for the vehicle [s].
 
         Raises:
             LinkError: The vehicle cannot be reached.
         """
-        self._process = self._start(opener, thrusters)
+        self._process = self._start(opener, thrusters, stop_at)
         self._failed: str | None = None
         self._readings: list[Measurement] = []
         self._open, self._stopped, self._closed = False, False, False
         self._armed: str | None = None
+        self._asked_at, self.stopped_at = -np.inf, -np.inf
         self._told_age, self._told_at = 0.0, time.monotonic()
-        until = time.monotonic() + CONNECTING
+        until = time.monotonic() + patience
         while not self._open and self._failed is None and time.monotonic() < until:
             self._pipe.poll(0.1)
             self._listen()
         if not self._open:
             self.close()
             raise LinkError(
-                self._failed or f"no answer within {CONNECTING:g} s. Is the vehicle on, and the address right?"
+                self._failed or f"no answer within {patience:g} s. Is the vehicle on, and the address right?"
             )
 
-    def _start(self, opener: Opener, thrusters: int) -> Any:
+    def _start(self, opener: Opener, thrusters: int, stop_at: Path | None) -> Any:
         """Start the host at the other end of `_pipe`; what it runs in."""
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        process = context.Process(target=_main, args=(theirs, opener, thrusters), daemon=True, name="rovtwin-link")
+        arguments = (theirs, opener, thrusters, stop_at)
+        process = context.Process(target=host.main, args=arguments, daemon=True, name="rovtwin-link")
         process.start()
         theirs.close()  # or it would never be seen closed here
         return process
@@ -103,17 +95,36 @@ class HostedLink(Link):
             self._tell("command", (time.monotonic(), np.clip(u, -1.0, 1.0)))
 
     def arm(self) -> None:
-        self._armed = None
-        self._tell("arm", None)
-        until = time.monotonic() + ARMING
-        while self._armed is None and self._failed is None and time.monotonic() < until:
+        self.begin_arming()
+        while self.refused is None:
             self._pipe.poll(0.05)
-            self._listen()
-        if self._armed != "":
-            raise LinkError(self._failed or self._armed or f"arming: found no answer within {ARMING:g} s")
+        if self.refused:
+            raise LinkError(self.refused)
+
+    def begin_arming(self, asked_at: float | None = None) -> None:
+        """Arm without waiting for it: `refused` says what came of it.
+
+        Args:
+            asked_at: When the operator asked for it [s, monotonic]; a stop since then is the graver wish. None: now.
+        """
+        self._armed, self._asked_at = None, time.monotonic() if asked_at is None else asked_at
+        self._until = time.monotonic() + ARMING
+        self._tell("arm", self._asked_at)
+
+    @property
+    def refused(self) -> str | None:
+        """Why the vehicle did not arm, "" if it did, None while nobody knows."""
+        self._listen()
+        if self._armed is None and (self._failed or time.monotonic() > self._until):
+            return self._failed or f"arming: found no answer within {ARMING:g} s"
+        return self._armed
+
+    def tell(self, order: Any) -> None:
+        """Something for the link itself: only a twin takes orders, see its `tell`."""
+        self._tell("tell", order)
 
     def stop(self) -> None:
-        self._stopped = True
+        self._stopped, self._asked_at = True, -np.inf
         self._tell("stop", None)
 
     def close(self) -> None:
@@ -129,7 +140,7 @@ class HostedLink(Link):
 
     def _tell(self, kind: str, content: object) -> None:
         # A host that hangs does not read: what it would not hear in time is not said, so that nobody hangs with it.
-        if self._closed or not _writable(self._pipe):
+        if self._closed or not writable(self._pipe):
             return
         try:
             self._pipe.send((kind, content))
@@ -146,127 +157,11 @@ class HostedLink(Link):
                     self._failed = content
                 elif kind == "armed":
                     self._armed = content
+                    # A vehicle that may be armed again after a stop obeys again, unless it was stopped meanwhile.
+                    self._stopped = self._stopped and (content != "" or self._asked_at == -np.inf)
                 else:
-                    self._told_age, readings = content
+                    self._told_age, self.stopped_at, readings = content
                     self._told_at = time.monotonic()
                     self._readings += [Measurement(*reading) for reading in readings]
         except (EOFError, OSError):
             self._failed = self._failed or GONE
-
-
-def _main(pipe: Connection, opener: Opener, thrusters: int) -> None:
-    # Ctrl-C, a closed terminal and job control are for the autopilot: it ends, the pipe says so here, and the link is
-    # closed in order. Who ends this process itself gets the same.
-    os.setsid()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: sys.exit(0))
-    threading.excepthook = _ended
-    host(pipe, opener, thrusters)
-
-
-def host(pipe: Connection, opener: Opener, thrusters: int) -> None:
-    """Open a link and mind it until the autopilot at the other end of the pipe is gone; what fails is said there."""
-    try:
-        with opener() as link:
-            pipe.send(("open", None))
-            _Host(pipe, link, np.zeros(thrusters)).mind()
-    except LinkError as error:
-        _last_words(pipe, str(error))
-    except Exception as error:  # a driver's mistake: said where a user looks
-        _last_words(pipe, f"{type(error).__name__}: {error}")
-
-
-def _ended(what: threading.ExceptHookArgs) -> None:
-    """A vendor's thread ended by what came over the wire: one line instead of a traceback. The link notices itself."""
-    name = what.thread.name if what.thread else "?"
-    logger.warning("a thread of the link ended (%s): %s: %s", name, what.exc_type.__name__, what.exc_value)
-
-
-class _Host:
-    """Hands on commands and readings; commands that got old become zeros."""
-
-    def __init__(self, pipe: Connection, link: Link, off: np.ndarray):
-        self._pipe, self._link, self._off = pipe, link, off
-        self._came, self._live, self._told, self._slept = 0.0, False, 0.0, _asleep()
-        self._heard: deque[tuple[str, np.ndarray, float]] = deque(maxlen=BACKLOG)
-        self._answers: SimpleQueue[str] = SimpleQueue()
-
-    def mind(self) -> None:
-        """Until the autopilot is gone.
-
-        Raises:
-            LinkError: The vehicle is lost, or this computer has slept.
-        """
-        while True:
-            try:
-                self._obey(self._newest())
-                self._heard += [(r.sensor, r.value, r.t_valid) for r in self._link.read()]
-                self._report()
-            except (EOFError, OSError):
-                return
-
-    def _newest(self) -> tuple[float, np.ndarray] | None:
-        """The newest command that came, with when it was decided; arming and stopping are done at once."""
-        newest = None
-        if self._pipe.poll(POLL):
-            while self._pipe.poll():
-                kind, content = self._pipe.recv()
-                if kind == "command":
-                    newest = content
-                elif kind == "stop":
-                    self._link.stop()
-                elif kind == "arm":
-                    # It takes seconds, and commands must go on expiring.
-                    threading.Thread(target=lambda: self._answers.put(_arm(self._link)), daemon=True).start()
-        return newest
-
-    def _obey(self, newest: tuple[float, np.ndarray] | None) -> None:
-        if (nap := _asleep() - self._slept) > NAP:
-            self._link.stop()
-            raise LinkError(f"this computer slept for {nap:.0f} s: thrusters are off. Fly again")
-        now = time.monotonic()
-        if newest is not None:
-            self._came, u = newest  # one that waited in the pipe is as old as when it was decided
-            if now - self._came <= COMMAND_LIFE:
-                self._link.send(Command(u))  # type: ignore[arg-type]  (NumPy: it goes to a link)
-                self._live = True
-        if self._live and now - self._came > COMMAND_LIFE:
-            self._link.send(Command(self._off))  # type: ignore[arg-type]  (NumPy, as above)
-            self._live = False
-
-    def _report(self) -> None:
-        """Readings, and a sign of life. An autopilot that does not read must not keep us from minding the thrusters."""
-        now = time.monotonic()
-        if not (self._heard or now - self._told > SIGN_OF_LIFE) or not _writable(self._pipe):
-            return
-        slice_ = [self._heard.popleft() for _ in range(min(len(self._heard), AT_ONCE))]
-        self._pipe.send(("heard", (self._link.age, slice_)))
-        if not self._answers.empty():
-            self._pipe.send(("armed", self._answers.get()))
-        self._told = now
-
-
-def _writable(pipe: Connection) -> bool:
-    return bool(select.select([], [pipe], [], 0.0)[1])
-
-
-def _arm(link: Link) -> str:
-    """Arm a link; why it refused, or nothing."""
-    try:
-        link.arm()
-    except LinkError as error:
-        return str(error)
-    return ""
-
-
-def _asleep() -> float:
-    """For how long this computer has slept since it was started [s], as when its lid was closed."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
-
-
-def _last_words(pipe: Connection, text: str) -> None:
-    try:
-        pipe.send(("failed", text))
-    except OSError:
-        pass

@@ -11,14 +11,29 @@ SLIP = 0.25  # a loop that may let time go does so when it is later than this [s
 
 
 class Clock:
-    """Time since it was made [s], `speed` times as fast as the wall's; the same in other processes of this machine."""
+    """Time since it was made [s], `speed` times as fast as the wall's; the same in other processes of this machine.
+
+    Attributes:
+        speed: 0 stands still.
+    """
 
     def __init__(self, speed: float = 1.0):
         self.speed = speed
-        self._began = time.monotonic()
+        self._began, self._before = time.monotonic(), 0.0
 
     def __call__(self) -> float:
-        return (time.monotonic() - self._began) * self.speed
+        return self._before + (time.monotonic() - self._began) * self.speed
+
+    def run(self, speed: float) -> tuple[float, float, float]:
+        """Go on at another speed from now on; what a clock elsewhere has to `follow`."""
+        now = time.monotonic()
+        self._before += (now - self._began) * self.speed
+        self._began, self.speed = now, speed
+        return self._began, self._before, self.speed
+
+    def follow(self, pace: tuple[float, float, float]) -> None:
+        """Be the clock whose `run` gave this."""
+        self._began, self._before, self.speed = pace
 
 
 class Pace:
