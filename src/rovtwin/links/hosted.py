@@ -70,6 +70,11 @@ class HostedLink(Link):
         return process
 
     @property
+    def stopped(self) -> bool:
+        """Whether it was told to stop from here, and has not been armed since."""
+        return self._stopped
+
+    @property
     def pid(self) -> int | None:
         """Of the host process."""
         return self._process.pid

@@ -218,8 +218,8 @@ def below_surface(position: list[float], world: WorldSection, model: Model) -> l
     return [*position[:2], max(position[2], afloat(model))]
 
 
-def way_points(scenario: Scenario, model: Model) -> Mission:
-    """The mission's arrays; way-points on the map become places in n."""
+def way_points(scenario: Scenario, model: Model, pad_to: int = 16) -> Mission:
+    """The mission's arrays, padded to a multiple of so many rows; way-points on the map become places in n."""
     places = [below_surface(w.placed(scenario.origin), scenario.world, model) for w in scenario.waypoints]
     return mission_of(
         [
@@ -235,5 +235,6 @@ def way_points(scenario: Scenario, model: Model) -> Mission:
             }
             for w, place in zip(scenario.waypoints, places, strict=True)
         ],
+        pad_to=pad_to,
         where=scenario.mission.name if scenario.mission else "mission",
     )

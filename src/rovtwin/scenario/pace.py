@@ -31,6 +31,11 @@ class Clock:
         self._began, self.speed = now, speed
         return self._began, self._before, self.speed
 
+    def slip(self, seconds: float) -> tuple[float, float, float]:
+        """Give up so much of its time; what a clock elsewhere has to `follow`."""
+        self._before -= seconds
+        return self._began, self._before, self.speed
+
     def follow(self, pace: tuple[float, float, float]) -> None:
         """Be the clock whose `run` gave this."""
         self._began, self._before, self.speed = pace

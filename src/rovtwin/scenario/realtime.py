@@ -52,7 +52,9 @@ class HostAutopilot:
             return self._gives.flatten((output, memory))
 
         self._tick = in_one_piece(tick)
-        self._parameters = jax.jit(blocks.flatten)(autopilot)
+        self._flat_parameters, self._flat = jax.jit(blocks.flatten), jax.jit(self._gives.flatten)
+        self._output = Layout(output)
+        self._parameters = self._flat_parameters(autopilot)
         self.taken: np.ndarray
         self.given: np.ndarray
         self._nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
@@ -61,8 +63,23 @@ class HostAutopilot:
 
     def restart(self, memory: Any) -> None:
         """Begin anew with a memory, as that of another start; nothing is compiled."""
-        self._after = jax.jit(self._gives.flatten)((self._nothing, memory))
+        self._after = self._flat((self._nothing, memory))
         self.taken, self.given = self._pack(()), np.asarray(self._after)
+
+    def change(self, autopilot: Block, memory: Any) -> None:
+        """Go on with other parameters and another memory of the same shapes; what the last tick gave stays."""
+        self._parameters = self._flat_parameters(autopilot)
+        self._after = self._flat((self._gives.unflatten(self._after)[0], memory))
+
+    @property
+    def memory(self) -> Any:
+        """After the last tick."""
+        return self._gives.unflatten(self._after)[1]
+
+    @property
+    def output(self) -> AutopilotOutput:
+        """Of the last tick, NumPy."""
+        return self._output.unflatten(self.given[: self._output.size])
 
     def step(
         self,

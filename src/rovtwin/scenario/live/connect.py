@@ -14,6 +14,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
+from rovtwin.links.host import Opener
 from rovtwin.links.hosted import HostedLink
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.rotations import rotation_from_euler
@@ -125,9 +126,21 @@ def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) 
         LinkError: Nobody answers there.
     """
     url = Url.of(text, LINKS, "--link")
+    if url.scheme in HERE:
+        return HERE[url.scheme](url, scenario, clock)
+    return _hosted(opener(text, scenario, clock, observe), scenario)
+
+
+def opener(text: str, scenario: Scenario, clock: Clock, observe: bool = False) -> Opener:
+    """What opens the real vehicle at a URL in a process of its own, see `connect`.
+
+    Raises:
+        ConfigError: The URL cannot be used, or not for this vehicle.
+    """
+    url = Url.of(text, HOSTED, "--link")
     if observe and url.scheme == "blueye":
         return _blueye(url, scenario, clock, observe)
-    return LINKS[url.scheme](url, scenario, clock)
+    return HOSTED[url.scheme](url, scenario, clock)
 
 
 def source(text: str, clock: Clock) -> Source:
@@ -181,7 +194,7 @@ def _replay(url: Url, scenario: Scenario, clock: Clock) -> Link:
     return ReplayLink(Log.read(Path(url.rest)), len(vehicle_of(scenario).thruster_names), clock)
 
 
-def _hosted(opener: Callable[[], Link], scenario: Scenario) -> Link:
+def _hosted(opener: Opener, scenario: Scenario) -> Link:
     return HostedLink(opener, len(vehicle_of(scenario).thruster_names))
 
 
@@ -214,7 +227,7 @@ class _Blueye:
         return DoubleBlueyeLink(self.hosts, curves=curves, clock=self.clock, **rights)
 
 
-def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -> Link:
+def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -> Opener:
     hosts = tuple(host.strip() for host in url.rest.split(",") if host.strip())
     if ported := [host for host in hosts if ":" in host]:
         raise ConfigError(
@@ -240,7 +253,7 @@ def _blueye(url: Url, scenario: Scenario, clock: Clock, observe: bool = False) -
             "zero of its own. Take positions from --sensor"
         )
     rights = {"take_control": "take_control" in url.options, "position": "position" in url.options}
-    return _hosted(_Blueye(hosts, _thrusters(scenario), clock, observe, **rights), scenario)
+    return _Blueye(hosts, _thrusters(scenario), clock, observe, **rights)
 
 
 def _blueye_told(url: Url) -> str:
@@ -267,8 +280,8 @@ class _Mavlink:
         return MavlinkLink(self.url, shares(self.thrusters), clock=self.clock, readings=readings)
 
 
-def _mavlink(url: Url, scenario: Scenario, clock: Clock) -> Link:
-    return _hosted(_Mavlink(url.rest, _thrusters(scenario), clock, water_density(scenario)), scenario)
+def _mavlink(url: Url, scenario: Scenario, clock: Clock) -> Opener:
+    return _Mavlink(url.rest, _thrusters(scenario), clock, water_density(scenario))
 
 
 @dataclass(frozen=True)
@@ -297,9 +310,9 @@ class _Ros2:
         )
 
 
-def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Link:
+def _ros2(url: Url, scenario: Scenario, clock: Clock) -> Opener:
     namespace, exposed = url.rest.strip("/") or "rov", "expose" in url.options
-    return _hosted(_Ros2(namespace, _thrusters(scenario), clock, exposed, water_density(scenario)), scenario)
+    return _Ros2(namespace, _thrusters(scenario), clock, exposed, water_density(scenario))
 
 
 def _dvl(url: Url, clock: Clock) -> Source:
@@ -370,13 +383,9 @@ def _qtm_told(url: Url) -> str:
     )
 
 
-LINKS: dict[str, Callable[[Url, Scenario, Clock], Link]] = {
-    "blueye": _blueye,
-    "mavlink": _mavlink,
-    "ros2": _ros2,
-    "twin": _twin,
-    "replay": _replay,
-}
+HOSTED: dict[str, Callable[[Url, Scenario, Clock], Opener]] = {"blueye": _blueye, "mavlink": _mavlink, "ros2": _ros2}
+HERE: dict[str, Callable[[Url, Scenario, Clock], Link]] = {"twin": _twin, "replay": _replay}
+LINKS = HOSTED | HERE
 SOURCES: dict[str, Callable[[Url, Clock], Source]] = {"ugps": _ugps, "dvl": _dvl, "qtm": _qtm}
 _TOLD: dict[str, Callable[[Url], str]] = {
     "blueye": _blueye_told,

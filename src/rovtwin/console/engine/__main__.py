@@ -1,0 +1,60 @@
+"""`python -m rovtwin.console.engine`: the process that `rovtwin console` starts, and that outlives it."""
+
+import argparse
+import fcntl
+import json
+import logging
+import os
+import signal
+import sys
+from pathlib import Path
+
+from rovtwin.console.wire import Place
+
+
+def main() -> None:
+    """Fly until an operator says quit, or somebody ends the process."""
+    parser = argparse.ArgumentParser(prog="rovtwin.console.engine")
+    parser.add_argument("--place", type=Path, required=True)
+    parser.add_argument("--scenario", type=Path, required=True)
+    parser.add_argument("--link", default="twin://")
+    parser.add_argument("--sensor", action="append", default=[])
+    parser.add_argument("--speed", type=float, default=1.0)
+    parser.add_argument("--runs", type=Path, default=Path("runs"))
+    given = parser.parse_args()
+    place = Place(given.place)
+    logging.basicConfig(level=logging.WARNING)
+    lock = (place.folder / "lock").open("w")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        sys.exit(f"{place.folder}: an engine is there already")
+    note = {"pid": os.getpid(), "link": given.link}
+    place.note.write_text(json.dumps(note), encoding="utf-8")
+
+    from rovtwin.console.engine.bridge import Bridge
+    from rovtwin.console.engine.engine import Engine
+    from rovtwin.console.engine.vessel import Wanted
+    from rovtwin.scenario.files import load_scenario
+
+    scenario = load_scenario(str(given.scenario), (), None)
+    note["scenario"] = scenario.name
+    place.note.write_text(json.dumps(note), encoding="utf-8")
+    wanted = Wanted(scenario, given.link, tuple(given.sensor), place.stop)
+    engine = Engine(wanted, place.news, given.speed, given.runs)
+    bridge = Bridge(engine, place.orders)
+
+    def end(*_: object) -> None:
+        engine.over = True
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, end)
+    try:
+        engine.run(bridge.obey, bridge.wait)
+    finally:
+        bridge.close()
+        place.note.unlink(missing_ok=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""What an operator should know at once: each alert with its cause and its remedy."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rovtwin.core.flow import PHASES
+
+# By core.flow.REASONS: why the supervisor acted, and what to do.
+REMEDIES = {
+    "not a number": ("the estimate broke down", "disarm, check the sensors in the log, start anew"),
+    "operator": ("you aborted", "Hold switches the thrusters on again where the vehicle is"),
+    "depth limit": ("deeper than the supervisor allows", "Hold, then come up; or raise the depth limit"),
+    "attitude limit": ("roll or pitch beyond the limit", "check ballast and tether; Hold when it is level"),
+    "estimate lost": ("the position became too uncertain", "bring back positions, then Hold"),
+    "leak": ("water comes in", "recover the vehicle now"),
+    "battery critical": ("the battery is nearly empty", "recover the vehicle"),
+    "filter diverged": ("positions contradict the model", "check the positioning and the vehicle's parameters"),
+    "positions lost": ("no position that could be believed", "check the positioning, then Hold"),
+    "thruster failed": ("too few thrusters are left", "recover the vehicle; it cannot hold itself"),
+    "saturated": ("thrusters cannot give what is needed", "less current, less speed, or another heading"),
+    "link lost": ("the vehicle was not heard", "check tether and network"),
+    "deadline missed": ("this computer is too slow or too busy", "close other programs"),
+    "battery low": ("the battery is low", "let it come home"),
+    "geofence": ("outside the fence", "Hold, then pilot it back inside"),
+    "altitude limit": ("too close to the floor", "Hold, then pilot it up"),
+    "time out": ("the mission took longer than allowed", "check the path; raise the time limit"),
+    "operator silent": ("nobody in control was heard", "take control, then Resume"),
+    "sensor silent": ("attitude or depth is not told any more", "check the vehicle's sensors"),
+    "no way home": ("the vehicle does not get nearer", "check tether and current; pilot it"),
+}
+SILENT = 3.0  # a position older than this is worth a word [s]
+
+
+@dataclass(frozen=True)
+class Alert:
+    """`level` is "warning" or "danger"."""
+
+    level: str
+    what: str
+    cause: str
+    remedy: str
+
+
+def alerts(state: dict[str, Any], thrusters: list[str]) -> list[dict[str, str]]:
+    """What is worth a word in a state, the gravest first."""
+    found = [*_of_stop(state), *_of_supervisor(state), *_of_sensors(state), *_of_thrusters(state, thrusters)]
+    return [asdict(alert) for alert in sorted(found, key=lambda alert: alert.level != "danger")]
+
+
+def _of_stop(state: dict[str, Any]) -> list[Alert]:
+    if not state["stopped"]:
+        return []
+    return [Alert("danger", "STOPPED: thrusters are off", "somebody pressed STOP", "Arm when it is safe to go on")]
+
+
+def _of_supervisor(state: dict[str, Any]) -> list[Alert]:
+    reason = state["reason"]
+    if not reason or reason not in REMEDIES:
+        return []
+    cause, remedy = REMEDIES[reason]
+    level = "danger" if state["phase"] in (PHASES[i] for i in (7, 11, 12)) else "warning"
+    return [Alert(level, f"{state['phase']}: {reason}", cause, remedy)]
+
+
+def _of_sensors(state: dict[str, Any]) -> list[Alert]:
+    found, sensors = [], state["sensors"]
+    age = sensors.get("position", {}).get("age")
+    if age is not None and age > SILENT:
+        found.append(Alert("warning", f"no position for {age:.0f} s", "the positioning is silent", "check it"))
+    if state["link_age"] > 1.0:
+        text = f"vehicle not heard for {state['link_age']:.0f} s"
+        found.append(Alert("danger", text, "the link is broken or the vehicle is off", "check tether and network"))
+    leak = sensors.get("leak", {}).get("value")
+    if leak and leak[0] > 0.5:
+        found.append(Alert("danger", "LEAK", "water comes in", "recover the vehicle now"))
+    return found
+
+
+def _of_thrusters(state: dict[str, Any], names: list[str]) -> list[Alert]:
+    lost = [name for name, share in zip(names, state["health"], strict=False) if share < 0.5]
+    if not lost:
+        return []
+    cause = "the force that should be there is missing"
+    return [Alert("warning", f"no longer used: {', '.join(lost)}", cause, "recover it, check the propeller")]

@@ -1,0 +1,207 @@
+"""The bridge: what each order does, and why it is refused."""
+
+import json
+import time
+from typing import Any
+
+import numpy as np
+import zmq
+
+from rovtwin.console import orders
+from rovtwin.console.engine.engine import Engine
+from rovtwin.console.engine.vessel import Vessel
+from rovtwin.console.wire import FRESH, encode
+from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.core.flow import Mission
+from rovtwin.core.numerics import as_array
+from rovtwin.gnc.rules import inside
+from rovtwin.scenario.inside import require_inside
+from rovtwin.scenario.schema import Scenario, Waypoint
+
+ANY_AGE = ("stop", "disarm", "abort", "quit")  # orders that are right however long they waited
+
+
+class Bridge:
+    """Takes orders for an engine and answers them."""
+
+    def __init__(self, engine: Engine, address: str):
+        self._engine = engine
+        self._socket = zmq.Context.instance().socket(zmq.ROUTER)
+        self._socket.bind(address)
+        self._sent = 0.0
+
+    def wait(self, seconds: float) -> None:
+        """Until an order comes, that long at most."""
+        if seconds > 1e-3:
+            self._socket.poll(int(1e3 * seconds))
+        elif seconds > 0:
+            time.sleep(seconds)
+
+    def obey(self) -> None:
+        """All orders that have come."""
+        while self._socket.poll(0):
+            who, *_, text = self._socket.recv_multipart()
+            answer = self.answer(text)
+            if answer is not None:
+                self._socket.send_multipart([who, encode(answer)])
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def answer(self, text: bytes) -> dict[str, Any] | None:
+        """Do what one says; what to reply, nothing where nobody asked to be told."""
+        try:
+            message = json.loads(text)
+            order = orders.parse(message)
+        except ValueError as error:
+            return {"id": None, "ok": False, "error": f"not understood: {error}"}
+        number, sent = message.get("id"), message.get("sent")
+        timed = isinstance(sent, int | float)
+        self._sent = float(sent) if timed else time.monotonic()
+        if (not timed or time.monotonic() - sent > FRESH) and order.do not in ANY_AGE:
+            return {"id": number, "ok": False, "error": "too old: the autopilot was busy. Ask again"}
+        try:
+            getattr(self, f"_{order.do}")(order)
+        except RovtwinError as error:
+            return {"id": number, "ok": False, "error": str(error)}
+        return None if number is None else {"id": number, "ok": True}
+
+    def _underway(self) -> Vessel:
+        vessel = self._engine.vessel
+        if not self._engine.armed:
+            raise ConfigError("not armed: press Arm first")
+        return vessel
+
+    def _alive(self, order: Any) -> None:
+        self._engine.operator_heard()
+
+    def _stop(self, order: Any) -> None:
+        self._engine.stop()
+
+    def _quit(self, order: Any) -> None:
+        self._engine.over = True
+
+    def _reconnect(self, order: Any) -> None:
+        if self._engine.armed:
+            raise ConfigError("armed: disarm before you connect anew")
+        self._engine.reconnect()
+
+    def _arm(self, order: Any) -> None:
+        if self._engine.armed or self._engine.arming:
+            raise ConfigError("armed already")
+        if not self._engine.may_arm:
+            # A real vehicle's link that was stopped stays so: a new one is opened, and the operator asks once more.
+            self._engine.reconnect()
+            raise ConfigError("the link was stopped: connecting anew. Press Arm again once the sensors are heard")
+        self._engine.arm(self._sent)
+
+    def _disarm(self, order: Any) -> None:
+        self._engine.disarm()
+
+    def _start(self, order: Any) -> None:
+        vessel = self._underway()
+        if not self._engine.submitted:
+            raise ConfigError("no plan was submitted: submit one first")
+        if vessel.helm.is_running:
+            raise ConfigError("a mission is under way already: hold or abort it first")
+        self._engine.fly(self._checked(self._engine.plan), len(self._engine.plan))
+        self._engine.event("info", f"mission started: {len(self._engine.plan)} way-points")
+
+    def _goto(self, order: orders.Goto) -> None:
+        vessel = self._underway()
+        depth = max(float(vessel.helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
+        there = Waypoint(position=[order.x, order.y, depth], speed=order.speed)
+        self._engine.fly(self._checked([there]), 1)
+        self._engine.event("info", f"going to north {order.x:.1f} m, east {order.y:.1f} m, depth {depth:.1f} m")
+
+    def _pause(self, order: Any) -> None:
+        self._underway().helm.pause()
+        self._engine.event("info", "paused")
+
+    def _resume(self, order: Any) -> None:
+        helm = self._underway().helm
+        if helm.is_idle or not self._engine.count:
+            raise ConfigError("nothing to resume: start a mission first")
+        helm.resume()
+        self._engine.event("info", "resumed")
+
+    def _abort(self, order: Any) -> None:
+        self._underway().helm.abort()
+        self._engine.event("warning", "aborted: thrusters off")
+
+    def _hold(self, order: Any) -> None:
+        self._underway().helm.hold()
+        self._engine.event("info", "holding station")
+
+    def _pilot(self, order: orders.Pilot) -> None:
+        helm = self._underway().helm
+        if not helm.is_piloted:
+            helm.pilot()
+            self._engine.event("info", "piloted by hand")
+        sticks = np.array([order.surge, order.sway, order.heave, order.yaw])
+        self._engine.wish(sticks * helm.fastest)
+
+    def _submit(self, order: orders.Submit) -> None:
+        if self._engine.vessel.helm.is_running:
+            raise ConfigError("a mission is under way: hold or abort it before you submit another")
+        self._checked(order.waypoints)
+        self._engine.submit(order.waypoints)
+
+    def _checked(self, waypoints: list[Waypoint]) -> Mission:
+        """The mission, if it can be flown here.
+
+        Raises:
+            ConfigError: It leads out of the tank or the fence, too deep, or needs an altimeter that there is not.
+        """
+        vessel, scenario = self._engine.vessel, self._engine.scenario_with(waypoints)
+        limit = scenario.autopilot.supervisor.deepest
+        for i, waypoint in enumerate(scenario.waypoints):
+            if waypoint.depth >= limit:
+                raise ConfigError(f"way-point {i + 1}: found {waypoint.depth:g} m deep, expected less than {limit:g} m")
+            if waypoint.altitude and not vessel.helm.has_terrain:
+                raise ConfigError(f"way-point {i + 1}: has an altitude, but there is no altimeter on board")
+        require_inside(scenario, vessel.composed.model)
+        require_fenced(scenario)
+        return vessel.helm.mission_of(scenario)
+
+    def _pace(self, order: orders.Pace) -> None:
+        if not self._engine.is_twin:
+            raise ConfigError("a real vehicle's time cannot be paused or run faster")
+        self._engine.run_at(order.speed, order.running)
+
+    def _inject(self, order: orders.Inject) -> None:
+        if not self._engine.is_twin:
+            raise ConfigError("nothing can be broken in a real vehicle from here")
+        vessel = self._engine.vessel
+        told, text = _fault(order, vessel.composed.thruster_names, vessel.composed.sensor_names)
+        vessel.link.tell(told)
+        self._engine.event("warning", f"injected: {text}")
+
+
+def _fault(order: orders.Inject, thrusters: list[str], sensors: list[str]) -> tuple[tuple[Any, ...], str]:
+    """A fault as the twin is told of it, and for people."""
+    if order.fault == "thruster":
+        if order.thruster is None or order.thruster >= len(thrusters):
+            raise ConfigError(f"inject.thruster: found {order.thruster}, expected 0 to {len(thrusters) - 1}")
+        text = f"{thrusters[order.thruster]} gives {100 * order.share:.0f} % of its force"
+        return ("thruster", order.thruster, order.share), text
+    if order.fault == "sensor":
+        if order.sensor not in sensors:
+            raise ConfigError(f"inject.sensor: found {order.sensor!r}, expected one of {', '.join(sensors)}")
+        return ("sensor", order.sensor, order.works), f"{order.sensor} {'works' if order.works else 'is silent'}"
+    north, east = order.current or (0.0, 0.0)
+    return ("current", north, east), f"a current of {np.hypot(north, east):.2f} m/s more"
+
+
+def require_fenced(scenario: Scenario) -> None:
+    """Raise ConfigError where a way-point lies outside the supervisor's fence."""
+    fence, start = scenario.autopilot.supervisor.geofence, np.array(scenario.start.position)
+    for i, waypoint in enumerate(scenario.waypoints):
+        place = np.array(waypoint.placed(scenario.origin))
+        away = float(np.linalg.norm((place - start)[:2]))
+        if fence.limit is not None and away > fence.limit:
+            raise ConfigError(
+                f"way-point {i + 1}: found {away:.1f} m from the start, expected at most {fence.limit:g} m (the fence)"
+            )
+        if fence.polygon is not None and not inside(as_array(fence.polygon), as_array(place[:2])):
+            raise ConfigError(f"way-point {i + 1}: found it outside the fence, expected it inside: move it")

@@ -1,0 +1,72 @@
+"""The log of a flight, from arming to disarming: the same files as `rovtwin fly --link` leaves."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.console.engine.helm import Helm
+from rovtwin.core.jsontext import to_json
+from rovtwin.core.log import LogWriter
+from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.flight import new_folder
+from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
+from rovtwin.scenario.provenance import provenance, scenario_to_replay
+from rovtwin.scenario.schema import Scenario
+
+CHUNK = 1.0  # written as often [s]
+
+
+class FlightLog:
+    """A run folder that fills while the vehicle is armed.
+
+    Attributes:
+        folder: Where it lies.
+    """
+
+    def __init__(self, scenario: Scenario, composed: Composed, helm: Helm, folder: Path):
+        """Raises ConfigError or LogError where the folder cannot be written."""
+        self.folder = new_folder(folder)
+        self._composed, self._helm = composed, helm
+        text = dump_scenario(scenario_to_replay(scenario, composed, self.folder))
+        metadata = provenance(scenario, composed) | {"live": "true", "thrust": "true", "scenario": text}
+        (self.folder / "scenario.yaml").write_text(text, encoding="utf-8")
+        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
+        self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
+        self._recorder = LiveRecorder(scenario, self._log.write_many)
+        self._rows: list[Any] = []
+        self._chunk = round(CHUNK / scenario.control_dt)
+
+    def add(self, late_ms: float, link_age: float) -> None:
+        """The helm's last tick."""
+        self._rows.append((*self._helm.row, (late_ms, link_age, 1.0)))
+        if len(self._rows) >= self._chunk:
+            self._flush()
+
+    def close(self, ending: str) -> dict[str, Any]:
+        """Write what is left and how it ended; the summary."""
+        self._flush()
+        summary = self._summary(ending)
+        self._log.annotate({"summary": to_json(summary)})
+        self._log.close()
+        (self.folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+        return summary
+
+    def _flush(self) -> None:
+        if self._rows:
+            taken, given, host = zip(*self._rows, strict=True)
+            measurements, decided = self._helm.unpacked(taken, given)
+            self._recorder.take(measurements, decided, np.array(host))
+            self._rows = []
+
+    def _summary(self, ending: str) -> dict[str, Any]:
+        if not self._recorder.seconds:
+            return {"completed": False, "phase": "idle", "reason": ending, "decisions": []}
+        flown = self._recorder.flown()
+        figures = live_figures(flown)
+        return figures | {
+            "reason": "" if figures["completed"] else figures["reason"] or ending,
+            "decisions": decisions(flown, self._composed.thruster_names),
+        }

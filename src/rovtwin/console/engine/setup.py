@@ -1,0 +1,52 @@
+"""What does not change while an engine flies: the vehicle, the room around it, the fence."""
+
+from typing import Any
+
+import numpy as np
+
+from rovtwin.console.engine.vessel import Wanted
+from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.live.readiness import Readiness
+from rovtwin.scenario.schema import Scenario
+
+
+def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[str, Any]:
+    """The message that tells it."""
+    scenario = wanted.scenario
+    corners = np.asarray(composed.model.hull.corners)
+    return {
+        "kind": "setup",
+        "vehicle": composed.vehicle.name,
+        "thrusters": composed.thruster_names,
+        "sensors": composed.sensor_names,
+        "twin": wanted.is_twin,
+        "camera": wanted.is_twin and bool(scenario.cameras),
+        "room": _room(scenario),
+        "fence": _fence(scenario),
+        "deepest": scenario.autopilot.supervisor.deepest,
+        "home": np.asarray(readiness.start.position),
+        "size": np.ptp(corners, axis=0) if len(corners) else [0.5, 0.5, 0.3],
+        "missing": list(readiness.missing),
+        "waves": _waves(scenario),
+    }
+
+
+def _room(scenario: Scenario) -> dict[str, Any]:
+    world = scenario.world
+    if world.tank is None:
+        return {"kind": "open", "floor": world.floor}
+    return {"kind": "tank", "x": list(world.tank.north), "y": list(world.tank.east), "floor": world.floor}
+
+
+def _fence(scenario: Scenario) -> dict[str, Any] | None:
+    fence = scenario.autopilot.supervisor.geofence
+    if fence.limit is None and fence.polygon is None:
+        return None
+    return {"radius": fence.limit, "polygon": fence.polygon}
+
+
+def _waves(scenario: Scenario) -> dict[str, Any] | None:
+    waves = scenario.world.waves
+    height = getattr(waves, "significant_height", None)
+    direction = getattr(waves, "direction_deg", None)
+    return None if height is None else {"height": height, "direction": np.radians(direction or 0.0)}

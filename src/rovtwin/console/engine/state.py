@@ -1,0 +1,123 @@
+"""What the engine tells twenty times a second, from the last tick's output and readings."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from rovtwin.console.engine.world import TRUTH
+from rovtwin.core.flow import PHASES, REASONS, AutopilotOutput, Measurement
+
+WINDOW = 10.0  # over which innovations are compared with what the filter says of itself [s]
+TOLD = ("position", "pressure", "attitude", "dvl", "altimeter", "battery", "leak")  # sensors whose values are shown
+
+
+class Hearing:
+    """When each sensor was last heard, and what it said; and the truth of which time, where somebody tells it."""
+
+    def __init__(self, names: list[str]):
+        self._last: dict[str, tuple[float, np.ndarray | None]] = {name: (-np.inf, None) for name in names}
+        self.truth: np.ndarray | None = None
+        self.truth_at = -np.inf
+        self._news: list[Measurement] = []
+
+    def take(self, readings: list[Measurement], t: float) -> None:
+        """What came by the time t."""
+        self._news += readings
+        for reading in readings:
+            if reading.sensor == TRUTH:
+                self.truth, self.truth_at = reading.value, reading.t_valid
+            elif reading.sensor in self._last:
+                self._last[reading.sensor] = (t, reading.value)
+
+    def news(self) -> list[Measurement]:
+        """What came since this was last asked."""
+        news, self._news = self._news, []
+        return news
+
+    def told(self, t: float) -> dict[str, Any]:
+        """Age [s] of every sensor, and values of those that people look at."""
+        found = {}
+        for name, (heard, value) in self._last.items():
+            shown = value if name in TOLD else None
+            found[name] = {"age": t - heard if value is not None else None, "value": shown}
+        return found
+
+
+class Consistency:
+    """Normalised innovations squared of each sensor over a window, beside what chance allows (95 %)."""
+
+    def __init__(self, names: list[str]):
+        self._names = sorted(names)
+        self._kept: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
+        self._told: dict[str, Any] = {}
+        self._judged = -np.inf
+
+    def take(self, t: float, output: AutopilotOutput) -> None:
+        """A tick's innovations."""
+        nis, dof = np.asarray(output.estimate.nis), np.asarray(output.estimate.nis_dof)
+        if np.any(dof):
+            self._kept.append((t, nis, dof))
+
+    def told(self, t: float) -> dict[str, Any]:
+        """Mean per scalar innovation, their number, and the band that it should lie in; renewed once a second."""
+        if t - self._judged >= 1.0 or t < self._judged:
+            self._judged = t
+            while self._kept and self._kept[0][0] < t - WINDOW:
+                self._kept.popleft()
+            if self._kept:
+                _, nis, dof = zip(*self._kept, strict=True)
+                self._told = _judged(self._names, np.sum(nis, axis=0), np.sum(dof, axis=0))
+        return self._told
+
+
+def _judged(names: list[str], nis: np.ndarray, dof: np.ndarray) -> dict[str, Any]:
+    found = {}
+    for name, total, count in zip(names, nis, dof, strict=False):
+        if count > 0:
+            low, high = chi2.ppf([0.025, 0.975], count) / count
+            found[name] = [total / count, count, low, high]
+    return found
+
+
+def flown(output: AutopilotOutput, waypoints: int) -> dict[str, Any]:
+    """What the autopilot believes, wants and does."""
+    estimate, setpoint, reference = output.estimate, output.setpoint, output.reference
+    variance = np.diagonal(estimate.covariance)[:6]
+    on_leg, leg_end = bool(setpoint.on_leg), np.asarray(setpoint.leg_end)
+    to_go = float(np.linalg.norm(leg_end - estimate.eta[:3]))
+    return {
+        "phase": PHASES[int(setpoint.phase)],
+        "reason": REASONS[int(setpoint.reason)],
+        "eta": estimate.eta,
+        "nu": estimate.nu,
+        "sd": np.sqrt(np.maximum(variance, 0.0)),
+        "ellipse": estimate.covariance[:2, :2],
+        "wave": estimate.wave,
+        "bias": estimate.bias,
+        "reference": reference.eta,
+        "reference_rate": reference.eta_dot,
+        "setpoint": setpoint.eta,
+        "leg": [setpoint.leg_start, leg_end],
+        "on_leg": on_leg,
+        "waypoint": int(setpoint.waypoint),
+        "count": waypoints,
+        "to_go": to_go,
+        "u": output.command.u,
+        "health": output.health,
+        "tau": output.wrench.tau,
+        "progress": _progress(setpoint, waypoints, to_go),
+    }
+
+
+def _progress(setpoint: Any, waypoints: int, to_go: float) -> float:
+    """Share of the way-points behind, and of the leg."""
+    phase = PHASES[int(setpoint.phase)]
+    if phase == "finished":
+        return 1.0
+    if not waypoints or phase == "idle":
+        return 0.0
+    length = float(np.linalg.norm(np.asarray(setpoint.leg_end) - np.asarray(setpoint.leg_start)))
+    along = min(max(1.0 - to_go / length, 0.0), 1.0) if length > 0.0 else 0.0
+    return min((int(setpoint.waypoint) + along) / waypoints, 1.0)

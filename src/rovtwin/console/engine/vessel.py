@@ -1,0 +1,128 @@
+"""The vehicle of an engine, made ready beside its loop: host process, compiled autopilot, sensors heard."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.world import WorldOpener
+from rovtwin.core.errors import RovtwinError
+from rovtwin.core.link import Source
+from rovtwin.links.hosted import CONNECTING, HostedLink
+from rovtwin.scenario.composition import Composed, compose, vehicle_of
+from rovtwin.scenario.live.connect import opener, source
+from rovtwin.scenario.live.readiness import Ears, Readiness, listen
+from rovtwin.scenario.pace import Clock
+from rovtwin.scenario.schema import Scenario
+
+TWIN = "twin://"
+COMPILING = 240.0  # longest wait for a twin, which is compiled first [s]
+
+Say = Callable[[str, str], None]  # stage, note
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to fly: a scenario, the vehicle's URL (`twin://` for a computed one), instruments beside it."""
+
+    scenario: Scenario
+    link: str
+    sensors: tuple[str, ...]
+    stop_at: Path
+
+    @property
+    def is_twin(self) -> bool:
+        return self.link == TWIN
+
+
+@dataclass
+class Vessel:
+    """A vehicle that is heard."""
+
+    link: HostedLink
+    sources: list[Source]
+    ears: Ears
+    readiness: Readiness
+    helm: Helm
+    composed: Composed
+
+    def close(self) -> None:
+        """Stop the thrusters and let go of it."""
+        self.link.close()
+        for one in self.sources:
+            one.close()
+
+
+class Shipyard:
+    """Makes vessels in a thread of its own, so that the loop goes on telling and obeying.
+
+    Attributes:
+        clock: That readings are stamped with; of a twin it stands until the vessel is ready.
+    """
+
+    def __init__(self, wanted: Wanted, speed: float, say: Say):
+        self.wanted, self.clock = wanted, Clock(0.0 if wanted.is_twin else speed)
+        self._speed, self._say = speed, say
+        self._made: Vessel | None = None
+        self._helm: tuple[Composed, Helm] | None = None
+        self._thread: threading.Thread | None = None
+
+    def begin(self) -> None:
+        """Start to make one, unless one is being made."""
+        if self._thread is None or not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._make, daemon=True, name="making ready")
+            self._thread.start()
+
+    def ready(self) -> Vessel | None:
+        """The vessel, once."""
+        made, self._made = self._made, None
+        return made
+
+    def _make(self) -> None:
+        try:
+            self._made = self._vessel()
+        except RovtwinError as error:
+            self._say("lost", str(error))
+        except Exception as error:  # a mistake of ours or of a driver: the operator has to see it, not a log
+            self._say("lost", f"{type(error).__name__}: {error}")
+
+    def _vessel(self) -> Vessel:
+        wanted = self.wanted
+        self._say("connecting", f"opening {wanted.link}, compiling the autopilot")
+        with ThreadPoolExecutor(1) as pool:
+            opening = pool.submit(self._open)
+            try:
+                composed, helm = self._helm or self._compiled()
+            except BaseException:
+                opening.add_done_callback(lambda done: done.exception() or done.result().close())
+                raise
+            self._helm = composed, helm
+            link = opening.result()
+        sources: list[Source] = []
+        try:
+            sources += [source(url, self.clock) for url in wanted.sensors]
+            if wanted.is_twin:
+                link.tell(("pace", *self.clock.run(self._speed)))
+            ears = Ears(link, sources)
+            self._say("listening", "waiting for the sensors")
+            names = composed.sensor_names
+            readiness = listen(ears, names, lambda text: self._say("listening", text), self._speed)
+        except BaseException:
+            link.close()
+            raise
+        return Vessel(link, sources, ears, readiness, helm, composed)
+
+    def _open(self) -> HostedLink:
+        wanted = self.wanted
+        if wanted.is_twin:
+            made, patience = WorldOpener(wanted.scenario, self.clock), COMPILING
+        else:
+            made, patience = opener(wanted.link, wanted.scenario, self.clock), CONNECTING
+        return HostedLink(made, len(vehicle_of(wanted.scenario).thruster_names), wanted.stop_at, patience)
+
+    def _compiled(self) -> tuple[Composed, Helm]:
+        # Nothing breaks by a time-line where an operator may break it by hand.
+        composed = compose(self.wanted.scenario)
+        return composed, Helm(composed, self.wanted.scenario)

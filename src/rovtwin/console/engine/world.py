@@ -1,0 +1,116 @@
+"""The twin behind a link of its own process, with what only a simulated world can do: pause, run fast, break."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.link import Link
+from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.links.twin import TwinLink
+from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.pace import Clock
+from rovtwin.scenario.schema import Scenario
+from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent
+from rovtwin.simulation.twin import Twin, TwinInput, TwinOutput
+
+LEASH = 0.1  # how far the vehicle goes on without a word from the autopilot [s]
+TRUTH = "truth"  # a reading that no real vehicle gives: eta (6,), water velocity in n (3,), moving surface's height
+
+
+class WorldLink(TwinLink):
+    """A twin that takes orders (`tell`), says the truth beside its readings, and may be armed again after a stop.
+
+    Orders are `(what, *values)`: `("pace", began, before, speed)` from `Clock.run`, `("thruster", number, share)`,
+    `("sensor", name, works)`, `("current", north, east)` [m/s] beside the world's own.
+    """
+
+    def __init__(self, composed: Composed, dt: float, clock: Clock):
+        self._clock_ = clock
+        self._twin = breakable(composed.loop.twin)
+        self._healthy = self._twin.model.thrusters.health
+        self._silent: set[str] = set()
+        memory = self._twin.init(jax.random.split(composed.key)[1], composed.start)
+        self._step = jax.jit(lambda twin, memory, u, k: _moved(twin, memory, u, k, dt))
+        self._truth = np.zeros(10)
+        super().__init__(self._advance_, memory, self._healthy.shape[0], dt, clock)
+        self._stopped = True  # until it is armed, it waits for nobody
+        self._step(self._twin, memory, jnp.zeros_like(self._healthy), 0)  # compiled before anybody waits for it
+
+    def _advance_(self, memory: Any, command: Command, k: int) -> Any:
+        memory, measurements, truth = self._step(self._twin, memory, command.u, k)
+        self._truth = np.asarray(truth)
+        return memory, measurements
+
+    def read(self) -> list[Measurement]:
+        before = self.tick
+        if self._leashed():
+            return []
+        found = [reading for reading in super().read() if reading.sensor not in self._silent]
+        if self.tick > before:
+            found.append(Measurement(TRUTH, self._truth, self.tick * self._period))
+        return found
+
+    def _leashed(self) -> bool:
+        """Whether to wait for the autopilot: faster than real time a vehicle must not outrun it."""
+        return self._clock_.speed > 1.0 and not self._stopped and self._now() - self._sent > LEASH
+
+    def arm(self) -> None:
+        if self._closed:
+            raise LinkError("the twin: closed before it was armed")
+        self._stopped, self._sent = False, self._now()
+
+    def tell(self, order: tuple[Any, ...]) -> None:
+        """Do what an order says; one that there is not is a programming mistake."""
+        what, *values = order
+        if what == "pace":
+            self._clock_.follow((values[0], values[1], values[2]))
+        elif what == "thruster":
+            health = self._twin.model.thrusters.health.at[values[0]].set(self._healthy[values[0]] * values[1])
+            self._twin = eqx.tree_at(lambda twin: twin.model.thrusters.health, self._twin, health)
+        elif what == "sensor":
+            (self._silent.discard if values[1] else self._silent.add)(values[0])
+        elif what == "current":
+            self._twin = eqx.tree_at(_added, self._twin, as_array([*values, 0.0]))
+        else:
+            raise ValueError(f"order {what!r}")
+
+
+def breakable(twin: Twin) -> Twin:
+    """The same twin with room for a current beside its own, so that turning one on compiles nothing."""
+    extra = ConstantCurrent(np.zeros(3))  # type: ignore[arg-type]  (converted)
+    current = extra if twin.world.current is None else CombinedCurrent((twin.world.current, extra))
+    return eqx.tree_at(lambda t: t.world.current, twin, current, is_leaf=lambda leaf: leaf is None)
+
+
+def _added(twin: Twin) -> Any:
+    current: Any = twin.world.current
+    while isinstance(current, CombinedCurrent):
+        current = current.parts[-1]
+    return current.velocity
+
+
+def _moved(twin: Twin, memory: Any, u: Any, k: Any, dt: float) -> Any:
+    memory, moved = twin.step(memory, TwinInput(Command(u), k), dt)
+    return memory, moved.measurements, _told(moved)
+
+
+def _told(moved: TwinOutput) -> Any:
+    state, water = moved.state, moved.environment
+    surface = jnp.zeros(1) if water.surface is None else jnp.reshape(water.surface, 1)
+    return jnp.concatenate([state.position, euler_from_quaternion(state.attitude), water.velocity, surface])
+
+
+@dataclass(frozen=True)
+class WorldOpener:
+    """Opens a scenario's twin in the host's process; its clock stands until it is told otherwise."""
+
+    scenario: Scenario
+    clock: Clock
+
+    def __call__(self) -> Link:
+        return WorldLink(compose(self.scenario), self.scenario.control_dt, self.clock)

@@ -1,0 +1,78 @@
+"""Between the engine and the web server: where they meet, and how messages look on the way.
+
+Sockets lie in a folder that only its owner may enter, so that nobody else of this machine, and nobody of another one,
+can reach the autopilot. The engine publishes JSON texts with a "kind" and answers orders, JSON texts with a "do".
+"""
+
+import json
+import math
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+
+FRESH = 1.0  # an order older than this is not obeyed: it waited for an autopilot that hung [s]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an engine and its web servers meet: a folder for each port of the console."""
+
+    folder: Path
+
+    @classmethod
+    def of(cls, port: int) -> "Place":
+        """The place of the console on a port; made where it is not there.
+
+        Raises:
+            ConfigError: It belongs to somebody else.
+        """
+        folder = Path(tempfile.gettempdir()) / f"rovtwin-{os.getuid()}-{port}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.stat()
+        if found.st_uid != os.getuid() or found.st_mode & 0o077:
+            raise ConfigError(f"{folder}: found it open to others, expected it to be yours alone; remove it")
+        return cls(folder)
+
+    @property
+    def news(self) -> str:
+        """Where the engine publishes."""
+        return f"ipc://{self.folder / 'news'}"
+
+    @property
+    def orders(self) -> str:
+        """Where it takes orders."""
+        return f"ipc://{self.folder / 'orders'}"
+
+    @property
+    def stop(self) -> Path:
+        """Socket of the link's host at which any message stops the thrusters."""
+        return self.folder / "stop"
+
+    @property
+    def note(self) -> Path:
+        """File that says which engine is there: its process and what it flies."""
+        return self.folder / "engine.json"
+
+
+def encode(message: dict[str, Any]) -> bytes:
+    """A message as JSON; arrays become lists of six significant digits, what is not finite becomes null."""
+    return json.dumps(_plain(message), allow_nan=False, separators=(",", ":")).encode()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool | str | int) or value is None:
+        return value
+    if isinstance(value, np.bool_):
+        return bool(value)
+    number = float(value)
+    return float(f"{number:.7g}") if math.isfinite(number) else None
