@@ -61,7 +61,7 @@ class Place:
 
 
 def encode(message: dict[str, Any]) -> bytes:
-    """A message as JSON; arrays become lists of six significant digits, what is not finite becomes null."""
+    """A message as JSON; arrays become lists of nine significant digits, what is not finite becomes null."""
     return json.dumps(_plain(message), allow_nan=False, separators=(",", ":")).encode()
 
 
@@ -75,4 +75,4 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.bool_):
         return bool(value)
     number = float(value)
-    return float(f"{number:.7g}") if math.isfinite(number) else None
+    return float(f"{number:.9g}") if math.isfinite(number) else None

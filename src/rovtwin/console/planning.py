@@ -1,0 +1,157 @@
+"""The plan on the table: way-points that an operator adds, moves and takes back before they are submitted."""
+
+import math
+from typing import Any
+
+import yaml
+
+from rovtwin.core.config import parse
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.scenario.schema import MissionSection, Waypoint
+
+MOST = 512
+DEPTHS = 200  # of undo
+
+
+class Draft:
+    """A list of way-points with undo; every change is checked before it counts.
+
+    Attributes:
+        rows: Each with x, y, depth [m], speed [m/s], acceptance [m], hold_time [s], heading_deg, altitude (None where
+            not given).
+    """
+
+    def __init__(self, waypoints: list[Waypoint] | None = None):
+        self.rows: list[dict[str, Any]] = [row_of(waypoint) for waypoint in waypoints or []]
+        self._past: list[list[dict[str, Any]]] = []
+        self._future: list[list[dict[str, Any]]] = []
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self._future)
+
+    def add(self, row: dict[str, Any]) -> None:
+        """One more at the end; what it does not say is as in the one before."""
+        self.insert(len(self.rows), row)
+
+    def insert(self, i: int, row: dict[str, Any]) -> None:
+        """One more before number i."""
+        like = self.rows[min(i, len(self.rows)) - 1] if self.rows and i > 0 else {}
+        kept = {key: like[key] for key in ("depth", "speed", "acceptance") if key in like}
+        self._change([*self.rows[:i], kept | row, *self.rows[i:]])
+
+    def edit(self, i: int, row: dict[str, Any]) -> None:
+        """Other values for number i; what is not said stays."""
+        self._require(i)
+        self._change([*self.rows[:i], self.rows[i] | row, *self.rows[i + 1 :]])
+
+    def delete(self, i: int) -> None:
+        self._require(i)
+        self._change([*self.rows[:i], *self.rows[i + 1 :]])
+
+    def cancel_last(self) -> None:
+        """Take the last one away."""
+        self.delete(len(self.rows) - 1)
+
+    def reorder(self, i: int, to: int) -> None:
+        """Number i becomes number `to`."""
+        self._require(i)
+        self._require(to)
+        rest = [*self.rows[:i], *self.rows[i + 1 :]]
+        self._change([*rest[:to], self.rows[i], *rest[to:]])
+
+    def clear(self) -> None:
+        self._change([])
+
+    def load(self, rows: list[dict[str, Any]]) -> None:
+        """Other way-points altogether."""
+        self._change(rows)
+
+    def undo(self) -> None:
+        if self._past:
+            self._future.append(self.rows)
+            self.rows = self._past.pop()
+
+    def redo(self) -> None:
+        if self._future:
+            self._past.append(self.rows)
+            self.rows = self._future.pop()
+
+    def waypoints(self) -> list[Waypoint]:
+        """As scenarios have them."""
+        return [Waypoint.model_validate(waypoint_of(row)) for row in self.rows]
+
+    def as_yaml(self, name: str = "mission") -> str:
+        """A mission file."""
+        data = {"name": name, "waypoints": [waypoint_of(row) for row in self.rows]}
+        return yaml.safe_dump(data, sort_keys=False)
+
+    def read_yaml(self, text: str) -> None:
+        """Take the way-points of a mission file.
+
+        Raises:
+            ConfigError: It is none; every mistake is named.
+        """
+        data = parse_yaml(text, "the file")
+        if isinstance(data, dict) and isinstance(data.get("mission"), dict):  # a scenario
+            data = data["mission"]
+        mission = parse(MissionSection, data, "the file")
+        if any(waypoint.geodetic for waypoint in mission.waypoints):
+            raise ConfigError("the file: found geodetic way-points, expected position: [north, east, down] in metres")
+        self._change([row_of(waypoint) for waypoint in mission.waypoints])
+
+    def length(self) -> float:
+        """From the first to the last [m]."""
+        places = [(row["x"], row["y"], row["depth"]) for row in self.rows]
+        return sum(math.dist(a, b) for a, b in zip(places, places[1:], strict=False))
+
+    def seconds(self) -> float:
+        """What the legs take at their speeds, and the holds [s]; turns, dives and corners come on top."""
+        time = sum(row["hold_time"] for row in self.rows)
+        for a, b in zip(self.rows, self.rows[1:], strict=False):
+            time += math.dist((a["x"], a["y"], a["depth"]), (b["x"], b["y"], b["depth"])) / b["speed"]
+        return time
+
+    def _require(self, i: int) -> None:
+        if not 0 <= i < len(self.rows):
+            raise ConfigError(f"way-point {i + 1}: found {len(self.rows)} of them")
+
+    def _change(self, rows: list[dict[str, Any]]) -> None:
+        if len(rows) > MOST:
+            raise ConfigError(f"the plan: found {len(rows)} way-points, expected at most {MOST}")
+        checked = [row_of(parse(Waypoint, waypoint_of(row), f"way-point {i + 1}")) for i, row in enumerate(rows)]
+        self._past = [*self._past[-DEPTHS:], self.rows]
+        self._future = []
+        self.rows = checked
+
+
+KEYS = ("speed", "acceptance", "hold_time", "heading_deg", "altitude")
+
+
+def row_of(waypoint: Waypoint) -> dict[str, Any]:
+    """A way-point as a row of the table."""
+    x, y, depth = waypoint.position or (0.0, 0.0, 0.0)
+    return {"x": x, "y": y, "depth": depth} | {key: getattr(waypoint, key) for key in KEYS}
+
+
+def waypoint_of(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of the table as scenarios write it.
+
+    Raises:
+        ConfigError: A column that there is not, or a place that is missing.
+    """
+    if unknown := [key for key in row if key not in ("x", "y", "depth", *KEYS)]:
+        raise ConfigError(f"way-point: found {unknown[0]!r}, expected one of x, y, depth, {', '.join(KEYS)}")
+    place = [row.get(key, default) for key, default in (("x", None), ("y", None), ("depth", 1.0))]
+    return {"position": place} | {key: row[key] for key in KEYS if row.get(key) is not None}
+
+
+def square(x: float, y: float, side: float, depth: float, speed: float) -> list[dict[str, Any]]:
+    """Four corners and back to the first, from a corner at (x, y) northwards [m]."""
+    corners = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side), (0.0, 0.0))
+    return [{"x": x + dx, "y": y + dy, "depth": depth, "speed": speed} for dx, dy in corners]

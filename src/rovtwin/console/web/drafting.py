@@ -1,0 +1,149 @@
+"""What browsers do to the plan on the table, and what there is to say of it before it is submitted."""
+
+import asyncio
+import math
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from rovtwin.console.planning import square, waypoint_of
+from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
+
+if TYPE_CHECKING:
+    from rovtwin.console.web.hub import Hub
+
+COLUMNS = ("x", "y", "depth", "speed", "acceptance", "hold_time", "heading_deg", "altitude")
+LARGEST = 1_000_000  # file that is taken [characters]
+
+
+class Drafting:
+    """Operations on a hub's draft.
+
+    Attributes:
+        checks: What there is to say of the draft: `level` is ok, warning or error.
+    """
+
+    def __init__(self, hub: "Hub"):
+        self._hub = hub
+        self.checks: list[dict[str, str]] = []
+
+    async def do(self, what: dict[str, Any]) -> None:
+        """One operation, `op`, with its arguments.
+
+        Raises:
+            RovtwinError: It cannot be done; the text says why.
+        """
+        operation = getattr(self, f"_{what.get('op')}", None)
+        if operation is None or what.get("op") not in OPERATIONS:
+            raise ConfigError(f"plan: found the operation {what.get('op')!r}, expected one of {', '.join(OPERATIONS)}")
+        await operation(what)
+        await self._check()
+        self._hub.tell_plan()
+
+    async def _add(self, what: dict[str, Any]) -> None:
+        self._hub.draft.add(_columns(what))
+
+    async def _insert(self, what: dict[str, Any]) -> None:
+        self._hub.draft.insert(_number(what, "i"), _columns(what))
+
+    async def _edit(self, what: dict[str, Any]) -> None:
+        self._hub.draft.edit(_number(what, "i"), _columns(what))
+
+    _move = _edit
+
+    async def _delete(self, what: dict[str, Any]) -> None:
+        self._hub.draft.delete(_number(what, "i"))
+
+    async def _cancel_last(self, what: dict[str, Any]) -> None:
+        self._hub.draft.cancel_last()
+
+    async def _reorder(self, what: dict[str, Any]) -> None:
+        self._hub.draft.reorder(_number(what, "i"), _number(what, "to"))
+
+    async def _undo(self, what: dict[str, Any]) -> None:
+        self._hub.draft.undo()
+
+    async def _redo(self, what: dict[str, Any]) -> None:
+        self._hub.draft.redo()
+
+    async def _clear(self, what: dict[str, Any]) -> None:
+        self._hub.draft.clear()
+
+    async def _import(self, what: dict[str, Any]) -> None:
+        text = what.get("text")
+        if not isinstance(text, str) or len(text) > LARGEST:
+            raise ConfigError(f"the file: expected text of at most {LARGEST:,} characters")
+        self._hub.draft.read_yaml(text)
+
+    async def _template(self, what: dict[str, Any]) -> None:
+        depth, speed = _value(what, "depth", 1.0), _value(what, "speed", 0.2)
+        if what.get("name") == "square":
+            x, y = (float(v) for v in self._hub.client.last.get("state", {}).get("eta", (0.0, 0.0))[:2])
+            side = _value(what, "side", 4.0)
+            rows = square(_value(what, "x", x), _value(what, "y", y), side, depth, speed)
+        elif what.get("name") == "lawnmower":
+            area, spacing = what.get("area"), _value(what, "spacing", 1.0)
+            rows = await asyncio.to_thread(_lawnmower, area, spacing, depth, speed)
+        else:
+            raise ConfigError(f"template: found {what.get('name')!r}, expected square or lawnmower")
+        self._hub.draft.load(rows)
+
+    async def _submit(self, what: dict[str, Any]) -> None:
+        if not self._hub.draft.rows:
+            raise ConfigError("the plan is empty: add way-points first")
+        await self._hub.client.ask("submit", waypoints=[waypoint_of(row) for row in self._hub.draft.rows])
+
+    async def _check(self) -> None:
+        """Ask the engine what it thinks of the draft."""
+        rows = self._hub.draft.rows
+        if not rows:
+            self.checks = []
+            return
+        try:
+            found = await self._hub.client.ask("check", waypoints=[waypoint_of(row) for row in rows])
+            self.checks = found.get("checks", [])
+        except LinkError as error:
+            self.checks = [{"level": "error", "what": str(error)}]
+
+
+OPERATIONS = (
+    *("add", "insert", "edit", "move", "delete", "cancel_last", "reorder", "undo", "redo", "clear", "import"),
+    *("template", "submit"),
+)
+
+
+def _columns(what: dict[str, Any]) -> dict[str, Any]:
+    return {key: what[key] for key in COLUMNS if key in what}
+
+
+def _number(what: dict[str, Any], key: str) -> int:
+    found = what.get(key)
+    if not isinstance(found, int) or isinstance(found, bool) or found < 0:
+        raise ConfigError(f"plan.{key}: found {found!r}, expected the number of a way-point")
+    return found
+
+
+def _value(what: dict[str, Any], key: str, default: float) -> float:
+    found = what.get(key, default)
+    if not isinstance(found, int | float) or isinstance(found, bool) or not math.isfinite(found):
+        raise ConfigError(f"template.{key}: found {found!r}, expected a number")
+    return float(found)
+
+
+def _lawnmower(area: Any, spacing: float, depth: float, speed: float) -> list[dict[str, Any]]:
+    """Way-points over an area, by the survey planner."""
+    from rovtwin.scenario.plan_survey import SurveyRequest, lay_out
+    from rovtwin.survey.room import Swath
+
+    if not isinstance(area, list) or len(area) < 3:
+        raise ConfigError("lawn-mower: found no area, expected at least three corners [north, east]")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "area.yaml"
+        file.write_text(yaml.safe_dump({"outline": area}), encoding="utf-8")
+        survey = lay_out(SurveyRequest(file, Swath(spacing, 0.0), depth=depth, speed=speed))
+    if survey.scenario.mission is None:
+        raise RovtwinError("lawn-mower: no line fits into the area; make it larger")
+    places = [waypoint.position or [0.0, 0.0, depth] for waypoint in survey.scenario.mission.waypoints]
+    return [{"x": x, "y": y, "depth": z, "speed": speed} for x, y, z in places]
