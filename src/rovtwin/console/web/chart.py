@@ -1,4 +1,4 @@
-"""The chart: the tank or sea seen from above, on which way-points are laid and moved. All of it is drawn by `chart.js`."""
+"""The chart: tank or sea seen from above, on which way-points are laid and moved. `chart.js` draws it."""
 
 from nicegui import ui
 

@@ -37,8 +37,8 @@ export function mount(id, build) {
 }
 
 /**
- * Keeps `draw(context, width, height)`, in CSS pixels, up to date on a canvas: when its size, the screen's pixel ratio or
- * the theme changes, and when asked by `redraw()`; at most once per frame, never while hidden.
+ * Keeps `draw(context, width, height)`, in CSS pixels, up to date on a canvas: when its size, the screen's pixel ratio
+ * or the theme changes, and when asked by `redraw()`; at most once per frame, never while hidden.
  */
 export function surface(canvas, draw) {
   const context = canvas.getContext('2d');

@@ -28,12 +28,14 @@ class Chart {
   toward = null; // where the next corner would be
 
   constructor(element) {
-    this.canvas = make('canvas', {tabindex: 0, role: 'application', 'aria-label': 'Chart: drag to move it, wheel to zoom, right click for a menu'});
+    const label = 'Chart: drag to move it, wheel to zoom, right click for a menu';
+    this.canvas = make('canvas', {tabindex: 0, role: 'application', 'aria-label': label});
     this.tools = new Tools(this);
     this.menus = new Menu();
     this.form = new AreaForm(values => this.template(values), () => this.setMode('move'));
     this.notice = new Notice(this);
-    element.replaceChildren(this.canvas, ...this.tools.elements, legend(), this.notice.element, this.form.element, this.menus.element);
+    const panels = [legend(), this.notice.element, this.form.element, this.menus.element];
+    element.replaceChildren(this.canvas, ...this.tools.elements, ...panels);
     this.surface = surface(this.canvas, (context, width, height) => {
       Object.assign(this.view, {width, height});
       if (this.follow && model.state?.eta) this.view.middle = {x: model.state.eta[0], y: model.state.eta[1]};
@@ -48,10 +50,14 @@ class Chart {
   drawing = () => this.mode === 'area' && this.may() && !this.form.open;
 
   /** Way-points of the draft, the dragged one where the hand has it. */
-  draft = () => (model.plan?.draft ?? []).map((p, i) => (this.pending?.i === i ? {...p, x: this.pending.x, y: this.pending.y} : p));
+  draft = () => {
+    const {pending} = this;
+    return (model.plan?.draft ?? []).map((p, i) => (pending?.i === i ? {...p, x: pending.x, y: pending.y} : p));
+  };
 
   get outline() {
-    return this.area && {points: this.area, toward: this.toward, closed: this.form.open || (!this.toward && this.area.length > 2)};
+    const {area: points, toward} = this;
+    return points && {points, toward, closed: this.form.open || (!toward && points.length > 2)};
   }
 
   changed(values) {
@@ -90,7 +96,8 @@ class Chart {
     const reach = ({low, high}) => Math.max(high.x - low.x, high.y - low.y);
     const box = boxOf(points);
     const all = boxOf([...points, ...fence]);
-    if (all) this.view.fit(box && reach(all) > 3 * reach(box) ? box : all, 70);
+    const margin = Math.max(30, 0.09 * Math.min(this.view.width, this.view.height));
+    if (all) this.view.fit(box && reach(all) > 3 * reach(box) ? box : all, margin);
   }
 
   // Editing: everything is asked of the server, and drawn when its plan message comes
@@ -154,7 +161,8 @@ class Chart {
     const items = [[`Go to here, ${metres(depth)} m deep`, () => this.ask({do: 'goto', ...place, depth})]];
     if (i !== null) {
       const side = which => beside(draft, i, which, 60 / this.view.scale);
-      items.push(['Insert before', () => this.insert(i, side(-1))], ['Insert after', () => this.insert(i + 1, side(1))]);
+      items.push(['Insert before', () => this.insert(i, side(-1))]);
+      items.push(['Insert after', () => this.insert(i + 1, side(1))]);
       items.push([`Delete way-point ${i + 1}`, () => this.remove(i)]);
     } else {
       items.push(['Add way-point here', () => this.add(place)]);

@@ -15,8 +15,9 @@ export function drawChart(context, chart) {
   context.lineJoin = context.lineCap = 'round';
   drawAxes(context, view);
   drawRoom(context, view, model.setup);
-  drawPlans(context, chart);
+  drawLegs(context, chart);
   drawTrack(context, view, chart.track.points);
+  chart.draft().forEach((p, i) => drawWaypoint(context, view.toScreen(p), i, chart));
   if (state?.eta) drawVehicle(context, view, state, model.setup?.size ?? [0.5, 0.4, 0.3]);
   if (chart.outline) drawArea(context, view, chart.outline);
   drawScaleBar(context, view);
@@ -71,14 +72,15 @@ function drawRoom(context, view, setup) {
 }
 
 function drawHome(context, {u, v}) {
-  trace(context, [[-8, 0], [0, -8], [8, 0], [6, 0], [6, 7], [-6, 7], [-6, 0]].map(([a, b]) => ({u: u + a, v: v + b})), true);
+  const house = [[-8, 0], [0, -8], [8, 0], [6, 0], [6, 7], [-6, 7], [-6, 0]];
+  trace(context, house.map(([a, b]) => ({u: u + a, v: v + b})), true);
   context.fillStyle = colour('bg');
   context.fill();
   stroke(context, colour('text'), 1.5);
 }
 
-/** The flown plan solid, its current leg in the accent's colour, the draft dashed where it differs, numbers on top. */
-function drawPlans(context, {view, model, draft, selected, hover}) {
+/** The flown plan solid, its current leg in the accent's colour, the draft dashed where it differs. */
+function drawLegs(context, {view, model, draft}) {
   const flown = (model.plan?.flown ?? []).map(p => view.toScreen(p));
   const drafted = draft().map(p => view.toScreen(p));
   trace(context, flown);
@@ -95,10 +97,10 @@ function drawPlans(context, {view, model, draft, selected, hover}) {
     trace(context, drafted);
     stroke(context, colour('plan'), 1.5, [7, 6]);
   }
-  drafted.forEach((p, i) => drawWaypoint(context, p, String(i + 1), {chosen: i === selected, near: i === hover}));
 }
 
-function drawWaypoint(context, {u, v}, number, {chosen, near}) {
+function drawWaypoint(context, {u, v}, i, {selected, hover}) {
+  const [chosen, near] = [i === selected, i === hover];
   context.beginPath();
   context.arc(u, v, POINT + (chosen || near ? 2 : 0), 0, 2 * Math.PI);
   context.fillStyle = chosen ? colour('accent') : colour('bg');
@@ -108,11 +110,11 @@ function drawWaypoint(context, {u, v}, number, {chosen, near}) {
   context.textAlign = 'center';
   context.textBaseline = 'middle';
   context.fillStyle = chosen ? colour('on-accent') : colour('text');
-  context.fillText(number, u, v + 1);
+  context.fillText(String(i + 1), u, v + 1);
 }
 
 function drawTrack(context, view, points) {
-  const pixels = thinned(points.map(p => view.toScreen(p)).map((p, i) => ({...p, gap: points[i].gap})));
+  const pixels = thinned(points.map(p => ({...view.toScreen(p), gap: p.gap})));
   context.beginPath();
   pixels.forEach(({u, v, gap}) => (gap ? context.moveTo(u, v) : context.lineTo(u, v)));
   stroke(context, colour('track'), 2);
@@ -165,8 +167,9 @@ function drawReference(context, {u, v}) {
 }
 
 function drawArea(context, view, outline) {
-  const pixels = outline.points.map(p => view.toScreen(p));
-  trace(context, outline.toward && !outline.closed ? [...pixels, view.toScreen(outline.toward)] : pixels, outline.closed);
+  const {points, toward, closed} = outline;
+  const pixels = points.map(p => view.toScreen(p));
+  trace(context, toward && !closed ? [...pixels, view.toScreen(toward)] : pixels, closed);
   context.globalAlpha = 0.2;
   context.fillStyle = colour('accent');
   context.fill();

@@ -72,8 +72,8 @@ export class Hands {
     drag.moved = true;
     clearTimeout(this.#timer);
     const world = chart.view.toWorld(pixel);
-    if (drag.kind === 'waypoint') chart.changed({pending: {i: drag.i, ...rounded(world)}, selected: drag.i, cursor: world});
-    else if (drag.kind === 'area') chart.changed({area: corners(chart.view.toWorld(drag.from), world), cursor: world});
+    if (drag.kind === 'waypoint') chart.changed({pending: {i: drag.i, ...rounded(world)}, selected: drag.i});
+    else if (drag.kind === 'area') chart.changed({area: corners(chart.view.toWorld(drag.from), world), toward: null});
     else chart.panned(pixel.u - drag.last.u, pixel.v - drag.last.v);
     drag.last = pixel;
   }

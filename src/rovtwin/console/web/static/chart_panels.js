@@ -1,7 +1,9 @@
 /** Controls on the chart: tools, the menu of a place, the form for an area, and a line that says what is going on. */
 import {make} from '/static/canvas.js';
+import {area} from '/static/geometry.js';
 
-const button = (text, label, onclick, more = {}) => make('button', {type: 'button', title: label, 'aria-label': label, onclick, ...more}, text);
+const button = (text, label, onclick, more = {}) =>
+  make('button', {type: 'button', title: label, 'aria-label': label, onclick, ...more}, text);
 
 /** Tools for editing at the upper left, those of the view at the upper right. */
 export class Tools {
@@ -16,7 +18,12 @@ export class Tools {
     this.remove = button('Delete', 'Delete the chosen way-point', () => chart.remove());
     this.follow = button('Follow', 'Follow the vehicle', () => chart.changed({follow: !chart.follow, touched: true}));
     this.elements = [
-      make('div', {class: 'chart-tools chart-left', role: 'toolbar', 'aria-label': 'Edit the plan'}, ...this.modes.values(), this.remove),
+      make(
+        'div',
+        {class: 'chart-tools chart-left', role: 'toolbar', 'aria-label': 'Edit the plan'},
+        ...this.modes.values(),
+        this.remove,
+      ),
       make(
         'div',
         {class: 'chart-tools chart-right', role: 'toolbar', 'aria-label': 'View of the chart'},
@@ -34,6 +41,7 @@ export class Tools {
       element.setAttribute('aria-pressed', String(chart.mode === name));
       element.disabled = !chart.may() && name !== 'move';
     }
+    this.elements[0].classList.toggle('is-watching', !chart.may());
     this.remove.disabled = !chart.may() || chart.selected === null;
     this.follow.setAttribute('aria-pressed', String(chart.follow));
   }
@@ -51,13 +59,22 @@ export function legend() {
     ['is-draft', 'plan being drafted'],
   ];
   const list = rows.map(([kind, text]) => make('li', {}, make('i', {class: kind, 'aria-hidden': 'true'}), text));
-  return make('details', {class: 'chart-legend'}, make('summary', {'aria-label': 'Legend of the chart'}, 'Legend'), make('ul', {}, ...list));
+  const summary = make('summary', {'aria-label': 'Legend of the chart'}, 'Legend');
+  return make('details', {class: 'chart-legend'}, summary, make('ul', {}, ...list));
 }
 
 /** What can be done at a place: opened by a right click or a long press. */
 export class Menu {
   constructor() {
-    this.element = make('div', {class: 'chart-menu', role: 'menu', 'aria-label': 'At this place', hidden: true, onkeydown: e => this.#key(e)});
+    this.element = make('div', {
+      class: 'chart-menu',
+      role: 'menu',
+      'aria-label': 'At this place',
+      tabindex: -1,
+      hidden: true,
+      onkeydown: e => this.#key(e),
+      onfocusout: e => this.element.contains(e.relatedTarget) || this.hide(),
+    });
   }
 
   /** Shows items [[text, act], ...] at a pixel; greyed, with the reason, where nothing may be edited. */
@@ -70,7 +87,7 @@ export class Menu {
     const {offsetWidth, offsetHeight} = this.element;
     this.element.style.left = `${Math.max(4, Math.min(u, view.width - offsetWidth - 4))}px`;
     this.element.style.top = `${Math.max(4, Math.min(v, view.height - offsetHeight - 4))}px`;
-    this.element.querySelector('button:enabled')?.focus();
+    (this.element.querySelector('button:enabled') ?? this.element).focus();
   }
 
   hide() {
@@ -94,19 +111,26 @@ export class Menu {
  */
 export class AreaForm {
   constructor(submit, cancel) {
-    const field = (name, text, unit, value, least, step) => {
-      const input = make('input', {name, type: 'number', min: least, step, value, required: true, inputmode: 'decimal'});
+    const field = (name, text, unit, value, least) => {
+      const range = {type: 'number', min: least, step: 'any', inputmode: 'decimal', required: true};
+      const input = make('input', {name, value, ...range});
       return make('label', {}, make('span', {}, text), input, make('span', {class: 'chart-unit'}, unit));
     };
     this.size = make('p', {});
     this.element = make(
       'form',
-      {class: 'chart-form', role: 'dialog', 'aria-label': 'Lawn-mower plan over the area', hidden: true, onsubmit: e => this.#submit(e, submit)},
+      {
+        class: 'chart-form',
+        role: 'dialog',
+        'aria-label': 'Lawn-mower plan over the area',
+        hidden: true,
+        onsubmit: e => this.#submit(e, submit),
+      },
       make('h2', {}, 'Lawn-mower over this area'),
       this.size,
-      field('spacing', 'Line spacing', 'm', 2, 0.1, 'any'),
-      field('depth', 'Depth', 'm', 3, 0, 'any'),
-      field('speed', 'Speed', 'm/s', 0.3, 0.01, 'any'),
+      field('spacing', 'Line spacing', 'm', 2, 0.1),
+      field('depth', 'Depth', 'm', 3, 0),
+      field('speed', 'Speed', 'm/s', 0.3, 0.01),
       make('p', {class: 'chart-small'}, 'Takes the place of the draft; undo brings that back.'),
       make(
         'div',
@@ -137,10 +161,12 @@ export class AreaForm {
 
   async #submit(event, submit) {
     event.preventDefault();
+    const {elements} = this.element;
     const confirm = this.element.querySelector('[type=submit]');
     confirm.disabled = true; // a double click asks once
     try {
-      await submit(Object.fromEntries(['spacing', 'depth', 'speed'].map(name => [name, Number(this.element.elements[name].value)])));
+      const values = ['spacing', 'depth', 'speed'].map(name => [name, Number(elements[name].value)]);
+      await submit(Object.fromEntries(values));
     } finally {
       confirm.disabled = false;
     }
@@ -175,10 +201,18 @@ export class Notice {
     const i = chart.pending?.i ?? chart.selected;
     const point = i === null ? null : chart.draft()[i];
     const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
-    if (chart.drawing()) return chart.area ? 'Click the next corner; on the first one to finish' : 'Drag out a rectangle or click corners';
-    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${point.speed ? `, ${point.speed} m/s` : ''}`;
-    if (chart.mode === 'add' && chart.may()) return `Click to add a way-point${chart.cursor ? ` · ${at(chart.cursor)}` : ''}`;
-    return chart.cursor ? at(chart.cursor) : '';
+    if (chart.drawing()) return this.#areaText(chart.area);
+    const speed = point?.speed ? `, ${point.speed} m/s` : '';
+    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}`;
+    const pointer = chart.cursor ? at(chart.cursor) : '';
+    if (chart.mode !== 'add' || !chart.may()) return pointer;
+    return `Click to add a way-point${pointer && ` · ${pointer}`}`;
+  }
+
+  #areaText(points) {
+    if (!points) return 'Drag out a rectangle or click corners';
+    const size = points.length > 2 ? `${area(points).toFixed(1)} m² · ` : '';
+    return `${size}click the next corner, on the first one to finish`;
   }
 
   complain(text) {

@@ -85,7 +85,8 @@ export function drawRoses(context, view, current, waves) {
   const roses = [];
   if (current) {
     const speed = Math.hypot(current[0], current[1]);
-    roses.push({name: 'current', value: `${speed.toFixed(2)} m/s`, to: Math.atan2(current[1], current[0]), still: speed < 0.005});
+    const to = Math.atan2(current[1], current[0]);
+    roses.push({name: 'current', value: `${speed.toFixed(2)} m/s`, to, still: speed < 0.005});
   }
   if (waves) roses.push({name: 'waves', value: `${waves.height.toFixed(2)} m`, to: waves.direction, crests: true});
   roses.forEach((rose, i) => drawRose(context, {u: view.width - 146, v: 46 + 92 * i}, rose));

@@ -1,4 +1,4 @@
-/** Plane geometry of the chart, without a page: points are {x, y} with x north and y east [m], pixels {u, v} right and down. */
+/** Plane geometry of the chart, without a page: points {x, y} north and east [m], pixels {u, v} right and down. */
 
 const CHI_SQUARE_95 = 5.991; // of two degrees of freedom
 const CLOSEST = 2000; // [px/m]
@@ -13,11 +13,13 @@ export class View {
   }
 
   toScreen({x, y}) {
-    return {u: this.width / 2 + (y - this.middle.y) * this.scale, v: this.height / 2 - (x - this.middle.x) * this.scale};
+    const {width, height, scale, middle} = this;
+    return {u: width / 2 + (y - middle.y) * scale, v: height / 2 - (x - middle.x) * scale};
   }
 
   toWorld({u, v}) {
-    return {x: this.middle.x - (v - this.height / 2) / this.scale, y: this.middle.y + (u - this.width / 2) / this.scale};
+    const {width, height, scale, middle} = this;
+    return {x: middle.x - (v - height / 2) / scale, y: middle.y + (u - width / 2) / scale};
   }
 
   /** Moves the picture by pixels. */
@@ -57,7 +59,7 @@ export function roundLength(value, up = false) {
   return up ? steps.find(step => step >= value * (1 - 1e-9)) : steps.findLast(step => step <= value * (1 + 1e-9));
 }
 
-/** Half axes [m] of the 95 % ellipse of a covariance [[xx, xy], [xy, yy]] [m2], and the long one's angle from north [rad]. */
+/** Half axes [m] of the 95 % ellipse of a covariance [[xx, xy], [xy, yy]] [m2]; the long one lies `angle` from north. */
 export function ellipseAxes([[xx, xy], [, yy]]) {
   const mean = (xx + yy) / 2;
   const half = Math.hypot((xx - yy) / 2, xy);
@@ -98,8 +100,8 @@ export function nearestLeg(points, at) {
 }
 
 /**
- * Where to insert a way-point before (side = -1) or after (side = 1) number i: midway to its neighbour; beyond an end half
- * of the last leg further on; beside a lone one `aside` [m] to the east.
+ * Where to insert a way-point before (side = -1) or after (side = 1) number i: midway to its neighbour; beyond an end
+ * half of the last leg further on; beside a lone one `aside` [m] to the east.
  */
 export function beside(points, i, side, aside = 1) {
   const here = points[i];
@@ -110,12 +112,13 @@ export function beside(points, i, side, aside = 1) {
   return {x: here.x + (here.x - back.x) / 2, y: here.y + (here.y - back.y) / 2};
 }
 
-/** Leaves out pixels closer than `least` to the last one kept; first and last stay, so do gaps (null). */
+/** Leaves out pixels closer than `least` to the last one kept; first and last stay, so does one after a gap. */
 export function thinned(pixels, least = 1.5) {
   const kept = [];
   pixels.forEach((p, i) => {
     const last = kept.at(-1);
-    if (!p || !last || i === pixels.length - 1 || !pixels[i + 1] || Math.hypot(p.u - last.u, p.v - last.v) >= least) kept.push(p);
+    const stays = !last || p.gap || i === pixels.length - 1;
+    if (stays || Math.hypot(p.u - last.u, p.v - last.v) >= least) kept.push(p);
   });
   return kept;
 }

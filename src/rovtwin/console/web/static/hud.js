@@ -23,7 +23,8 @@ class Hud {
 
   constructor(element) {
     this.element = element;
-    this.picture = make('img', {alt: 'Picture of the vehicle\'s camera', hidden: true, onerror: () => this.#lost(), onload: () => this.#came()});
+    const heard = {onerror: () => this.#lost(), onload: () => this.#came()};
+    this.picture = make('img', {alt: 'Picture of the vehicle’s camera', hidden: true, ...heard});
     this.words = make('p', {class: 'hud-words'});
     this.canvas = make('canvas', {role: 'img', 'aria-label': 'Head-up display'});
     element.replaceChildren(this.picture, this.words, this.canvas);

@@ -85,13 +85,15 @@ function drawTape(pen, {width}, {eta, reference}) {
     const u = at(mark - heading);
     ticks.push([[u, base], [u, base - (mark % 15 ? 5 : 10) * s]]);
     const name = {0: 'N', 45: 'NE', 90: 'E', 135: 'SE', 180: 'S', 225: 'SW', 270: 'W', 315: 'NW'}[(mark + 360) % 360];
-    const covered = Math.abs(u - middle) < 38 * s;
-    if (!covered && (name || mark % 15 === 0)) pen.text(name ?? String((mark + 360) % 360), u, base - 20 * s, {size: name ? 16 : 13, bold: Boolean(name)});
+    const covered = Math.abs(u - middle) < 48 * s;
+    const text = name ?? (mark % 15 ? '' : String((mark + 360) % 360));
+    if (!covered && text) pen.text(text, u, base - 20 * s, {size: name ? 16 : 13, bold: Boolean(name)});
   }
   pen.lines([[[middle - half, base], [middle + half, base]], ...ticks], colour('hud'), 1.5);
   if (reference) {
     const u = at(Math.max(-TAPE, Math.min(TAPE, difference(reference[5] - eta[5]))));
-    pen.lines([[[u - 7 * s, base + 12 * s], [u, base + 3 * s], [u + 7 * s, base + 12 * s]]], colour('hud-reference'), 2.5);
+    const foot = base + 12 * s;
+    pen.lines([[[u - 7 * s, foot], [u, base + 3 * s], [u + 7 * s, foot]]], colour('hud-reference'), 2.5);
   }
   pen.box(middle - 31 * s, 6 * s, 62 * s, 28 * s);
   pen.text(`${String(Math.round(heading) % 360).padStart(3, '0')}°`, middle, 20.5 * s, {size: 21, bold: true});
@@ -115,7 +117,8 @@ function drawLadder(pen, {width, height}, [, , , roll, pitch]) {
     if (mark) [-1, 1].forEach(side => pen.text(String(Math.abs(mark)), side * (outer + 14 * s), line, {size: 12}));
   }
   context.restore();
-  pen.lines([[[u - 34 * s, v], [u - 12 * s, v], [u, v + 9 * s], [u + 12 * s, v], [u + 34 * s, v]]], colour('hud-warn'), 3);
+  const wings = [[-34, 0], [-12, 0], [0, 9], [12, 0], [34, 0]];
+  pen.lines([wings.map(([a, b]) => [u + a * s, v + b * s])], colour('hud-warn'), 3);
 }
 
 /** Speed at the left; depth and altitude at the right. */
@@ -133,7 +136,8 @@ function drawValues(pen, {width, height}, {state, setup}) {
   value('DEPTH', state.eta[2].toFixed(2), 'm', right, middle - shift, {align: 'right'});
   if (!altitude) return;
   const style = colour(altitude.old ? 'hud-muted' : 'hud');
-  value('ALTITUDE', altitude.text, altitude.old ? `m, ${altitude.old}` : 'm', right, middle + shift, {align: 'right', style});
+  const unit = altitude.old ? `m, ${altitude.old}` : 'm';
+  value('ALTITUDE', altitude.text, unit, right, middle + shift, {align: 'right', style});
 }
 
 /** Mode at the lower left, the way along the plan at the lower right. */
@@ -141,10 +145,12 @@ function drawWords(pen, {width, height}, {state}) {
   const s = pen.unit;
   const {left, right} = hudLines(state);
   left.forEach(({text, level, small}, i) => {
-    pen.text(text, 18 * s, height - (22 + 25 * (left.length - 1 - i)) * s, {align: 'left', size: small ? 15 : 19, bold: !small, style: colour(level)});
+    const v = height - (22 + 25 * (left.length - 1 - i)) * s;
+    pen.text(text, 18 * s, v, {align: 'left', size: small ? 15 : 19, bold: !small, style: colour(level)});
   });
   right.forEach(({text, small}, i) => {
-    pen.text(text, width - 18 * s, height - (22 + 27 * (right.length - 1 - i)) * s, {align: 'right', size: small ? 15 : 22, bold: !small});
+    const v = height - (22 + 27 * (right.length - 1 - i)) * s;
+    pen.text(text, width - 18 * s, v, {align: 'right', size: small ? 15 : 22, bold: !small});
   });
 }
 

@@ -7,13 +7,15 @@ export function depthUnder(state, setup) {
   const reading = state.sensors?.altimeter;
   if (!reading) return setup?.sensors?.includes('altimeter') ? {text: '–', old: ''} : null;
   const value = reading.value?.[0];
-  return {text: Number.isFinite(value) ? value.toFixed(2) : '–', old: reading.age > 1 ? `${reading.age.toFixed(0)} s ago` : ''};
+  const text = Number.isFinite(value) ? value.toFixed(2) : '–';
+  return {text, old: reading.age > 1 ? `${reading.age.toFixed(0)} s ago` : ''};
 }
 
 /** Lines [{text, level (a colour's name), small}] at the lower left (what it does) and right (how far it is). */
 export function hudLines(state) {
   const left = [thrust(state)];
-  if (state.stage !== 'ready') left.push({text: `${state.stage}${state.note ? `: ${state.note}` : ''}`, level: 'hud-warn'});
+  const note = state.note ? `: ${state.note}` : '';
+  if (state.stage !== 'ready') left.push({text: `${state.stage}${note}`, level: 'hud-warn'});
   else if (state.phase) {
     const reason = state.reason ? `: ${state.reason}` : '';
     left.push({text: `${state.phase.toUpperCase()}${reason}`, level: GRAVE.has(state.phase) ? 'hud-danger' : 'hud'});

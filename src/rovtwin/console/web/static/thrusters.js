@@ -13,22 +13,26 @@ export function reading(u, health = 1) {
   const lost = health < LOST;
   const full = !lost && Math.abs(u) >= FULL;
   const word = lost ? 'lost' : full ? 'at limit' : health < 0.95 ? `${Math.round(100 * health)} % left` : '';
-  return {lost, full, weak: !lost && health < 0.95, word, value: `${u < 0 ? '\u2212' : u > 0 ? '+' : ''}${Math.abs(u).toFixed(2)}`};
+  const sign = u < 0 ? '\u2212' : u > 0 ? '+' : '';
+  return {lost, full, weak: !lost && health < 0.95, word, value: `${sign}${Math.abs(u).toFixed(2)}`};
 }
 
 class Row {
   constructor(name) {
     this.name = name;
     this.fill = make('i', {class: 'thruster-fill'});
-    this.gone = [make('i', {class: 'thruster-gone thruster-astern'}), make('i', {class: 'thruster-gone thruster-ahead'})];
+    this.gone = ['astern', 'ahead'].map(end => make('i', {class: `thruster-gone thruster-${end}`}));
     this.bar = make(
       'div',
-      {class: 'thruster-bar', role: 'meter', 'aria-label': name, 'aria-valuemin': -1, 'aria-valuemax': 1, 'aria-valuenow': 0},
-      ...this.gone, this.fill, make('i', {class: 'thruster-zero'}),
+      {class: 'thruster-bar', role: 'meter', 'aria-label': name, 'aria-valuemin': -1, 'aria-valuemax': 1},
+      ...this.gone,
+      this.fill,
+      make('i', {class: 'thruster-zero'}),
     );
     this.value = make('span', {class: 'thruster-value'});
     this.word = make('span', {class: 'thruster-word'});
-    this.element = make('div', {class: 'thruster'}, make('span', {class: 'thruster-name', title: name}, name), this.bar, this.value, this.word);
+    const label = make('span', {class: 'thruster-name', title: name}, name);
+    this.element = make('div', {class: 'thruster'}, label, this.bar, this.value, this.word);
   }
 
   show(u, health) {
@@ -73,7 +77,8 @@ class Bars {
   #build(names) {
     this.#names = names.join();
     this.#rows = names.map(name => new Row(name.replaceAll('_', ' ')));
-    const scale = make('div', {class: 'thruster-scale', 'aria-hidden': 'true'}, ...['\u22121', '0', '+1'].map(text => make('span', {}, text)));
+    const ends = ['\u22121', '0', '+1'].map(text => make('span', {}, text));
+    const scale = make('div', {class: 'thruster-scale', 'aria-hidden': 'true'}, ...ends);
     const rows = this.#rows.map(row => row.element);
     this.element.replaceChildren(...(rows.length ? [...rows, scale] : [make('p', {}, 'No thrusters heard of yet.')]));
   }

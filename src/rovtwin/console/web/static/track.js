@@ -9,8 +9,8 @@ export class Track {
   }
 
   /**
-   * Adds where the vehicle is, {t, x, y}. Time that goes back (a replay rewound, a twin started anew) takes away what had
-   * come after. The newest reading is always the last point, whether it will be kept or not.
+   * Adds where the vehicle is, {t, x, y}. Time that goes back (a replay rewound, a twin started anew) takes away what
+   * had come after. The newest reading is always the last point, whether it will be kept or not.
    */
   add({t, x, y}) {
     const points = this.points;
