@@ -14,8 +14,7 @@ def chart(open_views):
         page = open_views("chart")
         for message in (messages.setup(), messages.state(), messages.plan(*SQUARE), messages.rights(may)):
             emit(page, message)
-        page.wait_for_selector("#chart canvas")
-        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        drawn(page)
         return page
 
     return opened
@@ -23,6 +22,11 @@ def chart(open_views):
 
 def emit(page, message):
     page.evaluate("message => window.emit(message)", message)
+
+
+def drawn(page):
+    page.wait_for_selector("#chart canvas")
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 def sent(page):
@@ -127,6 +131,7 @@ def test_who_only_watches_edits_nothing(chart):
     page.mouse.move(*at(6, 0))
     page.mouse.down()
     page.mouse.move(*at(5, 3))
+    assert page.get_by_text("2: N 5.0").count() == 0  # it does not even seem to move
     page.mouse.up()
     assert sent(page) == []
 
@@ -204,7 +209,7 @@ def test_the_view_is_built_again_when_its_element_is_replaced(chart):
     page = chart()
     page.evaluate("""() => { const old = document.getElementById('chart'); const next = old.cloneNode(false);
       old.replaceWith(next); }""")
-    page.wait_for_selector("#chart canvas")
+    drawn(page)
     page.mouse.click(*at(6, 0), button="right")
     page.get_by_role("menuitem", name="Delete way-point 2").click()
     assert [m["op"] for m in sent(page)] == ["delete"]

@@ -12,7 +12,7 @@ def rows(open_views):
         page = open_views("thrusters")
         for message in sent:
             page.evaluate("message => window.emit(message)", message)
-        page.wait_for_selector(".thruster-value:text-matches('.')")
+        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
         script = """rows => rows.map(r => [r.className.replace('thruster', '').trim(),
           ...[...r.querySelectorAll('span')].map(s => s.textContent)])"""
         return page, page.locator(".thruster").evaluate_all(script)

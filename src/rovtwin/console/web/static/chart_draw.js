@@ -1,6 +1,6 @@
 /** Draws the chart: what lies in the plane (`drawChart`). Everything here only reads. */
 import {FONT, colour} from '/static/canvas.js';
-import {drawAxes, drawRoses, drawScaleBar} from '/static/chart_rulers.js';
+import {drawAxes, drawRoses, drawScaleBar, label} from '/static/chart_rulers.js';
 import {ellipseAxes, placed, thinned} from '/static/geometry.js';
 
 const SMALLEST = 14; // a vehicle is never drawn shorter than this [px]
@@ -38,16 +38,6 @@ function stroke(context, style, width, dash = []) {
   context.setLineDash([]);
 }
 
-function write(context, text, u, v, {style = colour('text'), size = 12, align = 'center', bold = false} = {}) {
-  context.font = `${bold ? '600 ' : ''}${size}px ${FONT}`;
-  context.textAlign = align;
-  context.textBaseline = 'middle';
-  context.lineWidth = 3;
-  context.strokeStyle = colour('bg');
-  context.strokeText(text, u, v);
-  context.fillStyle = style;
-  context.fillText(text, u, v);
-}
 
 function rectangle(context, view, [south, north], [west, east]) {
   const [p, q] = [view.toScreen({x: north, y: west}), view.toScreen({x: south, y: east})];
@@ -60,13 +50,13 @@ function drawRoom(context, view, setup) {
   if (setup?.room?.kind === 'tank') {
     const corner = rectangle(context, view, setup.room.x, setup.room.y);
     stroke(context, colour('text'), 3);
-    write(context, 'tank', corner.u + 6, corner.v + 12, {align: 'left', style: colour('muted')});
+    label(context, 'tank', corner.u + 6, corner.v + 12, 'left');
   }
   if (setup?.fence?.north && setup.fence.east) {
     rectangle(context, view, setup.fence.north, setup.fence.east);
     stroke(context, colour('danger'), 1.5, [10, 5]);
     const corner = view.toScreen({x: setup.fence.north[0], y: setup.fence.east[0]});
-    write(context, 'fence', corner.u + 6, corner.v - 10, {align: 'left', style: colour('danger')});
+    label(context, 'fence', corner.u + 6, corner.v - 10, 'left', colour('danger'));
   }
   if (setup?.home) drawHome(context, view.toScreen({x: setup.home[0], y: setup.home[1]}));
 }

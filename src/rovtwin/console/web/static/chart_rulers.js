@@ -1,19 +1,16 @@
 /** What helps to read the chart: grid with coordinates, scale bar, arrows of current and waves. */
-import {FONT, colour} from '/static/canvas.js';
+import {FONT, colour, edgedText} from '/static/canvas.js';
 import {roundLength} from '/static/geometry.js';
 
 const CELL = 70; // lines of the grid are at least so far apart [px]
 const EDGE = 8;
 
-function label(context, text, u, v, align, style = colour('muted')) {
+/** Words on the chart, legible over its lines. */
+export function label(context, text, u, v, align, style = colour('muted')) {
   context.font = `12px ${FONT}`;
   context.textAlign = align;
   context.textBaseline = 'middle';
-  context.lineWidth = 3;
-  context.strokeStyle = colour('bg');
-  context.strokeText(text, u, v);
-  context.fillStyle = style;
-  context.fillText(text, u, v);
+  edgedText(context, text, u, v, style, colour('bg'));
 }
 
 const multiples = (low, high, step) => {

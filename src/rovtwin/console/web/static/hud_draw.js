@@ -1,5 +1,5 @@
 /** Draws the head-up display. Angles in radians as they come, on screen in degrees. */
-import {FONT, colour} from '/static/canvas.js';
+import {FONT, colour, edgedText} from '/static/canvas.js';
 import {depthUnder, hudLines} from '/static/hud_words.js';
 
 const DEGREE = Math.PI / 180;
@@ -53,11 +53,7 @@ class Pen {
     context.font = `${bold ? '700' : '500'} ${Math.max(size * unit, 11)}px ${FONT}`;
     context.textAlign = align;
     context.textBaseline = 'middle';
-    context.lineWidth = 3.5;
-    context.strokeStyle = colour('hud-edge');
-    context.strokeText(text, u, v);
-    context.fillStyle = style;
-    context.fillText(text, u, v);
+    edgedText(context, text, u, v, style, colour('hud-edge'));
   }
 
   box(u, v, width, height, style = colour('hud-edge')) {
