@@ -59,7 +59,7 @@ export function roundLength(value, up = false) {
   return up ? steps.find(step => step >= value * (1 - 1e-9)) : steps.findLast(step => step <= value * (1 + 1e-9));
 }
 
-/** Half axes [m] of the 95 % ellipse of a covariance [[xx, xy], [xy, yy]] [m2], and the angle of the long one from north. */
+/** Half axes [m] of the 95 % ellipse of a covariance [[xx, xy], [xy, yy]] [m2] and the long one's angle from north. */
 export function ellipseAxes([[xx, xy], [, yy]]) {
   const mean = (xx + yy) / 2;
   const half = Math.hypot((xx - yy) / 2, xy);
