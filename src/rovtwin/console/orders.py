@@ -17,9 +17,9 @@ class Plain(Strict):
 
 
 class Submit(Strict):
-    """Way-points to fly at the next start."""
+    """Way-points to fly at the next start, or only to look at."""
 
-    do: Literal["submit"]
+    do: Literal["submit", "check"]
     waypoints: Annotated[list[Waypoint], Field(min_length=1, max_length=512)]
 
 

@@ -61,10 +61,10 @@ class Bridge:
         if (not timed or time.monotonic() - sent > FRESH) and order.do not in ANY_AGE:
             return {"id": number, "ok": False, "error": "too old: the autopilot was busy. Ask again"}
         try:
-            getattr(self, f"_{order.do}")(order)
+            found = getattr(self, f"_{order.do}")(order) or {}
         except RovtwinError as error:
             return {"id": number, "ok": False, "error": str(error)}
-        return None if number is None else {"id": number, "ok": True}
+        return None if number is None else {"id": number, "ok": True} | found
 
     def _underway(self) -> Vessel:
         vessel = self._engine.vessel
@@ -146,6 +146,22 @@ class Bridge:
             raise ConfigError("a mission is under way: hold or abort it before you submit another")
         self._checked(order.waypoints)
         self._engine.submit(order.waypoints)
+
+    def _check(self, order: orders.Submit) -> dict[str, Any]:
+        """What there is to say of way-points before they are submitted."""
+        try:
+            self._checked(order.waypoints)
+        except RovtwinError as error:
+            return {"checks": [{"level": "error", "what": line} for line in str(error).splitlines()]}
+        limits = self._engine.vessel.limits
+        fast = [i for i, w in enumerate(order.waypoints) if w.speed > limits.speed]
+        checks = [{"level": "ok", "what": "inside tank and fence, above the depth limit"}]
+        if fast:
+            numbers = ", ".join(str(i + 1) for i in fast)
+            checks.append(
+                {"level": "warning", "what": f"way-points {numbers}: faster than thrusters keep up, {limits.said}"}
+            )
+        return {"checks": checks}
 
     def _checked(self, waypoints: list[Waypoint]) -> Mission:
         """The mission, if it can be flown here.

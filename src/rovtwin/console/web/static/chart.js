@@ -1,0 +1,213 @@
+/** The chart seen from above: what the console's messages say, and way-points and areas edited by hand. */
+import {live} from '/static/live.js';
+import {make, mount, surface} from '/static/canvas.js';
+import {drawChart} from '/static/chart_draw.js';
+import {Hands} from '/static/chart_edit.js';
+import {AreaForm, Menu, Notice, Tools, legend} from '/static/chart_panels.js';
+import {View, area, beside, boxOf, nearestLeg} from '/static/geometry.js';
+import {Track} from '/static/track.js';
+
+const model = {state: null, setup: null, plan: null, rights: null};
+const track = new Track(); // outlives the element: a change of tab loses nothing
+let shown = null;
+
+const metres = value => value.toFixed(1);
+
+class Chart {
+  view = new View();
+  model = model;
+  track = track;
+  mode = 'move'; // or add, area
+  follow = false;
+  touched = false; // by a hand: until then the view fits itself to what there is
+  selected = null; // way-point's index
+  pending = null; // {i, x, y} of a way-point that was dragged and not yet confirmed by a plan message
+  hover = null;
+  cursor = null; // where the pointer is [m]
+  area = null; // corners drawn so far
+  toward = null; // where the next corner would be
+
+  constructor(element) {
+    const label = 'Chart: drag to move it, wheel to zoom, right click for a menu';
+    this.canvas = make('canvas', {tabindex: 0, role: 'application', 'aria-label': label});
+    this.tools = new Tools(this);
+    this.menus = new Menu();
+    this.form = new AreaForm(values => this.template(values), () => this.setMode('move'));
+    this.notice = new Notice(this);
+    const panels = [legend(), this.notice.element, this.form.element, this.menus.element];
+    element.replaceChildren(this.canvas, ...this.tools.elements, ...panels);
+    this.surface = surface(this.canvas, (context, width, height) => {
+      Object.assign(this.view, {width, height});
+      if (this.follow && model.state?.eta) this.view.middle = {x: model.state.eta[0], y: model.state.eta[1]};
+      else if (!this.touched) this.fitView();
+      drawChart(context, this);
+    });
+    new Hands(this.canvas, this);
+    this.changed({});
+  }
+
+  may = () => Boolean(model.rights?.may);
+  drawing = () => this.mode === 'area' && this.may() && !this.form.open;
+
+  /** Way-points of the draft, the dragged one where the hand has it. */
+  draft = () => {
+    const {pending} = this;
+    return (model.plan?.draft ?? []).map((p, i) => (pending?.i === i ? {...p, x: pending.x, y: pending.y} : p));
+  };
+
+  get outline() {
+    const {area: points, toward} = this;
+    return points && {points, toward, closed: this.form.open || (!toward && points.length > 2)};
+  }
+
+  changed(values) {
+    Object.assign(this, values);
+    this.tools.show();
+    this.notice.show();
+    this.surface.redraw();
+  }
+
+  // The view
+
+  panned(du, dv) {
+    this.view.pan(du, dv);
+    this.changed({follow: false, touched: true});
+  }
+
+  zoomed(factor, pixel) {
+    this.view.zoom(factor, this.follow ? undefined : pixel);
+    this.changed({touched: true});
+  }
+
+  fit() {
+    this.fitView();
+    this.changed({follow: false, touched: true});
+  }
+
+  /** Plan, vehicle, home and tank; the fence only where it leaves the others large enough to see. */
+  fitView() {
+    const {setup, state, plan} = model;
+    const points = [...(plan?.draft ?? []), ...(plan?.flown ?? [])];
+    if (state?.eta) points.push({x: state.eta[0], y: state.eta[1]});
+    if (setup?.home) points.push({x: setup.home[0], y: setup.home[1]});
+    const ends = ([south, north], [west, east]) => [{x: south, y: west}, {x: north, y: east}];
+    if (setup?.room?.kind === 'tank') points.push(...ends(setup.room.x, setup.room.y));
+    const fence = setup?.fence?.north && setup.fence.east ? ends(setup.fence.north, setup.fence.east) : [];
+    const reach = ({low, high}) => Math.max(high.x - low.x, high.y - low.y);
+    const box = boxOf(points);
+    const all = boxOf([...points, ...fence]);
+    const margin = Math.max(30, 0.09 * Math.min(this.view.width, this.view.height));
+    if (all) this.view.fit(box && reach(all) > 3 * reach(box) ? box : all, margin);
+  }
+
+  // Editing: everything is asked of the server, and drawn when its plan message comes
+
+  async ask(message) {
+    try {
+      await live.send(message);
+      return true;
+    } catch (error) {
+      this.notice.complain(String(error?.message ?? error));
+      return false;
+    }
+  }
+
+  plan = (op, values) => this.may() && this.ask({do: 'plan', op, ...values});
+  add = point => this.plan('add', point);
+  insert = (i, {x, y}) => this.plan('insert', {i, x: Math.round(x * 100) / 100, y: Math.round(y * 100) / 100});
+
+  async move() {
+    const {pending} = this;
+    if (pending && !(await this.plan('move', pending)) && this.pending === pending) this.changed({pending: null});
+  }
+
+  remove(i = this.selected) {
+    if (i === null || !this.may()) return;
+    this.changed({selected: null, hover: null});
+    this.plan('delete', {i});
+  }
+
+  setMode(mode) {
+    this.form.hide();
+    this.changed({mode, area: null, toward: null});
+  }
+
+  areaDrawn() {
+    if (!this.area || this.area.length < 3 || area(this.area) < 0.01) {
+      this.changed({area: null});
+      return this.notice.complain('The area is too small: drag out a rectangle, or click three corners or more.');
+    }
+    this.changed({toward: null});
+    const {draft} = model.plan ?? {};
+    const last = draft?.at(-1);
+    this.form.show(area(this.area), {depth: last?.depth ?? model.state?.setpoint?.[2], speed: last?.speed});
+    this.changed({});
+  }
+
+  async template(values) {
+    const corners = this.area.map(({x, y}) => [Math.round(x * 100) / 100, Math.round(y * 100) / 100]);
+    const done = await this.plan('template', {name: 'lawnmower', area: corners, ...values});
+    if (done) this.setMode('move');
+  }
+
+  closeMenu = () => this.menus.hide();
+
+  /** At a pixel, of way-point i or (null) of an empty place. */
+  menu(pixel, i) {
+    const draft = this.draft();
+    const here = i === null ? this.view.toWorld(pixel) : draft[i];
+    const depth = draft[i]?.depth ?? model.state?.setpoint?.[2] ?? model.state?.eta?.[2] ?? 0;
+    const place = {x: Math.round(here.x * 100) / 100, y: Math.round(here.y * 100) / 100};
+    const items = [[`Go to here, ${metres(depth)} m deep`, () => this.ask({do: 'goto', ...place, depth})]];
+    if (i !== null) {
+      const side = which => beside(draft, i, which, 60 / this.view.scale);
+      items.push(['Insert before', () => this.insert(i, side(-1))]);
+      items.push(['Insert after', () => this.insert(i + 1, side(1))]);
+      items.push([`Delete way-point ${i + 1}`, () => this.remove(i)]);
+    } else {
+      items.push(['Add way-point here', () => this.add(place)]);
+      const leg = nearestLeg(draft, here);
+      if (leg !== null) items.push([`Insert between ${leg + 1} and ${leg + 2}`, () => this.insert(leg + 1, here)]);
+    }
+    this.changed({selected: i});
+    this.menus.show(pixel, this.view, items, this.may());
+  }
+
+  release() {
+    this.surface.release();
+    this.notice.release();
+  }
+}
+
+mount('chart', element => {
+  const chart = new Chart(element);
+  shown = chart;
+  return () => {
+    chart.release();
+    shown = null;
+  };
+});
+
+live.on('state', state => {
+  model.state = state;
+  if (state.eta) track.add({t: state.t, x: state.eta[0], y: state.eta[1]});
+  shown?.surface.redraw();
+});
+live.on('setup', setup => {
+  model.setup = setup;
+  shown?.surface.redraw();
+});
+live.on('plan', plan => {
+  const fewer = plan.draft.length < (model.plan?.draft.length ?? 0);
+  model.plan = plan;
+  shown?.changed(fewer ? {pending: null, selected: null, hover: null} : {pending: null});
+});
+live.on('rights', rights => {
+  model.rights = rights;
+  if (rights.may) shown?.changed({});
+  else {
+    shown?.closeMenu();
+    shown?.changed({pending: null});
+    shown?.setMode('move');
+  }
+});

@@ -1,0 +1,172 @@
+/** Draws the chart: what lies in the plane (`drawChart`). Everything here only reads. */
+import {FONT, colour} from '/static/canvas.js';
+import {drawAxes, drawRoses, drawScaleBar, label} from '/static/chart_rulers.js';
+import {ellipseAxes, placed, thinned} from '/static/geometry.js';
+
+const SMALLEST = 14; // a vehicle is never drawn shorter than this [px]
+const POINT = 11; // radius of a way-point's disc [px]
+
+/** One picture. `chart` holds view, model (last messages), track and what is being edited (see chart.js). */
+export function drawChart(context, chart) {
+  const {view, model} = chart;
+  const state = model.state;
+  context.fillStyle = colour('bg');
+  context.fillRect(0, 0, view.width, view.height);
+  context.lineJoin = context.lineCap = 'round';
+  drawAxes(context, view);
+  drawRoom(context, view, model.setup);
+  drawLegs(context, chart);
+  drawTrack(context, view, chart.track.points);
+  chart.draft().forEach((p, i) => drawWaypoint(context, view.toScreen(p), i, chart));
+  if (state?.eta) drawVehicle(context, view, state, model.setup?.size ?? [0.5, 0.4, 0.3]);
+  if (chart.outline) drawArea(context, view, chart.outline);
+  drawScaleBar(context, view);
+  drawRoses(context, view, state?.current, model.setup?.waves);
+}
+
+function trace(context, pixels, closed = false) {
+  context.beginPath();
+  pixels.forEach(({u, v}, i) => (i ? context.lineTo(u, v) : context.moveTo(u, v)));
+  if (closed) context.closePath();
+}
+
+function stroke(context, style, width, dash = []) {
+  context.strokeStyle = style;
+  context.lineWidth = width;
+  context.setLineDash(dash);
+  context.stroke();
+  context.setLineDash([]);
+}
+
+
+function rectangle(context, view, [south, north], [west, east]) {
+  const [p, q] = [view.toScreen({x: north, y: west}), view.toScreen({x: south, y: east})];
+  context.beginPath();
+  context.rect(p.u, p.v, q.u - p.u, q.v - p.v);
+  return p;
+}
+
+function drawRoom(context, view, setup) {
+  if (setup?.room?.kind === 'tank') {
+    const corner = rectangle(context, view, setup.room.x, setup.room.y);
+    stroke(context, colour('text'), 3);
+    label(context, 'tank', corner.u + 6, corner.v + 12, 'left');
+  }
+  if (setup?.fence?.north && setup.fence.east) {
+    rectangle(context, view, setup.fence.north, setup.fence.east);
+    stroke(context, colour('danger'), 1.5, [10, 5]);
+    const corner = view.toScreen({x: setup.fence.north[0], y: setup.fence.east[0]});
+    label(context, 'fence', corner.u + 6, corner.v - 10, 'left', colour('danger'));
+  }
+  if (setup?.home) drawHome(context, view.toScreen({x: setup.home[0], y: setup.home[1]}));
+}
+
+function drawHome(context, {u, v}) {
+  const house = [[-8, 0], [0, -8], [8, 0], [6, 0], [6, 7], [-6, 7], [-6, 0]];
+  trace(context, house.map(([a, b]) => ({u: u + a, v: v + b})), true);
+  context.fillStyle = colour('bg');
+  context.fill();
+  stroke(context, colour('text'), 1.5);
+}
+
+/** The flown plan solid, its current leg in the accent's colour, the draft dashed where it differs. */
+function drawLegs(context, {view, model, draft}) {
+  const flown = (model.plan?.flown ?? []).map(p => view.toScreen(p));
+  const drafted = draft().map(p => view.toScreen(p));
+  trace(context, flown);
+  stroke(context, colour('plan'), 2);
+  for (const {u, v} of flown) {
+    context.fillStyle = colour('plan');
+    context.fillRect(u - 3, v - 3, 6, 6);
+  }
+  if (model.state?.on_leg && model.state.leg) {
+    trace(context, model.state.leg.map(([x, y]) => view.toScreen({x, y})));
+    stroke(context, colour('accent'), 4);
+  }
+  if (drafted.some((p, i) => p.u !== flown[i]?.u || p.v !== flown[i]?.v)) {
+    trace(context, drafted);
+    stroke(context, colour('plan'), 1.5, [7, 6]);
+  }
+}
+
+function drawWaypoint(context, {u, v}, i, {selected, hover}) {
+  const [chosen, near] = [i === selected, i === hover];
+  context.beginPath();
+  context.arc(u, v, POINT + (chosen || near ? 2 : 0), 0, 2 * Math.PI);
+  context.fillStyle = chosen ? colour('accent') : colour('bg');
+  context.fill();
+  stroke(context, chosen ? colour('accent') : colour('plan'), near ? 3 : 2);
+  context.font = `600 12px ${FONT}`;
+  context.textAlign = 'center';
+  context.textBaseline = 'middle';
+  context.fillStyle = chosen ? colour('on-accent') : colour('text');
+  context.fillText(String(i + 1), u, v + 1);
+}
+
+function drawTrack(context, view, points) {
+  const pixels = thinned(points.map(p => ({...view.toScreen(p), gap: p.gap})));
+  context.beginPath();
+  pixels.forEach(({u, v, gap}) => (gap ? context.moveTo(u, v) : context.lineTo(u, v)));
+  stroke(context, colour('track'), 2);
+}
+
+/** A hull seen from above, bow ahead; enlarged when it would be too small to see. */
+function hull([length, beam], scale) {
+  const larger = Math.max(1, SMALLEST / (Math.max(length, beam) * scale));
+  const [l, b] = [(length / 2) * larger, (beam / 2) * larger];
+  return [[l, 0], [0.45 * l, b], [-l, b], [-0.8 * l, 0], [-l, -b], [0.45 * l, -b]];
+}
+
+function drawVehicle(context, view, state, size) {
+  const at = ([x, y, , , , heading]) => placed(hull(size, view.scale), {x, y}, heading).map(p => view.toScreen(p));
+  if (state.truth) {
+    trace(context, at(state.truth), true);
+    stroke(context, colour('truth'), 1, [3, 2]);
+  }
+  trace(context, at(state.eta), true);
+  context.globalAlpha = 0.6;
+  context.fillStyle = colour('track');
+  context.fill();
+  context.globalAlpha = 1;
+  stroke(context, colour('text'), 1.5);
+  if (state.ellipse) drawEllipse(context, view, state);
+  if (state.reference) drawReference(context, view.toScreen({x: state.reference[0], y: state.reference[1]}));
+}
+
+function drawEllipse(context, view, {eta, ellipse}) {
+  const {long, short, angle} = ellipseAxes(ellipse);
+  const {u, v} = view.toScreen({x: eta[0], y: eta[1]});
+  context.beginPath();
+  // The long axis lies `angle` from north over east; on screen angles grow from right over down.
+  context.ellipse(u, v, long * view.scale, short * view.scale, angle - Math.PI / 2, 0, 2 * Math.PI);
+  context.fillStyle = colour('track');
+  context.globalAlpha = 0.2;
+  context.fill();
+  context.globalAlpha = 1;
+  stroke(context, colour('track'), 1, [4, 3]);
+}
+
+function drawReference(context, {u, v}) {
+  context.beginPath();
+  for (const [a, b] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+    context.moveTo(u + 4 * a, v + 4 * b);
+    context.lineTo(u + 11 * a, v + 11 * b);
+  }
+  stroke(context, colour('bg'), 5);
+  stroke(context, colour('reference'), 2.5);
+}
+
+function drawArea(context, view, outline) {
+  const {points, toward, closed} = outline;
+  const pixels = points.map(p => view.toScreen(p));
+  trace(context, toward && !closed ? [...pixels, view.toScreen(toward)] : pixels, closed);
+  context.globalAlpha = 0.2;
+  context.fillStyle = colour('accent');
+  context.fill();
+  context.globalAlpha = 1;
+  stroke(context, colour('accent'), 2, [6, 4]);
+  for (const {u, v} of pixels) {
+    context.fillStyle = colour('accent');
+    context.fillRect(u - 4, v - 4, 8, 8);
+  }
+}

@@ -1,0 +1,231 @@
+/** Controls on the chart: tools, the menu of a place, the form for an area, and a line that says what is going on. */
+import {make} from '/static/canvas.js';
+import {area} from '/static/geometry.js';
+
+const button = (text, label, onclick, more = {}) =>
+  make('button', {type: 'button', title: label, 'aria-label': label, onclick, ...more}, text);
+
+/** Tools for editing at the upper left, those of the view at the upper right. */
+export class Tools {
+  constructor(chart) {
+    this.chart = chart;
+    const mode = (text, label, name) => [name, button(text, label, () => chart.setMode(name))];
+    this.modes = new Map([
+      mode('Move', 'Move way-points and the chart', 'move'),
+      mode('Add', 'Add way-points by clicking', 'add'),
+      mode('Area', 'Draw an area for a lawn-mower plan', 'area'),
+    ]);
+    this.remove = button('Delete', 'Delete the chosen way-point', () => chart.remove());
+    this.follow = button('Follow', 'Follow the vehicle', () => chart.changed({follow: !chart.follow, touched: true}));
+    this.elements = [
+      make(
+        'div',
+        {class: 'chart-tools chart-left', role: 'toolbar', 'aria-label': 'Edit the plan'},
+        ...this.modes.values(),
+        this.remove,
+      ),
+      make(
+        'div',
+        {class: 'chart-tools chart-right', role: 'toolbar', 'aria-label': 'View of the chart'},
+        button('+', 'Zoom in', () => chart.zoomed(1.5)),
+        button('\u2212', 'Zoom out', () => chart.zoomed(1 / 1.5)),
+        button('Fit', 'Show the whole plan', () => chart.fit()),
+        this.follow,
+      ),
+    ];
+  }
+
+  show() {
+    const {chart} = this;
+    for (const [name, element] of this.modes) {
+      element.setAttribute('aria-pressed', String(chart.mode === name));
+      element.disabled = !chart.may() && name !== 'move';
+    }
+    this.elements[0].classList.toggle('is-watching', !chart.may());
+    this.remove.disabled = !chart.may() || chart.selected === null;
+    this.follow.setAttribute('aria-pressed', String(chart.follow));
+  }
+}
+
+/** What the chart's signs mean; folded until asked for. */
+export function legend() {
+  const rows = [
+    ['is-track', 'vehicle, its track'],
+    ['is-ellipse', 'where it is with 95 %'],
+    ['is-reference', 'where it is wanted'],
+    ['is-truth', 'where the twin really is'],
+    ['is-flown', 'plan being flown'],
+    ['is-leg', 'leg being flown'],
+    ['is-draft', 'plan being drafted'],
+  ];
+  const list = rows.map(([kind, text]) => make('li', {}, make('i', {class: kind, 'aria-hidden': 'true'}), text));
+  const summary = make('summary', {'aria-label': 'Legend of the chart'}, 'Legend');
+  return make('details', {class: 'chart-legend'}, summary, make('ul', {}, ...list));
+}
+
+/** What can be done at a place: opened by a right click or a long press. */
+export class Menu {
+  constructor() {
+    this.element = make('div', {
+      class: 'chart-menu',
+      role: 'menu',
+      'aria-label': 'At this place',
+      tabindex: -1,
+      hidden: true,
+      onkeydown: e => this.#key(e),
+      onfocusout: e => this.element.contains(e.relatedTarget) || this.hide(),
+    });
+  }
+
+  /** Shows items [[text, act], ...] at a pixel; greyed, with the reason, where nothing may be edited. */
+  show({u, v}, view, items, may) {
+    const entries = items.map(([text, act]) =>
+      make('button', {type: 'button', role: 'menuitem', disabled: !may, onclick: () => (this.hide(), act())}, text));
+    if (!may) entries.unshift(make('p', {}, 'You are watching: take control to do this.'));
+    this.element.replaceChildren(...entries);
+    this.element.hidden = false;
+    const {offsetWidth, offsetHeight} = this.element;
+    this.element.style.left = `${Math.max(4, Math.min(u, view.width - offsetWidth - 4))}px`;
+    this.element.style.top = `${Math.max(4, Math.min(v, view.height - offsetHeight - 4))}px`;
+    (this.element.querySelector('button:enabled') ?? this.element).focus();
+  }
+
+  hide() {
+    this.element.hidden = true;
+  }
+
+  #key(event) {
+    const items = [...this.element.querySelectorAll('button:enabled')];
+    const step = {ArrowDown: 1, ArrowUp: -1}[event.key];
+    if (event.key === 'Tab') this.hide();
+    if (!step) return;
+    event.preventDefault();
+    event.stopPropagation(); // else the arrow would also pilot the vehicle
+    items.at((items.indexOf(document.activeElement) + step) % items.length)?.focus();
+  }
+}
+
+/**
+ * Line spacing, depth and speed for an area that was drawn. It never makes the rest of the page inert, as a modal
+ * dialog would: STOP must stay one click away.
+ */
+export class AreaForm {
+  constructor(submit, cancel) {
+    const field = (name, text, unit, value, least) => {
+      const range = {type: 'number', min: least, step: 'any', inputmode: 'decimal', required: true};
+      const input = make('input', {name, value, ...range});
+      return make('label', {}, make('span', {}, text), input, make('span', {class: 'chart-unit'}, unit));
+    };
+    this.size = make('p', {});
+    this.element = make(
+      'form',
+      {
+        class: 'chart-form',
+        role: 'dialog',
+        'aria-label': 'Lawn-mower plan over the area',
+        hidden: true,
+        onsubmit: e => this.#submit(e, submit),
+      },
+      make('h2', {}, 'Lawn-mower over this area'),
+      this.size,
+      field('spacing', 'Line spacing', 'm', 2, 0.1),
+      field('depth', 'Depth', 'm', 3, 0),
+      field('speed', 'Speed', 'm/s', 0.3, 0.01),
+      make('p', {class: 'chart-small'}, 'Takes the place of the draft; undo brings that back.'),
+      make(
+        'div',
+        {class: 'chart-buttons'},
+        make('button', {type: 'button', onclick: cancel}, 'Cancel'),
+        make('button', {type: 'submit', class: 'chart-primary'}, 'Make plan'),
+      ),
+    );
+  }
+
+  get open() {
+    return !this.element.hidden;
+  }
+
+  /** Asks for an area of so many square metres; depth and speed of the plan so far are put in, where known. */
+  show(squareMetres, known) {
+    this.size.textContent = `${squareMetres.toFixed(squareMetres < 10 ? 1 : 0)} m²`;
+    for (const [name, value] of Object.entries(known)) {
+      if (Number.isFinite(value) && value > 0) this.element.elements[name].value = Number(value.toFixed(2));
+    }
+    this.element.hidden = false;
+    this.element.elements.spacing.select();
+  }
+
+  hide() {
+    this.element.hidden = true;
+  }
+
+  async #submit(event, submit) {
+    event.preventDefault();
+    const {elements} = this.element;
+    const confirm = this.element.querySelector('[type=submit]');
+    confirm.disabled = true; // a double click asks once
+    try {
+      const values = ['spacing', 'depth', 'speed'].map(name => [name, Number(elements[name].value)]);
+      await submit(Object.fromEntries(values));
+    } finally {
+      confirm.disabled = false;
+    }
+  }
+}
+
+/** The line at the foot: what a click does now, which way-point is chosen, where the pointer is; errors for a while. */
+export class Notice {
+  #timer = 0;
+
+  constructor(chart) {
+    this.chart = chart;
+    this.hint = make('span', {});
+    this.error = make('span', {class: 'chart-error', role: 'alert'});
+    this.done = button('Done', 'Finish the area', () => chart.areaDrawn(), {hidden: true});
+    this.cancel = button('Cancel', 'Leave this mode', () => chart.setMode('move'), {hidden: true});
+    this.element = make('div', {class: 'chart-notice'}, this.error, this.hint, this.done, this.cancel);
+  }
+
+  show() {
+    const {chart} = this;
+    const drawing = chart.drawing();
+    this.done.hidden = !(drawing && chart.area?.length > 2);
+    this.cancel.hidden = !drawing && (chart.mode !== 'add' || !chart.may());
+    const text = this.#text();
+    if (this.hint.textContent !== text) this.hint.textContent = text;
+    this.element.hidden = !text && !this.error.textContent && this.cancel.hidden;
+  }
+
+  #text() {
+    const {chart} = this;
+    const i = chart.pending?.i ?? chart.selected;
+    const point = i === null ? null : chart.draft()[i];
+    const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
+    if (chart.drawing()) return this.#areaText(chart.area);
+    const speed = point?.speed ? `, ${point.speed} m/s` : '';
+    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}`;
+    const pointer = chart.cursor ? at(chart.cursor) : '';
+    if (chart.mode !== 'add' || !chart.may()) return pointer;
+    return `Click to add a way-point${pointer && ` · ${pointer}`}`;
+  }
+
+  #areaText(points) {
+    if (!points) return 'Drag out a rectangle or click corners';
+    const size = points.length > 2 ? `${area(points).toFixed(1)} m² · ` : '';
+    return `${size}click the next corner, on the first one to finish`;
+  }
+
+  complain(text) {
+    this.error.textContent = text;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => {
+      this.error.textContent = '';
+      this.show();
+    }, 8000);
+    this.show();
+  }
+
+  release() {
+    clearTimeout(this.#timer);
+  }
+}

@@ -1,0 +1,110 @@
+/** The camera's picture with a head-up display over it. */
+import {live} from '/static/live.js';
+import {make, mount, surface} from '/static/canvas.js';
+import {drawHud} from '/static/hud_draw.js';
+
+const OLD = 0.5; // a state older than this is marked [s]
+const RETRY = 2000; // before a lost picture is asked for again [ms]
+
+const model = {state: null, setup: null, heard: null};
+let shown = null;
+
+/** What is older than it may be: {what, age} or null. A replay that is paused is not old. */
+export function staleness({state, heard}, now) {
+  if (!state || state.replay) return null;
+  const age = (now - heard) / 1000;
+  if (age > OLD) return {what: 'STALE', age};
+  return state.link_age > OLD ? {what: 'VEHICLE SILENT', age: state.link_age} : null;
+}
+
+class Hud {
+  #retry = 0;
+  #wanted = false;
+
+  constructor(element) {
+    this.element = element;
+    const heard = {onerror: () => this.#lost(), onload: () => this.#came()};
+    this.picture = make('img', {alt: 'Picture of the vehicle’s camera', hidden: true, ...heard});
+    this.words = make('p', {class: 'hud-words'});
+    this.canvas = make('canvas', {role: 'img', 'aria-label': 'Head-up display'});
+    element.replaceChildren(this.picture, this.words, this.canvas);
+    this.surface = surface(this.canvas, (context, width, height) => {
+      const stale = staleness(model, performance.now());
+      element.dataset.stale = stale ? stale.what : '';
+      drawHud(context, {width, height}, model, stale);
+    });
+    // A display nobody sees takes no pictures: they cost the server a render each.
+    this.observer = new ResizeObserver(() => this.watch());
+    this.observer.observe(element);
+    this.clock = setInterval(() => this.#tick(), 100);
+    this.watch();
+  }
+
+  /** Takes pictures where there is a camera and room to show them. */
+  watch() {
+    const wanted = Boolean(model.setup?.camera) && this.element.clientWidth > 0;
+    this.words.textContent = model.setup && !model.setup.camera ? 'no camera over this link' : '';
+    if (wanted === this.#wanted) return;
+    this.#wanted = wanted;
+    clearTimeout(this.#retry);
+    if (wanted) this.#ask();
+    else this.#drop();
+  }
+
+  #ask() {
+    this.words.textContent = 'waiting for the camera';
+    this.picture.src = `/camera.mjpg?${Date.now()}`;
+  }
+
+  /** Without its address the browser ends the stream; taking the element away would not. */
+  #drop() {
+    this.picture.removeAttribute('src');
+    this.picture.hidden = true;
+  }
+
+  #came() {
+    this.picture.hidden = false;
+    this.words.textContent = '';
+  }
+
+  #lost() {
+    if (!this.#wanted) return;
+    this.#drop();
+    this.words.textContent = 'no picture from the camera; trying again';
+    clearTimeout(this.#retry);
+    this.#retry = setTimeout(() => this.#ask(), RETRY);
+  }
+
+  #tick() {
+    const {dataset} = this.element;
+    if (staleness(model, performance.now()) || dataset.stale) this.surface.redraw();
+  }
+
+  release() {
+    clearInterval(this.clock);
+    clearTimeout(this.#retry);
+    this.#wanted = false;
+    this.#drop();
+    this.observer.disconnect();
+    this.surface.release();
+  }
+}
+
+mount('hud', element => {
+  const hud = new Hud(element);
+  shown = hud;
+  return () => {
+    hud.release();
+    shown = null;
+  };
+});
+
+live.on('state', state => {
+  Object.assign(model, {state, heard: performance.now()});
+  shown?.surface.redraw();
+});
+live.on('setup', setup => {
+  model.setup = setup;
+  shown?.watch();
+  shown?.surface.redraw();
+});

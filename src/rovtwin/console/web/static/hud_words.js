@@ -1,0 +1,40 @@
+/** What the head-up display says in words, from the state message; without a page. */
+
+const GRAVE = new Set(['aborted', 'held', 'returning', 'returned', 'surfacing', 'surfaced']);
+
+/** Height over the ground of the altimeter: {text, old} where a vehicle has one, else null; `old` says since when. */
+export function depthUnder(state, setup) {
+  const reading = state.sensors?.altimeter;
+  if (!reading) return setup?.sensors?.includes('altimeter') ? {text: '–', old: ''} : null;
+  const value = reading.value?.[0];
+  const text = Number.isFinite(value) ? value.toFixed(2) : '–';
+  return {text, old: reading.age > 1 ? `${reading.age.toFixed(0)} s ago` : ''};
+}
+
+/** Lines [{text, level (a colour's name), small}] at the lower left (what it does) and right (how far it is). */
+export function hudLines(state) {
+  const left = [thrust(state)];
+  const note = state.note ? `: ${state.note}` : '';
+  if (state.stage !== 'ready') left.push({text: `${state.stage}${note}`, level: 'hud-warn'});
+  else if (state.phase) {
+    const reason = state.reason ? `: ${state.reason}` : '';
+    left.push({text: `${state.phase.toUpperCase()}${reason}`, level: GRAVE.has(state.phase) ? 'hud-danger' : 'hud'});
+  }
+  return {left, right: progress(state)};
+}
+
+function thrust({stopped, hung, armed, arming}) {
+  if (stopped) return {text: 'STOPPED', level: 'hud-danger', small: true};
+  if (hung) return {text: 'AUTOPILOT HANGS', level: 'hud-danger', small: true};
+  if (armed) return {text: 'ARMED', level: 'hud-ok', small: true};
+  return {text: arming ? 'ARMING' : 'DISARMED', level: arming ? 'hud-warn' : 'hud-muted', small: true};
+}
+
+/** `waypoint` counts from 0, people from 1. */
+function progress({count, waypoint, to_go}) {
+  if (!count) return [];
+  return [
+    {text: `way-point ${Math.min(waypoint + 1, count)} of ${count}`, small: true},
+    {text: Number.isFinite(to_go) ? `${to_go.toFixed(1)} m to go` : ''},
+  ];
+}

@@ -1,0 +1,19 @@
+/** Stands in for the server: `window.emit(message)` to the views, `window.sent` from them, `window.refuse` to reject it. */
+const heard = {};
+const last = {};
+window.emit = message => {
+  last[message.kind] = message;
+  (heard[message.kind] ?? []).forEach(act => act(message));
+};
+export const live = {
+  last,
+  on(kind, act) {
+    (heard[kind] ??= []).push(act);
+    if (last[kind]) act(last[kind]);
+  },
+  css: name => getComputedStyle(document.body).getPropertyValue(name),
+  async send(message) {
+    window.sent.push(message);
+    if (window.refuse) throw new Error(window.refuse);
+  },
+};

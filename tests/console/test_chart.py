@@ -1,0 +1,215 @@
+"""The chart under a hand: what clicks, drags, keys and fingers send to the server."""
+
+import pytest
+from tests.console import messages
+
+SQUARE = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0))
+
+
+@pytest.fixture
+def chart(open_views):
+    """A chart of a plan of three way-points, fitted, with the rights to edit."""
+
+    def opened(*, may: bool = True):
+        page = open_views("chart")
+        for message in (messages.setup(), messages.state(), messages.plan(*SQUARE), messages.rights(may)):
+            emit(page, message)
+        drawn(page)
+        return page
+
+    return opened
+
+
+def emit(page, message):
+    page.evaluate("message => window.emit(message)", message)
+
+
+def drawn(page):
+    page.wait_for_selector("#chart canvas")
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def sent(page):
+    page.evaluate("() => new Promise(done => requestAnimationFrame(done))")
+    return page.evaluate("window.sent")
+
+
+def at(x: float, y: float) -> tuple[float, float]:
+    """Pixel of a place on a chart of 900 x 600 fitted to the tank of `messages`: 13 m high less the margins."""
+    scale = (600 - 2 * 54) / 13
+    return 450 + (y - 5) * scale, 300 - (x - 4.5) * scale
+
+
+def press(page, name: str):
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def test_a_click_in_add_mode_adds_where_it_was(chart):
+    page = chart()
+    page.mouse.click(*at(3, 3))
+    assert sent(page) == []  # only in that mode
+    press(page, "Add way-points by clicking")
+    page.mouse.click(*at(2, 8))
+    (added,) = sent(page)
+    assert (added["do"], added["op"]) == ("plan", "add")
+    assert (added["x"], added["y"]) == pytest.approx((2, 8), abs=0.03)
+
+
+def test_a_drag_moves_a_way_point_and_a_refusal_puts_it_back(chart):
+    page = chart()
+    page.mouse.move(*at(6, 0))
+    page.mouse.down()
+    page.mouse.move(*at(5, 3), steps=3)
+    assert page.get_by_text("2: N 5.0, E 3.0 m, 3.0 m deep, 0.2 m/s").is_visible()
+    assert sent(page) == []
+    page.evaluate("window.refuse = 'way-point 2 lies outside the fence'")
+    page.mouse.up()
+    (moved,) = sent(page)
+    assert moved == pytest.approx({"do": "plan", "op": "move", "i": 1, "x": 5, "y": 3}, abs=0.03)
+    assert page.get_by_role("alert").inner_text() == "way-point 2 lies outside the fence"
+    assert page.get_by_text("2: N 6.0, E 0.0 m").is_visible()
+
+
+def test_delete_by_key_and_by_button(chart):
+    page = chart()
+    page.mouse.click(*at(6, 6))
+    page.keyboard.press("Delete")
+    page.mouse.click(*at(0, 0))
+    press(page, "Delete the chosen way-point")
+    assert [(m["op"], m["i"]) for m in sent(page)] == [("delete", 2), ("delete", 0)]
+    page.keyboard.press("Delete")  # nothing is chosen any more
+    assert len(sent(page)) == 2
+
+
+def test_the_menu_of_a_place_and_of_a_way_point(chart):
+    page = chart()
+    page.mouse.click(*at(3, 1), button="right")
+    page.get_by_role("menuitem", name="Insert between 1 and 2").click()
+    page.mouse.click(*at(3, 8), button="right")
+    page.get_by_role("menuitem", name="Go to here, 3.0 m deep").click()
+    page.mouse.click(*at(6, 0), button="right")
+    page.get_by_role("menuitem", name="Insert after").click()
+    insert, goto, after = sent(page)
+    assert insert == pytest.approx({"do": "plan", "op": "insert", "i": 1, "x": 3, "y": 1}, abs=0.03)
+    assert goto == pytest.approx({"do": "goto", "x": 3, "y": 8, "depth": 3}, abs=0.03)
+    assert after == {"do": "plan", "op": "insert", "i": 2, "x": 6, "y": 3}
+    assert page.get_by_role("menu").count() == 0
+
+
+@pytest.mark.parametrize("hand", ["rectangle", "polygon"])
+def test_an_area_becomes_a_lawn_mower(chart, hand):
+    page = chart()
+    press(page, "Draw an area for a lawn-mower plan")
+    if hand == "rectangle":
+        page.mouse.move(*at(8, 2))
+        page.mouse.down()
+        page.mouse.move(*at(4, 9), steps=3)
+        page.mouse.up()
+        corners = [[8, 2], [8, 9], [4, 9], [4, 2]]
+    else:
+        corners = [[1, 1], [8, 2], [4, 9]]
+        for x, y in (*corners, corners[0]):
+            page.mouse.click(*at(x, y))
+    page.get_by_label("Line spacing").fill("1.5")
+    page.get_by_label("Depth").fill("2")
+    press(page, "Make plan")
+    (asked,) = sent(page)
+    assert [pytest.approx(corner, abs=0.03) for corner in corners] == asked.pop("area")
+    expected = {"do": "plan", "op": "template", "name": "lawnmower", "spacing": 1.5, "depth": 2, "speed": 0.2}
+    assert asked == expected
+    assert page.get_by_role("dialog").count() == 0
+
+
+def test_who_only_watches_edits_nothing(chart):
+    page = chart(may=False)
+    assert page.get_by_role("button", name="Add way-points by clicking", exact=True).is_disabled()
+    page.mouse.click(*at(6, 0))
+    page.keyboard.press("Delete")
+    page.mouse.click(*at(6, 0), button="right")
+    assert page.get_by_text("You are watching").is_visible()
+    assert page.get_by_role("menuitem", name="Go to here, 3.0 m deep").is_disabled()
+    page.mouse.move(*at(6, 0))
+    page.mouse.down()
+    page.mouse.move(*at(5, 3))
+    assert page.get_by_text("2: N 5.0").count() == 0  # it does not even seem to move
+    page.mouse.up()
+    assert sent(page) == []
+
+
+def test_rights_lost_while_drawing_end_it(chart):
+    page = chart()
+    press(page, "Draw an area for a lawn-mower plan")
+    page.mouse.click(*at(1, 1))
+    emit(page, messages.rights(False))
+    page.mouse.click(*at(5, 5))
+    emit(page, messages.rights(True))
+    assert page.get_by_role("button", name="Move way-points and the chart").get_attribute("aria-pressed") == "true"
+    assert sent(page) == []
+
+
+def test_wheel_zooms_about_the_pointer_and_a_drag_pans(chart):
+    page = chart()
+    press(page, "Add way-points by clicking")
+    u, v = at(3, 9)
+    page.mouse.move(u, v)
+    page.mouse.wheel(0, -400)
+    page.mouse.click(u, v)
+    page.mouse.move(u, v - 100)
+    page.mouse.down()
+    page.mouse.move(u + 50, v - 70, steps=2)
+    page.mouse.up()
+    page.mouse.click(u + 50, v + 30)
+    same, panned = sent(page)
+    assert (same["x"], same["y"]) == pytest.approx((3, 9), abs=0.03)
+    assert (panned["x"], panned["y"]) == pytest.approx((3, 9), abs=0.03)
+
+
+def test_fingers_pinch_and_press_long(chart):
+    page = chart()
+    fingers = page.context.new_cdp_session(page)
+
+    def touch(kind: str, *points: tuple[float, float]):
+        places = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    (u, v) = at(4.5, 5)
+    touch("touchStart", (u - 50, v))
+    touch("touchStart", (u - 50, v), (u + 50, v))
+    touch("touchMove", (u - 100, v), (u + 100, v))
+    touch("touchEnd")
+    press(page, "Add way-points by clicking")
+    page.touchscreen.tap(u + 150, v)
+    (added,) = sent(page)
+    assert (added["x"], added["y"]) == pytest.approx((4.5, 5 + 75 / ((600 - 108) / 13)), abs=0.03)
+    touch("touchStart", (u, v))
+    page.get_by_role("menuitem", name="Add way-point here").wait_for()
+    touch("touchEnd")
+    assert len(sent(page)) == 1  # lifting the finger is no click
+
+
+def test_follow_keeps_the_vehicle_in_the_middle(chart):
+    page = chart()
+    press(page, "Follow the vehicle")
+    emit(page, messages.state(eta=[3, 8, 2, 0, 0, 0]))
+    press(page, "Add way-points by clicking")
+    page.mouse.click(450, 300)
+    (added,) = sent(page)
+    assert (added["x"], added["y"]) == pytest.approx((3, 8), abs=0.03)
+
+
+def test_every_control_has_a_name(chart):
+    page = chart()
+    unnamed = """() => [...document.querySelectorAll('#chart button, #chart canvas, #chart summary, #chart input')]
+      .filter(e => !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length)).map(e => e.outerHTML)"""
+    assert page.locator("#chart button").count() > 8
+    assert page.evaluate(unnamed) == []
+
+
+def test_the_view_is_built_again_when_its_element_is_replaced(chart):
+    page = chart()
+    page.evaluate("""() => { const old = document.getElementById('chart'); const next = old.cloneNode(false);
+      old.replaceWith(next); }""")
+    drawn(page)
+    page.mouse.click(*at(6, 0), button="right")
+    page.get_by_role("menuitem", name="Delete way-point 2").click()
+    assert [m["op"] for m in sent(page)] == ["delete"]

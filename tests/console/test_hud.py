@@ -1,0 +1,75 @@
+"""The head-up display: what it says, what it marks as old, where it draws markers."""
+
+import pytest
+from tests.console import messages
+
+COUNT = """([u, v, w, h, name]) => {
+  const canvas = document.querySelector('#hud canvas');
+  const colour = getComputedStyle(document.body).getPropertyValue(name).trim();
+  const wanted = [1, 3, 5].map(i => parseInt(colour.slice(i, i + 2), 16));
+  const {data} = canvas.getContext('2d').getImageData(u, v, w, h);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    count += wanted.every((c, k) => Math.abs(data[i + k] - c) < 12) && data[i + 3] > 250;
+  }
+  return count;
+}"""
+
+
+@pytest.fixture
+def hud(open_views):
+    def opened(*sent):
+        page = open_views("hud")
+        page.wait_for_selector("#hud canvas")
+        for message in sent:
+            page.evaluate("message => window.emit(message)", message)
+        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        return page
+
+    return opened
+
+
+def test_without_a_camera_it_says_so_and_asks_for_no_picture(hud):
+    page = hud(messages.setup(camera=False), messages.state())
+    assert page.get_by_text("no camera over this link").is_visible()
+    assert page.locator("#hud img").get_attribute("src") is None
+
+
+def test_a_state_that_does_not_follow_is_marked_as_old_until_the_next(hud):
+    page = hud(messages.setup(), messages.state())
+    assert page.locator("#hud").get_attribute("data-stale") == ""
+    page.wait_for_selector("#hud[data-stale=STALE]", timeout=1500)
+    assert page.evaluate(COUNT, [0, 0, 6, 600, "--hud-danger"]) > 3000
+    page.evaluate("message => window.emit(message)", messages.state())
+    page.wait_for_selector('#hud[data-stale=""]', timeout=1500)
+    assert page.evaluate(COUNT, [0, 0, 6, 600, "--hud-danger"]) == 0
+
+
+def test_a_vehicle_that_is_silent_is_not_mistaken_for_a_fresh_one(hud):
+    page = hud(messages.setup(), messages.state(link_age=0.8))
+    assert page.locator("#hud").get_attribute("data-stale") == "VEHICLE SILENT"
+
+
+def test_markers_lie_where_the_picture_has_them(hud):
+    """A picture of 1200 x 600 in 900 x 600 is 900 x 450, 75 px lower."""
+    square = [[200, 100], [280, 100], [280, 180], [200, 180]]
+    page = hud(messages.setup(), messages.state(markers=[{"id": 7, "corners": square}], picture=[1200, 600]))
+    assert page.evaluate(COUNT, [150, 145, 60, 10, "--hud-ok"]) > 60  # its upper edge
+    assert page.evaluate(COUNT, [155, 160, 45, 40, "--hud-ok"]) == 0  # within
+    assert page.evaluate(COUNT, [600, 75, 300, 400, "--hud-ok"]) == 0
+
+
+def test_what_it_says_in_words(hud):
+    page = hud(messages.setup(), messages.state())
+    script = "async states => { const w = await import('/static/hud_words.js'); return states.map(w.hudLines); }"
+    states = [
+        messages.state(waypoint=1, count=3, to_go=5),
+        messages.state(phase="held", reason="positions lost", stopped=True),
+        messages.state(stage="lost", note="no answer for 2 s", armed=False, count=0),
+    ]
+    flying, held, lost = page.evaluate(script, states)
+    assert [line["text"] for line in flying["left"]] == ["ARMED", "GO"]
+    assert [line["text"] for line in flying["right"]] == ["way-point 2 of 3", "5.0 m to go"]
+    assert [line["text"] for line in held["left"]] == ["STOPPED", "HELD: positions lost"]
+    assert held["left"][1]["level"] == "hud-danger"
+    assert [line["text"] for line in lost["left"]] == ["DISARMED", "lost: no answer for 2 s"] and lost["right"] == []
