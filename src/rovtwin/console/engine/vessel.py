@@ -1,5 +1,6 @@
 """The vehicle of an engine, made ready beside its loop: host process, compiled autopilot, sensors heard."""
 
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from rovtwin.scenario.live.connect import opener, source
 from rovtwin.scenario.live.readiness import Ears, Readiness, listen
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle.performance import performance
 
 TWIN = "twin://"
 COMPILING = 240.0  # longest wait for a twin, which is compiled first [s]
@@ -37,6 +39,23 @@ class Wanted:
         return self.link == TWIN
 
 
+@dataclass(frozen=True)
+class Limits:
+    """What the vehicle can keep up: `speed` ahead [m/s], in still water and against what current there is; `said`."""
+
+    speed: float
+    said: str
+
+    @classmethod
+    def of(cls, composed: Composed) -> "Limits":
+        """From the autopilot's model and the world's current as it begins."""
+        top = performance(composed.model)["surge"]["ahead"].top_speed
+        current = getattr(composed.scenario.world.current, "velocity", None) or [0.0, 0.0, 0.0]
+        against = math.hypot(*current[:2])
+        said = f"{top:.2g} m/s ahead" + (f" less {against:.2g} m/s of current" if against else "")
+        return cls(max(top - against, 0.0), said)
+
+
 @dataclass
 class Vessel:
     """A vehicle that is heard."""
@@ -47,6 +66,7 @@ class Vessel:
     readiness: Readiness
     helm: Helm
     composed: Composed
+    limits: Limits
 
     def close(self) -> None:
         """Stop the thrusters and let go of it."""
@@ -66,7 +86,7 @@ class Shipyard:
         self.wanted, self.clock = wanted, Clock(0.0 if wanted.is_twin else speed)
         self._speed, self._say = speed, say
         self._made: Vessel | None = None
-        self._helm: tuple[Composed, Helm] | None = None
+        self._helm: tuple[Composed, Helm, Limits] | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
@@ -94,11 +114,11 @@ class Shipyard:
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
             try:
-                composed, helm = self._helm or self._compiled()
+                composed, helm, limits = self._helm or self._compiled()
             except BaseException:
                 opening.add_done_callback(lambda done: done.exception() or done.result().close())
                 raise
-            self._helm = composed, helm
+            self._helm = composed, helm, limits
             link = opening.result()
         sources: list[Source] = []
         try:
@@ -112,7 +132,7 @@ class Shipyard:
         except BaseException:
             link.close()
             raise
-        return Vessel(link, sources, ears, readiness, helm, composed)
+        return Vessel(link, sources, ears, readiness, helm, composed, limits)
 
     def _open(self) -> HostedLink:
         wanted = self.wanted
@@ -122,7 +142,6 @@ class Shipyard:
             made, patience = opener(wanted.link, wanted.scenario, self.clock), CONNECTING
         return HostedLink(made, len(vehicle_of(wanted.scenario).thruster_names), wanted.stop_at, patience)
 
-    def _compiled(self) -> tuple[Composed, Helm]:
-        # Nothing breaks by a time-line where an operator may break it by hand.
+    def _compiled(self) -> tuple[Composed, Helm, Limits]:
         composed = compose(self.wanted.scenario)
-        return composed, Helm(composed, self.wanted.scenario)
+        return composed, Helm(composed, self.wanted.scenario), Limits.of(composed)

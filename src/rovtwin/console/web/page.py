@@ -1,0 +1,75 @@
+"""The page: what is always visible on top, two views beside each other, a panel to act in, thrusters and log below."""
+
+from collections.abc import Callable
+
+from nicegui import ui
+
+from rovtwin.console.web.chart import chart
+from rovtwin.console.web.hud import hud
+from rovtwin.console.web.thrusters import thrusters
+
+Filler = Callable[[], None]
+
+
+def page() -> None:
+    """Build it."""
+    ui.add_head_html('<link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/page.css">')
+    ui.add_head_html('<meta name="color-scheme" content="dark light">')
+    with ui.element("div").classes("console").props("id=console"):
+        _bar()
+        ui.element("div").props('id=alerts role=alert aria-live=assertive aria-label="Alerts"')
+        with ui.element("main").classes("views"):
+            _tabs("left", "Views, left", {"Chart": chart, "3-D": _later("scene")})
+            _tabs("right", "Views, right", {"Camera": hud, "Plots": _later("plots")})
+            _tabs("side", "Actions", {"Plan": _section("plan"), "Pilot": _section("pilot"), "World": _section("world")})
+        with ui.element("footer").classes("strip"):
+            with ui.element("div").classes("cell"):
+                thrusters()
+            with ui.element("div").classes("cell"):
+                _later("events")()
+    for module in ("page", "bar", "plan", "pilot", "world"):
+        ui.add_body_html(f'<script type="module" src="/static/{module}.js"></script>')
+
+
+def _bar() -> None:
+    """STOP and the state of things; `bar.js` fills it."""
+    with ui.element("header").classes("bar"):
+        ui.element("button").props('id=stop aria-label="STOP: thrusters off (Esc)"').classes("stop")
+        ui.element("div").props('id=bar role=status aria-label="State of the vehicle"').classes("facts")
+
+
+def _tabs(name: str, label: str, views: dict[str, Filler]) -> None:
+    """Views of which one is shown; `page.js` switches them, and hidden ones keep what they have."""
+    with ui.element("section").classes(f"tabs {name}").props(f'aria-label="{label}"'):
+        with ui.element("div").props(f'role=tablist aria-label="{label}"').classes("tablist"):
+            for i, title in enumerate(views):
+                key = f"{name}-{i}"
+                button = ui.element("button").props(
+                    f"role=tab id=tab-{key} aria-controls=panel-{key} aria-selected={'true' if i == 0 else 'false'}"
+                )
+                with button:
+                    ui.html(title, sanitize=False)
+        for i, fill in enumerate(views.values()):
+            key = f"{name}-{i}"
+            hidden = "" if i == 0 else " hidden"
+            panel = ui.element("div").classes("panel")
+            panel.props(f"role=tabpanel id=panel-{key} aria-labelledby=tab-{key}{hidden}")
+            with panel:
+                fill()
+
+
+def _section(name: str) -> Filler:
+    def fill() -> None:
+        ui.element("section").props(f"id={name}").classes("form")
+
+    return fill
+
+
+def _later(name: str) -> Filler:
+    """A view with a module of its own in `web/`."""
+    from importlib import import_module
+
+    def fill() -> None:
+        getattr(import_module(f"rovtwin.console.web.{name}"), name)()
+
+    return fill

@@ -1,0 +1,137 @@
+/** What is always visible: STOP, and whether, how and where the vehicle flies. */
+import {mount} from '/static/canvas.js';
+import {live, stop} from '/static/live.js';
+import {make, said, theme, toast} from '/static/page.js';
+
+const STALE = 500;  // a state older than this is no news [ms]
+const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
+const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
+
+function fact(label, id) {
+  const value = make('span', {class: 'value', id: `fact-${id}`}, '–');
+  const box = make('div', {class: 'fact', title: label}, make('span', {class: 'label'}, label), value);
+  return [box, (text, level = '') => {
+    if (value.textContent !== text) value.textContent = text;
+    if (value.dataset.level !== level) value.dataset.level = level;
+  }];
+}
+
+function worst(nis) {
+  let level = '';
+  let text = 'consistent';
+  for (const [name, found] of Object.entries(nis || {})) {
+    const [value, , low, high] = found;
+    if (value > high && level !== 'warn') [level, text] = ['warn', `${name} off ${value.toFixed(1)}×`];
+    if (value > 3 * high) [level, text] = ['danger', `${name} off ${value.toFixed(1)}×`];
+    if (value < low && !level && name === 'position') text = 'cautious';
+  }
+  return [text, level];
+}
+
+function lowest(battery) {
+  const values = battery?.value;
+  return values ? Math.min(...values.filter(Number.isFinite).map(v => v)) : NaN;
+}
+
+mount('stop', button => {
+  button.textContent = 'STOP';
+  const press = () => stop().then(([answer]) => {
+    if (answer.status === 'rejected') toast(`STOP: ${answer.reason.message}`, 'danger');
+  });
+  button.addEventListener('pointerdown', press);
+  button.addEventListener('keydown', event => { if (event.key === 'Enter' || event.key === ' ') press(); });
+  return () => {};
+});
+
+mount('bar', bar => {
+  const facts = {};
+  for (const [id, label] of [
+    ['link', 'Link'], ['arm', 'Thrusters'], ['phase', 'Mode'], ['age', 'Link age'], ['battery', 'Battery'],
+    ['leak', 'Leak'], ['position', 'Position ±'], ['nis', 'Filter'], ['progress', 'Mission'], ['time', 'Time'],
+    ['control', 'Control'],
+  ]) {
+    const [box, set] = fact(label, id);
+    facts[id] = set;
+    bar.append(box);
+  }
+  const arm = make('button', {id: 'arm', class: 'action', onclick: () => said(live.send({
+    do: live.last.state?.armed ? 'disarm' : 'arm'}))}, 'Arm');
+  const control = make('button', {id: 'take', class: 'action', onclick: takeControl}, 'Take control');
+  const sun = make('button', {class: 'action', 'aria-label': 'Dark or daylight colours', title: 'Dark or daylight colours',
+    onclick: () => theme(!document.body.classList.contains('daylight'))}, '◐');
+  bar.append(make('div', {class: 'actions'}, arm, control, sun));
+
+  const release = [
+    live.on('state', state => show(facts, state, arm)),
+    live.on('rights', rights => {
+      const who = rights.may ? 'you' : rights.in_control || 'nobody';
+      facts.control(rights.watchers > 1 ? `${who}, ${rights.watchers} watch` : who, rights.may ? 'ok' : 'warn');
+      control.textContent = rights.may ? 'Give control' : rights.in_control ? 'Ask for control' : 'Take control';
+      control.hidden = rights.may && !rights.asked && rights.watchers < 2;
+      if (rights.may && rights.asked) asked(rights.asked);
+    }),
+  ];
+  const timer = setInterval(() => connection(facts), 200);
+  return () => { release.forEach(one => one()); clearInterval(timer); };
+});
+
+let asking = null;
+function asked(who) {
+  if (asking === who) return;
+  asking = who;
+  const answer = order => { box.remove(); asking = null; said(live.send({do: order})); };
+  const box = make('div', {class: 'toast', role: 'alertdialog', 'aria-label': `${who} asks for control`},
+    `${who} asks for control `,
+    make('button', {class: 'action', onclick: () => answer('give')}, 'Give'),
+    make('button', {class: 'action', onclick: () => answer('refuse')}, 'Keep'));
+  document.body.append(box);
+}
+
+function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 'take'})); }
+
+function connection(facts) {
+  const old = performance.now() - live.heard > STALE;
+  if (!live.connected) facts.link('no server', 'danger');
+  else if (live.hung) facts.link('autopilot silent', 'danger');
+  else if (old) facts.link('stale', 'danger');
+  document.body.classList.toggle('stale', old || !live.connected);
+}
+
+const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
+
+function show(facts, state, arm) {
+  const ready = state.stage === 'ready' || state.stage === 'replay';
+  facts.link(ready ? state.link : `${state.stage}${state.note ? `: ${state.note}` : ''}`, ready ? 'ok' : 'warn');
+  facts.arm(state.stopped ? 'STOPPED' : state.armed ? 'armed' : state.arming ? 'arming …' : 'off',
+    state.stopped ? 'danger' : state.armed ? 'warn' : '');
+  arm.textContent = state.armed ? 'Disarm' : 'Arm';
+  arm.disabled = !live.last.rights?.may || !ready || state.arming || !!state.replay;
+  if (!state.eta) return;
+  facts.phase(state.reason ? `${state.phase}: ${state.reason}` : state.phase, LOUD[state.phase] || '');
+  facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
+  const charge = lowest(state.sensors.battery);
+  facts.battery(Number.isFinite(charge) ? `${Math.round(100 * charge)} %` : 'not told',
+    charge < 0.1 ? 'danger' : charge < 0.25 ? 'warn' : '');
+  const leak = state.sensors.leak?.value;
+  facts.leak(leak ? (leak[0] > 0.5 ? 'LEAK' : 'dry') : 'not told', leak?.[0] > 0.5 ? 'danger' : '');
+  const [a, b, c] = [state.ellipse[0][0], state.ellipse[0][1], state.ellipse[1][1]];
+  const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
+  const age = state.sensors.position?.age;
+  facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
+  facts.nis(...worst(state.nis));
+  facts.progress(state.count ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
+    + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
+  const pace = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
+  facts.time(`${number(state.t, 1)} s${pace}`, state.running ? '' : 'warn');
+  alerts(state.alerts);
+}
+
+let shown = '';
+function alerts(found) {
+  const key = JSON.stringify(found.map(one => [one.level, one.what]));
+  if (key === shown) return;
+  shown = key;
+  const strip = document.getElementById('alerts');
+  strip.replaceChildren(...found.map(one => make('div', {class: `alert ${one.level}`},
+    make('strong', {}, one.what), ` – ${one.cause}. `, make('em', {}, one.remedy))));
+}

@@ -1,0 +1,95 @@
+/** The socket to the console's server: messages by their kind, orders with answers, signs of life, and STOP. */
+
+const handlers = new Map();  // kind -> functions
+const waiting = new Map();  // number of an order -> [resolve, reject]
+const ALIVE = 200;  // between two signs of life [ms]
+const RETRY = 1000;  // until a lost server is looked for again [ms]
+const PATIENCE = 30000;  // for an answer [ms]: a survey takes some time to lay out
+let socket = null;
+let number = 0;
+
+const name = sessionStorage.getItem('rovtwin-name') || `b${Math.random().toString(16).slice(2, 6).padEnd(4, '0')}`;
+sessionStorage.setItem('rovtwin-name', name);
+
+export const live = {
+  last: {},
+  name,
+  heard: -Infinity,  // when the last state came [performance.now]
+  connected: false,
+  hung: false,
+
+  /** Calls `handler` with every message of a kind, and with the last one there was. */
+  on(kind, handler) {
+    if (!handlers.has(kind)) handlers.set(kind, new Set());
+    handlers.get(kind).add(handler);
+    if (kind in this.last) handler(this.last[kind]);
+    return () => handlers.get(kind).delete(handler);
+  },
+
+  /** Gives an order; resolves with the answer, rejects with an Error whose message is for people. */
+  send(order) {
+    if (socket?.readyState !== WebSocket.OPEN) return Promise.reject(new Error('the console is not connected'));
+    number += 1;
+    const id = number;
+    return new Promise((resolve, reject) => {
+      waiting.set(id, [resolve, reject]);
+      setTimeout(() => settle({id, ok: false, error: 'the console does not answer'}), PATIENCE);
+      socket.send(JSON.stringify({...order, id}));
+    });
+  },
+
+  /** An order that nobody waits for, as sticks are. */
+  tell(order) {
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(order));
+  },
+
+  css(variable) { return getComputedStyle(document.body).getPropertyValue(variable); },
+};
+
+function settle(answer) {
+  const [resolve, reject] = waiting.get(answer.id) || [];
+  waiting.delete(answer.id);
+  if (!resolve) return;
+  if (answer.ok) resolve(answer);
+  else reject(new Error(answer.error));
+}
+
+function emit(kind, message) {
+  live.last[kind] = message;
+  for (const handler of handlers.get(kind) || []) handler(message);
+}
+
+function take(message) {
+  if (message.kind === 'reply') settle(message);
+  else if (message.kind === 'history') {
+    if (!live.last.history) message.events.forEach(event => emit('event', event));
+    live.last.history = message;
+  } else {
+    if (message.kind === 'state') live.heard = performance.now();
+    if (message.kind === 'pulse') live.hung = message.hung;
+    emit(message.kind, message);
+  }
+}
+
+function connect() {
+  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+  socket = new WebSocket(`${scheme}://${location.host}/live?name=${name}`);
+  socket.onopen = () => { live.connected = true; emit('connection', {connected: true}); };
+  socket.onmessage = event => take(JSON.parse(event.data));
+  socket.onclose = () => {
+    live.connected = false;
+    [...waiting.keys()].forEach(id => settle({id, ok: false, error: 'the connection was lost'}));
+    emit('connection', {connected: false});
+    setTimeout(connect, RETRY);
+  };
+}
+
+/** Thrusters off: over the socket and, should that hang, over a request of its own. */
+export function stop() {
+  const path = fetch('/stop', {method: 'POST', keepalive: true}).catch(() => {});
+  return Promise.allSettled([live.send({do: 'stop'}), path]);
+}
+
+setInterval(() => { if (live.last.rights?.may) live.tell({do: 'alive'}); }, ALIVE);
+connect();
+window.rovtwin = live;

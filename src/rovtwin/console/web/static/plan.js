@@ -1,0 +1,132 @@
+/** The plan on the table: way-points as rows, templates, files, checks, submit and start. */
+import {mount} from '/static/canvas.js';
+import {live} from '/static/live.js';
+import {make, said, toast} from '/static/page.js';
+
+const COLUMNS = [
+  ['x', 'North [m]', 0.1], ['y', 'East [m]', 0.1], ['depth', 'Depth [m]', 0.1], ['speed', 'Speed [m/s]', 0.05],
+  ['hold_time', 'Hold [s]', 1], ['heading_deg', 'Heading [deg]', 5],
+];
+const BLANK = new Set(['heading_deg']);
+const plan = order => said(live.send({do: 'plan', ...order}));
+
+function button(text, label, onclick, id) {
+  return make('button', {class: 'action', 'aria-label': label, title: label, id, onclick}, text);
+}
+
+function cell(row, i, [key, label, step]) {
+  const value = row[key];
+  const input = make('input', {type: 'number', step, value: value ?? '', 'aria-label': `${label} of way-point ${i + 1}`,
+    placeholder: BLANK.has(key) ? 'leg' : '', class: 'cell-input'});
+  input.addEventListener('change', () => {
+    const empty = input.value.trim() === '';
+    if (empty && !BLANK.has(key)) { input.value = value; return; }
+    plan({op: 'edit', i, [key]: empty ? null : Number(input.value)});
+  });
+  return make('td', {}, input);
+}
+
+function row(point, i, count) {
+  return make('tr', {},
+    make('th', {scope: 'row'}, String(i + 1)),
+    ...COLUMNS.map(column => cell(point, i, column)),
+    make('td', {class: 'row-actions'},
+      button('↑', `Move way-point ${i + 1} up`, () => i > 0 && plan({op: 'reorder', i, to: i - 1})),
+      button('↓', `Move way-point ${i + 1} down`, () => i + 1 < count && plan({op: 'reorder', i, to: i + 1})),
+      button('+', `Insert a way-point before ${i + 1}`, () => plan({op: 'insert', i, x: point.x, y: point.y})),
+      button('×', `Delete way-point ${i + 1}`, () => plan({op: 'delete', i}))));
+}
+
+/** A row for a new way-point: what is typed is added at the end. */
+function adding() {
+  const fields = COLUMNS.slice(0, 3).map(([key, label, step]) =>
+    make('input', {type: 'number', step, id: `new-${key}`, 'aria-label': `New way-point: ${label}`, placeholder: label}));
+  const add = async () => {
+    const values = fields.map(field => field.value.trim());
+    if (values[0] === '' || values[1] === '') { toast('a way-point needs north and east', 'danger'); return; }
+    const point = {x: Number(values[0]), y: Number(values[1])};
+    if (values[2] !== '') point.depth = Number(values[2]);
+    if (await plan({op: 'add', ...point})) { fields[0].value = fields[1].value = ''; fields[0].focus(); }
+  };
+  fields.forEach(field => field.addEventListener('keydown', event => { if (event.key === 'Enter') add(); }));
+  return make('div', {class: 'line'}, ...fields, button('Add', 'Add this way-point', add, 'add'));
+}
+
+function files() {
+  const chooser = make('input', {type: 'file', accept: '.yaml,.yml', 'aria-label': 'Mission file', hidden: true,
+    id: 'mission-file'});
+  chooser.addEventListener('change', async () => {
+    const file = chooser.files[0];
+    chooser.value = '';
+    if (!file) return;
+    if (file.size > 1e6) { toast(`${file.name}: larger than a mission can be`, 'danger'); return; }
+    plan({op: 'import', text: await file.text()});
+  });
+  return [chooser, button('Import …', 'Import a mission from a YAML file', () => chooser.click(), 'import'),
+    make('a', {class: 'action', href: '/plan.yaml', download: 'mission.yaml', id: 'export'}, 'Export')];
+}
+
+function summary(message) {
+  const minutes = message.seconds / 60;
+  const text = `${message.draft.length} way-points, ${message.length.toFixed(1)} m, `
+    + `${minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`} at these speeds`;
+  const state = !message.submitted ? 'not submitted' : message.changed ? 'changed since it was submitted' : 'submitted';
+  return `${text}; ${state}`;
+}
+
+mount('plan', section => {
+  const body = make('tbody');
+  const head = make('tr', {}, make('th', {scope: 'col'}, '#'),
+    ...COLUMNS.map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col', 'aria-label': 'Actions'}));
+  const table = make('div', {class: 'table', tabindex: 0, role: 'region', 'aria-label': 'Way-points'},
+    make('table', {}, make('thead', {}, head), body));
+  const undo = button('Undo', 'Undo the last change', () => plan({op: 'undo'}));
+  const redo = button('Redo', 'Redo what was undone', () => plan({op: 'redo'}));
+  const cancel = button('Cancel last', 'Take the last way-point away', () => plan({op: 'cancel_last'}), 'cancel-last');
+  const clear = button('Clear', 'Take all way-points away', () => plan({op: 'clear'}), 'clear');
+  const square = button('Square', 'A square from where the vehicle is', () => plan({op: 'template', name: 'square',
+    depth: live.last.state?.eta?.[2] ?? 1, side: 4}));
+  const say = make('p', {class: 'muted', id: 'plan-summary', role: 'status'});
+  const checks = make('ul', {class: 'checks', 'aria-label': 'Checks of the plan'});
+  const submit = button('Submit', 'Submit the plan to the autopilot', () => plan({op: 'submit'}), 'submit');
+  const order = (text, label, what, id) => button(text, label, () => said(live.send({do: what})), id);
+  const start = order('Start', 'Start the submitted mission', 'start', 'start');
+  const pause = order('Pause', 'Pause the mission and stay', 'pause', 'pause');
+  const resume = order('Resume', 'Go on with the mission', 'resume', 'resume');
+  const hold = order('Hold', 'Stay here', 'hold', 'hold');
+  const abort = order('Abort', 'Abort: thrusters off', 'abort', 'abort');
+  section.append(adding(), make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files()), table, say, checks,
+    make('div', {class: 'line'}, submit, start, pause, resume, hold, abort));
+
+  const able = () => {
+    const [rights, state] = [live.last.rights, live.last.state];
+    const may = !!rights?.may && !state?.replay;
+    section.querySelectorAll('button, input').forEach(one => { one.disabled = !may; });
+    const message = live.last.plan;
+    undo.disabled ||= !message?.undo;
+    redo.disabled ||= !message?.redo;
+    cancel.disabled ||= !message?.draft.length;
+    start.disabled ||= !state?.armed || !message?.submitted;
+    [pause, resume, hold, abort].forEach(one => { one.disabled ||= !state?.armed; });
+  };
+  let shown = '';
+  const release = [
+    live.on('plan', message => {
+      const rows = JSON.stringify(message.draft);
+      if (rows !== shown) {
+        shown = rows;
+        body.replaceChildren(...message.draft.map((point, i) => row(point, i, message.draft.length)));
+      }
+      say.textContent = summary(message);
+      checks.replaceChildren(...message.checks.map(one => make('li', {class: one.level}, one.what)));
+      able();
+    }),
+    live.on('rights', able),
+  ];
+  let before = '';
+  release.push(live.on('state', state => {
+    const now = `${state.armed}${state.phase}${state.submitted}`;
+    if (now !== before) { before = now; able(); }
+  }));
+  return () => release.forEach(one => one());
+});
