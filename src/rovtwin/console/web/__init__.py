@@ -1,4 +1,1 @@
-"""Pages of the console: each view is a Python function that builds its elements, and a module in `static` that draws.
-
-A view's elements are custom elements (`<rov-scene>`), which come to life wherever and whenever NiceGUI puts them.
-"""
+"""The console's pages: NiceGUI elements here, what moves in them in `static/` (plain ES modules, served at /static)."""
