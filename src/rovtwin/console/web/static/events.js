@@ -6,6 +6,7 @@ const MOST = 500; // events that are kept
 const LEVELS = ['info', 'warning', 'danger'];
 const KEY = 'rovtwin.events';
 const kept = []; // the newest last
+let count = 0; // of all events that ever came
 const seen = new Set(); // what they are: after a lost connection the server sends the last ones again
 let view = null;
 
@@ -14,8 +15,9 @@ live.on('event', event => {
   if (seen.has(what)) return;
   seen.add(what);
   kept.push({...event, what});
+  count++;
   if (kept.length > MOST) seen.delete(kept.shift().what);
-  view?.add(event);
+  view?.ask();
 });
 
 function remembered() {
@@ -36,13 +38,23 @@ class View {
     this.list = make('ol', {role: 'log', 'aria-label': 'Events, newest first', 'aria-live': 'polite', tabindex: 0});
     this.none = make('p', {class: 'events-none'});
     element.replaceChildren(make('div', {class: 'events-tools', role: 'group', 'aria-label': 'Levels shown'}, ...this.buttons.values()), this.none, this.list);
-    this.list.append(...kept.map(row).reverse());
+    this.shown = 0; // of `count`
     this.#tell();
+    this.#catchUp();
   }
 
-  add(event) {
+  /** Lists what is new at the next frame, however much came by then. */
+  ask() {
+    this.waiting ||= requestAnimationFrame(() => this.#catchUp());
+  }
+
+  #catchUp() {
+    this.waiting = 0;
+    const fresh = Math.min(count - this.shown, kept.length);
+    this.shown = count;
+    if (!fresh) return;
     const {scrollTop, scrollHeight} = this.list;
-    this.list.prepend(row(event));
+    this.list.prepend(...kept.slice(-fresh).map(row).reverse());
     while (this.list.children.length > MOST) this.list.lastElementChild.remove();
     // Who reads further down stays there.
     if (scrollTop > 0) this.list.scrollTop = scrollTop + this.list.scrollHeight - scrollHeight;
@@ -84,5 +96,8 @@ function row(event) {
 
 mount('events', element => {
   view = new View(element);
-  return () => { view = null; };
+  return () => {
+    cancelAnimationFrame(view.waiting);
+    view = null;
+  };
 });

@@ -80,9 +80,9 @@ function own(setup, state) {
     }, expected: true});
   }
   for (const [name, {value}] of Object.entries(state?.sensors ?? {})) {
-    (value ?? []).forEach((_, i) => made.push({id: `sensor_${name}_${i}`, group: 'Sensors', name: `${name} ${value.length > 1 ? i + 1 : ''}`.trim(),
+    (value ?? []).forEach((_, i) => made.push({id: `sensor_${name}_${i}`, group: 'Sensors', name: `Sensor ${name} ${value.length > 1 ? i + 1 : ''}`.trim(),
       unit: SENSOR_UNITS[name] ?? '', lines: s => ({value: s.sensors?.[name]?.value?.[i]})}));
-    made.push({id: `age_${name}`, group: 'Sensors', name: `${name}, age`, unit: 's', lines: s => ({value: s.sensors?.[name]?.age})});
+    made.push({id: `age_${name}`, group: 'Sensors', name: `Sensor ${name}, age`, unit: 's', lines: s => ({value: s.sensors?.[name]?.age})});
   }
   return made;
 }

@@ -1,5 +1,6 @@
 /** Draws one channel over time: band, lines, axes, what is under the cursor. */
 import {colour, FONT} from '/static/canvas.js';
+import {LINES} from '/static/plots_channels.js';
 import {ROOM} from '/static/plots_store.js';
 
 const LEFT = 52; // room for the numbers of the axis [px]
@@ -25,14 +26,38 @@ export function digits(value) {
   return value.toFixed(size >= 1000 ? 0 : size >= 100 ? 1 : size >= 1 ? 2 : 3);
 }
 
+/**
+ * Lines of a channel as functions of a reading's number. Headings go on beyond 0 and 360, so that none breaks; what goes
+ * with them goes along.
+ */
+function readers(store, channel, first, last) {
+  const made = {};
+  for (const line of LINES) {
+    const column = store.column(channel.id, line);
+    if (column) made[line] = i => column[i % ROOM];
+  }
+  if (!channel.turns || !made.value) return made;
+  const base = new Float32Array(Math.max(last - first, 0));
+  let before = NaN;
+  for (let i = first; i < last; i++) {
+    const value = made.value(i);
+    base[i - first] = Number.isFinite(before) ? near(value, before, channel.turns) : value;
+    if (Number.isFinite(value)) before = base[i - first];
+  }
+  for (const [line, read] of Object.entries(made)) {
+    made[line] = line === 'value' ? i => base[i - first] : i => near(read(i), base[i - first], channel.turns);
+  }
+  return made;
+}
+
+const near = (value, to, turns) => value - turns * Math.round((value - to) / turns);
+
 /** Low and high of what is shown between two readings: all of the lines, and of the band as much again. */
-function limits(store, channel, first, last) {
+function limits(channel, read, first, last) {
   let [low, high] = channel.least ?? [Infinity, -Infinity];
   const widen = (line, from, to) => {
-    const column = store.column(channel.id, line);
-    if (!column) return;
-    for (let i = first; i < last; i++) {
-      const value = column[i % ROOM];
+    for (let i = first; read[line] && i < last; i++) {
+      const value = read[line](i);
       if (value >= from && value <= to) { // false of what is not there
         if (value < low) low = value;
         if (value > high) high = value;
@@ -41,7 +66,7 @@ function limits(store, channel, first, last) {
   };
   for (const line of Object.keys(COLOURS)) widen(line, -Infinity, Infinity);
   if (low <= high) {
-    const more = Math.max(high - low, 0.1 * Math.abs(high + low), 0.02);
+    const more = Math.max(high - low, 0.02);
     const [from, to] = [low - more, high + more];
     widen('low', from, to);
     widen('high', from, to);
@@ -58,16 +83,17 @@ function limits(store, channel, first, last) {
  */
 export function drawPlot(context, width, height, store, channel, span) {
   const [first, last] = [Math.max(store.from(span.from) - 1, store.first), Math.min(store.from(span.to + 1e-6) + 1, store.count)];
-  const [low, high] = limits(store, channel, first, last);
+  const read = readers(store, channel, first, last);
+  const [low, high] = limits(channel, read, first, last);
   const [w, h] = [width - LEFT - 8, height - BELOW - 6];
   const x = t => LEFT + (t - span.from) / (span.to - span.from) * w;
   const y = channel.down ? v => 6 + (v - low) / (high - low) * h : v => 6 + (high - v) / (high - low) * h;
-  axes(context, {x, y, w, h, low, high, span});
+  axes(context, {x, y, w, h, low, high, span, channel});
   context.save();
   context.beginPath();
   context.rect(LEFT, 4, w, h + 4);
   context.clip();
-  const shape = {store, channel, first, last, x, y, w};
+  const shape = {store, channel, read, first, last, x, y, w};
   band(context, shape);
   for (const [line, name] of Object.entries(COLOURS).reverse()) stroke(context, shape, line, name);
   context.restore();
@@ -75,7 +101,7 @@ export function drawPlot(context, width, height, store, channel, span) {
   return at => span.from + (at - LEFT) / w * (span.to - span.from);
 }
 
-function axes(context, {x, y, w, h, low, high, span}) {
+function axes(context, {x, y, w, h, low, high, span, channel}) {
   context.font = `11px ${FONT}`;
   context.lineWidth = 1;
   context.strokeStyle = colour('line');
@@ -86,14 +112,15 @@ function axes(context, {x, y, w, h, low, high, span}) {
   context.textBaseline = 'middle';
   for (const v of values.found) {
     rule(context, LEFT, y(v), LEFT + w, y(v));
-    context.fillText(v.toFixed(shown), LEFT - 6, y(v));
+    const said = channel.turns ? (v % channel.turns + channel.turns) % channel.turns : v;
+    context.fillText(said.toFixed(shown), LEFT - 6, y(v));
   }
   const step = [5, 10, 15, 30, 60, 120, 300].find(s => (span.to - span.from) / s <= Math.max(w / 70, 1)) ?? 600;
   context.textAlign = 'center';
   context.textBaseline = 'top';
   for (let t = step * Math.ceil(span.from / step); t <= span.to; t += step) {
     rule(context, x(t), 6, x(t), 6 + h);
-    if (x(t) < LEFT + w - 10) context.fillText(clock(t), x(t), h + 10);
+    if (t >= 0 && x(t) < LEFT + w - 10) context.fillText(clock(t), x(t), h + 10);
   }
 }
 
@@ -106,65 +133,56 @@ function rule(context, ...[x1, y1, x2, y2]) {
   context.globalAlpha = 1;
 }
 
-/** Readings that are one pixel wide are drawn as their least and largest. */
-function stroke(context, {store, channel, first, last, x, y, w}, line, name) {
-  const column = store.column(channel.id, line);
-  if (!column) return;
+/** Of readings that share a pixel only those are drawn that are less or larger than before. */
+function stroke(context, {store, read, first, last, x, y, w}, line, name) {
+  if (!read[line]) return;
   const dense = last - first > 2 * w;
   context.strokeStyle = colour(name);
   context.lineWidth = line === 'value' ? 1.8 : 1.4;
   context.setLineDash(line === 'reference' ? [6, 4] : []);
   context.lineJoin = 'round';
   context.beginPath();
-  let [before, pixel, low, high] = [NaN, NaN, NaN, NaN];
+  let [drawn, pixel, low, high] = [false, NaN, NaN, NaN];
   for (let i = first; i < last; i++) {
-    const value = column[i % ROOM];
-    const broken = !(Math.abs(value - before) < (channel.turns || Infinity) / 2);
-    before = value;
-    if (!(value === value)) continue;
-    const at = x(store.at(i));
-    if (broken) {
-      context.moveTo(at, y(value));
-      pixel = NaN;
-    } else if (!dense) {
-      context.lineTo(at, y(value));
-    } else if (Math.floor(at) !== pixel) {
-      pixel = Math.floor(at);
-      [low, high] = [value, value];
-      context.lineTo(at, y(value));
-    } else if (value < low || value > high) {
-      [low, high] = [Math.min(low, value), Math.max(high, value)];
-      context.lineTo(at, y(value));
+    const value = read[line](i);
+    if (!Number.isFinite(value)) {
+      drawn = false;
+      continue;
     }
+    const at = x(store.at(i));
+    if (drawn && dense && Math.floor(at) === pixel && value >= low && value <= high) continue;
+    if (drawn) context.lineTo(at, y(value));
+    else context.moveTo(at, y(value));
+    const same = drawn && Math.floor(at) === pixel;
+    [low, high] = same ? [Math.min(low, value), Math.max(high, value)] : [value, value];
+    [drawn, pixel] = [true, Math.floor(at)];
   }
   context.stroke();
   context.setLineDash([]);
 }
 
-function band(context, {store, channel, first, last, x, y, w}) {
-  const [low, high] = ['low', 'high'].map(line => store.column(channel.id, line));
-  if (!low || !high) return;
+function band(context, {store, channel, read, first, last, x, y, w}) {
+  if (!read.low || !read.high) return;
   const every = Math.max(1, Math.floor((last - first) / (2 * w)));
   context.fillStyle = colour(channel.expected ? 'ok' : 'track');
   context.globalAlpha = 0.22;
   let run = [];
   const fill = () => {
     context.beginPath();
-    run.forEach(i => context.lineTo(x(store.at(i)), y(high[i % ROOM])));
-    run.reverse().forEach(i => context.lineTo(x(store.at(i)), y(low[i % ROOM])));
+    run.forEach(i => context.lineTo(x(store.at(i)), y(read.high(i))));
+    run.reverse().forEach(i => context.lineTo(x(store.at(i)), y(read.low(i))));
     if (run.length > 1) context.fill();
     run = [];
   };
   for (let i = first; i < last; i += every) {
-    const jump = run.length && Math.abs(high[i % ROOM] - high[run.at(-1) % ROOM]) > (channel.turns || Infinity) / 2;
-    if (!Number.isFinite(high[i % ROOM]) || jump) fill();
-    if (Number.isFinite(high[i % ROOM])) run.push(i);
+    if (Number.isFinite(read.high(i))) run.push(i);
+    else fill();
   }
   fill();
   context.globalAlpha = 1;
 }
 
-function cursor(context, {store, channel, x, y}, span, h) {
+function cursor(context, {store, read, x, y}, span, h) {
   const i = nearest(store, span.cursor);
   if (i === null) return;
   const at = x(store.at(i));
@@ -172,7 +190,7 @@ function cursor(context, {store, channel, x, y}, span, h) {
   context.lineWidth = 1;
   rule(context, at, 6, at, 6 + h);
   for (const [line, name] of Object.entries(COLOURS)) {
-    const value = store.column(channel.id, line)?.[i % ROOM];
+    const value = read[line]?.(i);
     if (!Number.isFinite(value)) continue;
     context.beginPath();
     context.arc(at, y(value), 3.5, 0, 2 * Math.PI);

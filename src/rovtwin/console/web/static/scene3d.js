@@ -207,16 +207,23 @@ class View {
     if (this.software && this.drawn % 30 === 5) this.#lighten();
   }
 
-  /** A processor that draws may need fewer pixels: reading one back says how long a picture took. */
+  /** A processor that draws may need fewer pixels, or more again: a fence says when a picture is done. */
   #lighten() {
     const gl = this.renderer.getContext();
     const begun = performance.now();
-    this.renderer.render(this.scene, this.camera);
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-    if (performance.now() - begun > SLOW && this.ratio > 0.5) {
-      this.ratio -= 0.25;
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const look = () => {
+      if (this.released || gl.isContextLost()) return;
+      const took = performance.now() - begun;
+      if (gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED && took < 1000) return setTimeout(look, 4);
+      gl.deleteSync(fence);
+      const ratio = took > SLOW ? this.ratio - 0.25 : took < SLOW / 4 ? this.ratio + 0.25 : this.ratio;
+      if (ratio === this.ratio || ratio < 0.5 || ratio > 1) return;
+      this.ratio = ratio;
       this.#resize();
-    }
+    };
+    setTimeout(look, 4);
   }
 
   release() {

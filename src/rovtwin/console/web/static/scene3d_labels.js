@@ -8,10 +8,13 @@ export function drawLabels(canvas, camera, world) {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   context.setTransform(canvas.width / width, 0, 0, canvas.height / height, 0, 0);
   context.clearRect(0, 0, width, height);
-  const seen = world.labels.map(label => {
-    const [x, y, z] = label.at;
+  const onScreen = ([x, y, z]) => {
     const p = new THREE.Vector3(y, -z, -x).project(camera);
-    return {...label, x: (0.5 + 0.5 * p.x) * width, y: (0.5 - 0.5 * p.y) * height, far: p.z};
+    return {x: (0.5 + 0.5 * p.x) * width, y: (0.5 - 0.5 * p.y) * height, far: p.z};
+  };
+  const seen = world.labels.map(label => {
+    const p = onScreen(label.at);
+    return label.from ? {...label, ...p, from: onScreen(label.from)} : {...label, ...p};
   });
   context.textAlign = 'center';
   context.textBaseline = 'middle';
@@ -34,9 +37,15 @@ function disc(context, {x, y, text, name, disc: radius}) {
   context.fillText(text, x, y + 0.5);
 }
 
-function plate(context, {x, y, text, name}) {
+/** A text on a plate; at the head of an arrow beyond it. */
+function plate(context, {x, y, text, name, from}) {
   context.font = `600 13px ${FONT}`;
   const wide = context.measureText(text).width + 10;
+  if (from) {
+    const away = Math.hypot(x - from.x, y - from.y) || 1;
+    x += (x - from.x) / away * (wide / 2 + 4);
+    y += (y - from.y) / away * 14;
+  }
   context.beginPath();
   context.roundRect(x - wide / 2, y - 10, wide, 20, 4);
   context.globalAlpha = 0.85;

@@ -66,7 +66,7 @@ export class Arrow {
     this.group.position.set(...place);
     this.group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), direction);
     this.group.scale.setScalar(length);
-    this.label = {at: direction.multiplyScalar(1.1 * length).add(this.group.position).toArray(), text, name: this.name};
+    this.label = {at: direction.multiplyScalar(length).add(this.group.position).toArray(), from: place, text, name: this.name};
   }
 }
 
