@@ -36,7 +36,9 @@ def browser() -> Iterator[Any]:
         pytest.skip("needs Chromium (Debian: apt install chromium)")
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright (pip install 'rovtwin[test]')")
     with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        # WebGL in software, as on a machine without a graphics card.
+        options = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle", "--use-angle=swiftshader"]
+        chromium = started.chromium.launch(executable_path=program, args=options)
         yield chromium
         chromium.close()
 

@@ -1,7 +1,7 @@
 /** What is always visible: STOP, and whether, how and where the vehicle flies. */
-import {mount} from '/static/canvas.js';
+import {make, mount} from '/static/canvas.js';
 import {live, stop} from '/static/live.js';
-import {make, said, theme, toast} from '/static/page.js';
+import {said, theme, toast} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma

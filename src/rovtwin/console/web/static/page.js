@@ -23,18 +23,6 @@ export async function said(promise) {
   }
 }
 
-/** An element with attributes, listeners (`onclick`) and children. */
-export function make(tag, attributes = {}, ...children) {
-  const element = document.createElement(tag);
-  for (const [key, value] of Object.entries(attributes)) {
-    if (key.startsWith('on')) element.addEventListener(key.slice(2), value);
-    else if (value === true) element.setAttribute(key, '');
-    else if (value !== false && value != null) element.setAttribute(key, value);
-  }
-  element.append(...children);
-  return element;
-}
-
 /** Day or night: as chosen before, else as the system has it. */
 export function theme(daylight) {
   const chosen = daylight ?? (localStorage.getItem('rovtwin-theme') === 'daylight');

@@ -1,7 +1,7 @@
 /** Manual piloting: keys, gamepad and touch sticks give velocities; what is not asked for (depth, heading) is held. */
-import {mount} from '/static/canvas.js';
+import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
-import {make, said} from '/static/page.js';
+import {said} from '/static/page.js';
 
 const EVERY = 50;  // between two wishes [ms]
 const DEAD = 0.12;  // of a gamepad's stick that counts as released

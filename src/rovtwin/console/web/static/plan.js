@@ -1,7 +1,7 @@
 /** The plan on the table: way-points as rows, templates, files, checks, submit and start. */
-import {mount} from '/static/canvas.js';
+import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
-import {make, said, toast} from '/static/page.js';
+import {said, toast} from '/static/page.js';
 
 const COLUMNS = [
   ['x', 'North [m]', 0.1], ['y', 'East [m]', 0.1], ['depth', 'Depth [m]', 0.1], ['speed', 'Speed [m/s]', 0.05],

@@ -1,7 +1,7 @@
 /** The simulated world: its time, and what breaks in it. Nothing of it is shown with a real vehicle. */
-import {mount} from '/static/canvas.js';
+import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
-import {make, said} from '/static/page.js';
+import {said} from '/static/page.js';
 
 const inject = what => said(live.send({do: 'inject', ...what}));
 const SPEEDS = [0.5, 1, 2, 5, 10];
