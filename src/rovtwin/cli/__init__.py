@@ -7,6 +7,7 @@ import typer
 from rovtwin.cli.calibrate import calibrate
 from rovtwin.cli.campaign import campaign
 from rovtwin.cli.compare import compare
+from rovtwin.cli.console import console
 from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
 from rovtwin.cli.live import record
@@ -45,6 +46,7 @@ app.command()(fly)
 app.command()(demo)
 app.command()(serve)
 app.command()(replay)
+app.command()(console)
 app.command()(record)
 app.command()(score)
 app.command()(campaign)

@@ -8,6 +8,7 @@ from rovtwin.console.engine.vessel import Wanted
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.live.readiness import Readiness
 from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle.visuals import pieces_of
 
 
 def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[str, Any]:
@@ -21,6 +22,7 @@ def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[s
         "sensors": composed.sensor_names,
         "twin": wanted.is_twin,
         "camera": wanted.is_twin and bool(scenario.cameras),
+        "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
         "room": _room(scenario),
         "fence": _fence(scenario),
         "deepest": scenario.autopilot.supervisor.deepest,

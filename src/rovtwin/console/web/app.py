@@ -6,11 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.responses import StreamingResponse
 from nicegui import app, ui
 
+from rovtwin.console.web.camera_stream import BOUNDARY, Stream
 from rovtwin.console.web.hub import Browser, Hub
+from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
 from rovtwin.console.wire import Place
+from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.schema import Scenario
 
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -44,9 +49,11 @@ class Gate:
         return secrets.compare_digest(given, self.token)
 
 
-def build(place: Place, gate: Gate) -> Hub:
-    """The pages and sockets of a console on the engine at a place."""
-    hub = Hub(place)
+def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
+    """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle."""
+    hub, vehicle = Hub(place), vehicle_of(scenario)
+    stream = Stream(scenario, vehicle, place.news, hub.send)
+    looks = vehicle_glb(vehicle)
     app.add_static_files("/static", STATIC, max_cache_age=0)
 
     @app.middleware("http")
@@ -67,8 +74,18 @@ def build(place: Place, gate: Gate) -> Hub:
         await _serve(hub, socket, _name(socket.query_params.get("name", "")))
 
     @app.post("/stop")
-    def stop() -> dict[str, bool]:
+    async def stop() -> dict[str, bool]:
         return {"heard": hub.client.stop()}
+
+    @app.get("/camera.mjpg")
+    async def camera() -> Response:
+        if stream.why_not:
+            return Response(stream.why_not, 404)
+        return StreamingResponse(stream.parts(), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+
+    @app.get("/mesh/vehicle.glb")
+    def mesh() -> Response:
+        return Response(looks, media_type="model/gltf-binary") if looks else Response("it has no looks", 404)
 
     @app.get("/plan.yaml")
     def plan() -> Response:

@@ -65,7 +65,11 @@ function take(message) {
     if (!live.last.history) message.events.forEach(event => emit('event', event));
     live.last.history = message;
   } else {
-    if (message.kind === 'state') live.heard = performance.now();
+    if (message.kind === 'state') {
+      live.heard = performance.now();
+      const sight = live.last.sight;
+      if (sight) Object.assign(message, {markers: sight.markers, picture: sight.picture});
+    }
     if (message.kind === 'pulse') live.hung = message.hung;
     emit(message.kind, message);
   }

@@ -1,0 +1,84 @@
+"""rovtwin console: the operator console in the browser."""
+
+import secrets
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rovtwin.cli.output import console as screen_of
+from rovtwin.cli.scenarios import Overrides, Seed
+from rovtwin.core.errors import ConfigError
+
+PORT = 8800
+
+
+def console(
+    scenario: Annotated[
+        str, typer.Argument(metavar="[SCENARIO]", help="Vehicle, autopilot, world; see `scenario list`.")
+    ] = "lawnmower_calm",
+    link: Annotated[
+        str, typer.Option(metavar="URL", help="The vehicle: twin://, blueye://IP, mavlink://.., ros2://..")
+    ] = "twin://",
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option("--sensor", metavar="URL", help="An instrument beside it: ugps://, dvl://, qtm://"),
+    ] = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Of the web page.")] = PORT,
+    host: Annotated[str, typer.Option(help="Address to serve at; others than this machine need the token shown.")] = (
+        "127.0.0.1"
+    ),
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Of simulated time; it can be changed later.")] = 1.0,
+    runs: Annotated[Path, typer.Option(help="Folder for the logs of flights.")] = Path("runs"),
+    seed: Seed = None,
+    overrides: Overrides = None,
+) -> None:
+    """Watch, plan and fly from a browser.
+
+    The autopilot runs in a process of its own: closing this one by Ctrl-C ends it in order, killing it does not, and
+    `rovtwin console` finds it again. Nothing is loaded from the network.
+    """
+    from rovtwin.console.launch import end, running, start
+    from rovtwin.console.wire import Place
+    from rovtwin.scenario.files import load_scenario
+
+    try:
+        from rovtwin.console.web.app import LOOPBACK, Gate, build, run
+    except ImportError as error:
+        raise ConfigError(
+            f"the console needs {error.name}, which is not installed: pip install 'rovtwin[console]'"
+        ) from None
+
+    screen = screen_of(False)
+    if speed != 1.0 and link != "twin://":
+        raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
+    wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
+    if wanted.test is not None:
+        raise ConfigError(f"{wanted.name}: a test has no way-points; choose a scenario with a mission")
+    found = running(place)
+    if found is None:
+        start(place, wanted, link, sensor or [], speed, runs)
+        screen.print(f"autopilot started: {wanted.name} over {link}", markup=False)
+    else:
+        screen.print(
+            f"found an autopilot that flies {found.scenario} over {found.link} since before: watching that one. "
+            "To start another, end it: Ctrl-C here, then start again",
+            style="yellow",
+            markup=False,
+        )
+    token = None if host in LOOPBACK else secrets.token_urlsafe(12)
+    address = f"http://{host}:{port}/{f'?token={token}' if token else ''}"
+    if token:
+        screen.print(f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False)
+    screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
+    build(place, Gate(host, token), wanted)
+    if browser:
+        import threading
+
+        threading.Timer(1.5, webbrowser.open, args=(address,)).start()
+    try:
+        run(host, port)
+    finally:
+        end(place)

@@ -1,0 +1,83 @@
+"""Starting an engine, or finding the one that flies already."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rovtwin.console.wire import Place
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.schema import Scenario
+
+ENDING = 10.0  # an engine that was told to end and has not is killed; its link's host stops the thrusters [s]
+
+
+@dataclass(frozen=True)
+class Running:
+    """An engine that is there: its process, and what it flies."""
+
+    pid: int
+    scenario: str
+    link: str
+
+
+def running(place: Place) -> Running | None:
+    """The engine at a place, if one is alive."""
+    try:
+        note: dict[str, Any] = json.loads(place.note.read_text(encoding="utf-8"))
+        os.kill(note["pid"], 0)
+    except (OSError, ValueError, KeyError):
+        return None
+    return Running(note["pid"], note.get("scenario", "?"), note.get("link", "?"))
+
+
+def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed: float, runs: Path) -> int:
+    """Start an engine in a session of its own, so that it outlives this process and its terminal; its process number.
+
+    Raises:
+        ConfigError: It ended at once; the text is what it said.
+    """
+    file = place.folder / "scenario.yaml"
+    file.write_text(dump_scenario(scenario), encoding="utf-8")
+    said = place.folder / "engine.log"
+    arguments = ["--place", place.folder, "--scenario", file, "--link", link, "--speed", str(speed), "--runs", runs]
+    for sensor in sensors:
+        arguments += ["--sensor", sensor]
+    with said.open("wb") as log:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "rovtwin.console.engine", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    until = time.monotonic() + 60.0
+    while running(place) is None:
+        if process.poll() is not None or time.monotonic() > until:
+            lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise ConfigError(f"the autopilot's process ended at once: {lines[-1] if lines else 'it said nothing'}")
+        time.sleep(0.05)
+    return process.pid
+
+
+def end(place: Place) -> None:
+    """Tell the engine to end: thrusters off, logs closed."""
+    found = running(place)
+    if found is None:
+        return
+    os.kill(found.pid, signal.SIGTERM)
+    until = time.monotonic() + ENDING
+    while running(place) is not None and time.monotonic() < until:
+        try:
+            os.waitpid(found.pid, os.WNOHANG)  # a child of ours must be waited for, or it never goes
+        except ChildProcessError:
+            pass
+        time.sleep(0.05)
+    if running(place) is not None:
+        os.kill(found.pid, signal.SIGKILL)
