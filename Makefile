@@ -14,7 +14,7 @@ PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-re
 SOURCES := src tests $(wildcard benchmarks examples)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-all bench lint clean check-python system
+.PHONY: help install demo test test-all bench lint clean check-python system browser
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -25,10 +25,10 @@ install: $(STAMP) ## make .venv with the package and all extras, at the pinned v
 demo: $(STAMP) ## run the demonstration
 	$(BIN)/rovtwin demo
 
-test: $(STAMP) ## run the tests, without those marked slow
+test: $(STAMP) browser ## run the tests, without those marked slow
 	$(PYTEST) -m "not slow" $(ARGS)
 
-test-all: $(STAMP) ## run all tests
+test-all: $(STAMP) browser ## run all tests
 	$(PYTEST) $(ARGS)
 
 bench: $(STAMP) ## run the benchmarks
@@ -72,6 +72,16 @@ system:
 	fi; \
 	echo "rovtwin: no OpenGL over EGL here: scenes are drawn by the ray-caster, without meshes." >&2; \
 	echo "         Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri" >&2
+
+# The console's tests look at its pages in Debian's Chromium; without it they are skipped.
+browser:
+	@command -v chromium >/dev/null && exit 0; \
+	if test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
+	  echo "rovtwin: apt-get install chromium, for the tests of the console (you are root)"; \
+	  { apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium; } >/dev/null 2>&1 && exit 0; \
+	fi; \
+	echo "rovtwin: no chromium here: the tests that look at the console's pages are skipped." >&2; \
+	echo "         Debian: apt install chromium" >&2
 
 # What builds packages goes in first, at its pinned version: ours with hatchling, what comes as source with setuptools.
 $(STAMP): pyproject.toml constraints.txt | check-python
