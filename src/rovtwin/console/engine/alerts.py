@@ -47,6 +47,13 @@ def alerts(state: dict[str, Any], thrusters: list[str]) -> list[dict[str, str]]:
     return [asdict(alert) for alert in sorted(found, key=lambda alert: alert.level != "danger")]
 
 
+def alerts_of_link(stage: str, note: str) -> list[dict[str, str]]:
+    """What there is to say while there is no vehicle."""
+    if stage != "lost":
+        return []
+    return [asdict(Alert("danger", "no vehicle", note, "check tether, power and network, then press Reconnect"))]
+
+
 def _of_stop(state: dict[str, Any]) -> list[Alert]:
     if not state["stopped"]:
         return []

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.alerts import alerts
+from rovtwin.console.engine.alerts import alerts, alerts_of_link
 from rovtwin.console.engine.flights import FlightLog
 from rovtwin.console.engine.setup import setup_of
 from rovtwin.console.engine.state import Consistency, Hearing, flown
@@ -274,7 +274,7 @@ class Engine:
         }
         vessel = self._vessel
         if vessel is None or self._k == 0:
-            return state | {"alerts": []}
+            return state | {"alerts": alerts_of_link(self._stage, self._note)}
         t, truth = (self._k - 1) * self._dt, self._hearing.truth
         state |= flown(vessel.helm.output, self.count) | {
             "t": t,

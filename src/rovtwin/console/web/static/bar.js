@@ -54,8 +54,7 @@ mount('bar', bar => {
     facts[id] = set;
     bar.append(box);
   }
-  const arm = make('button', {id: 'arm', class: 'action', onclick: () => said(live.send({
-    do: live.last.state?.armed ? 'disarm' : 'arm'}))}, 'Arm');
+  const arm = make('button', {id: 'arm', class: 'action', onclick: () => said(live.send({do: armOrder()}))}, 'Arm');
   const control = make('button', {id: 'take', class: 'action', onclick: takeControl}, 'Take control');
   const sun = make('button', {class: 'action', 'aria-label': 'Dark or daylight colours', title: 'Dark or daylight colours',
     onclick: () => theme(!document.body.classList.contains('daylight'))}, '◐');
@@ -74,6 +73,12 @@ mount('bar', bar => {
   const timer = setInterval(() => connection(facts), 200);
   return () => { release.forEach(one => one()); clearInterval(timer); };
 });
+
+function armOrder() {
+  const state = live.last.state;
+  if (state?.stage === 'lost') return 'reconnect';
+  return state?.armed ? 'disarm' : 'arm';
+}
 
 let asking = null;
 function asked(who) {
@@ -104,8 +109,10 @@ function show(facts, state, arm) {
   facts.link(ready ? state.link : `${state.stage}${state.note ? `: ${state.note}` : ''}`, ready ? 'ok' : 'warn');
   facts.arm(state.stopped ? 'STOPPED' : state.armed ? 'armed' : state.arming ? 'arming …' : 'off',
     state.stopped ? 'danger' : state.armed ? 'warn' : '');
-  arm.textContent = state.armed ? 'Disarm' : 'Arm';
-  arm.disabled = !live.last.rights?.may || !ready || state.arming || !!state.replay;
+  const lost = state.stage === 'lost';
+  arm.textContent = lost ? 'Reconnect' : state.armed ? 'Disarm' : 'Arm';
+  arm.disabled = !live.last.rights?.may || !(ready || lost) || state.arming || !!state.replay;
+  alerts(state.alerts);
   if (!state.eta) return;
   facts.phase(state.reason ? `${state.phase}: ${state.reason}` : state.phase, LOUD[state.phase] || '');
   facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
@@ -123,7 +130,6 @@ function show(facts, state, arm) {
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
   const pace = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
   facts.time(`${number(state.t, 1)} s${pace}`, state.running ? '' : 'warn');
-  alerts(state.alerts);
 }
 
 let shown = '';
