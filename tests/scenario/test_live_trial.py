@@ -253,6 +253,7 @@ def heard(scenario, without="", patience=2.0):
 def test_only_a_test_that_comes_home_needs_positions(manoeuvre, needs):
     wanted = short([manoeuvre])
     assert needs_position(wanted) == needs
+    assert needs_position(short([manoeuvre], operator=[{"at": 1.0, "ask": "pause"}])), "it holds its place then"
     np.testing.assert_allclose(heard(wanted).start.position, [1.0, 2.0, 3.0])
     if needs:
         with pytest.raises(LinkTimeout, match="expected position too.*--sensor ugps.*without home, between, and keep"):
@@ -267,10 +268,6 @@ def test_only_a_test_that_comes_home_needs_positions(manoeuvre, needs):
 def test_a_test_needs_what_it_reads(scenario, silent):
     with pytest.raises(LinkTimeout, match=f"expected {silent}"):
         heard(scenario, without=silent, patience=0.2)
-
-
-def test_who_may_pause_a_test_needs_positions():
-    assert needs_position(short([MANOEUVRES[1]], operator=[{"at": 1.0, "ask": "pause"}]))
 
 
 def test_without_positions_no_thruster_looks_for_home(parts):
