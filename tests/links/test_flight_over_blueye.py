@@ -1,6 +1,6 @@
-"""A lawn-mower flown by the autopilot through the Blueye protocol: the twin in one process, the autopilot in another.
+"""A lawn-mower and a test flown through the Blueye protocol: the twin in one process, the autopilot in another.
 
-The whole lawn-mower in real time is `docs/scripts/lawnmower_over_blueye.py`, and the slow test at the end.
+The whole lawn-mower in real time is `docs/scripts/lawnmower_over_blueye.py`, and a slow test at the end.
 """
 
 import os
@@ -14,11 +14,15 @@ import pytest
 from tests.links.twins import free_port
 
 from rovtwin.core.log import Log
+from rovtwin.identification.logs.readers import read_records
+from rovtwin.report import write_report
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.flight import fly
 from rovtwin.scenario.live.connect import connect, source
 from rovtwin.scenario.live.flight import fly_live
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.score import distance_to_leg
+from rovtwin.vehicle import load_vehicle
 
 HOSTS, HTTP = ("127.0.0.22", "127.0.0.23"), 8795
 REPOSITORY = Path(__file__).parents[2]
@@ -29,8 +33,8 @@ LINES = [(2, 0), (2, 1), (0, 1), (0, 2), (2, 2), (2, 3), (0, 3)]
 class Serving:
     """`rovtwin serve` in a process of its own."""
 
-    def __init__(self, log: Path, ugps: int, speed: float):
-        words = ["--address", f"ugps=127.0.0.1:{ugps}", "--speed", str(speed), "--log", str(log)]
+    def __init__(self, what: str, instrument: str, port: int, speed: float, log: Path):
+        words = ["--address", f"{instrument}=127.0.0.1:{port}", "--speed", str(speed), "--log", str(log)]
         for host in HOSTS:
             words += ["--address", f"blueye={host}:{HTTP}"]
         self.process = subprocess.Popen(
@@ -39,11 +43,11 @@ class Serving:
                 "-m",
                 "rovtwin.cli",
                 "serve",
-                "double_blueye",
+                what,
                 "--protocol",
                 "blueye",
                 "--protocol",
-                "ugps",
+                instrument,
                 *words,
             ],
             env=os.environ | {"PYTHONPATH": str(REPOSITORY / "src")},
@@ -72,18 +76,18 @@ def small(**overrides):
     return load_scenario("lawnmower_calm", [*given, *(f"{k}={v}" for k, v in overrides.items())], 4)
 
 
-def flights(folder, wanted, speed):
+def flights(folder, wanted, speed, what="double_blueye", instrument="ugps"):
     """Flights one after the other with one served twin, by name; its truth; what it said at the end."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("http_proxy", f"http://{HOSTS[0]}:{HTTP}")
         patch.setenv("no_proxy", "127.0.0.1")
-        ugps = free_port()
-        serving = Serving(folder / "truth.mcap", ugps, speed)
+        port = free_port()
+        serving = Serving(what, instrument, port, speed, folder / "truth.mcap")
         found = {}
         try:
             for name, (scenario, how) in wanted.items():
                 clock = Clock(speed)
-                with source(f"ugps://127.0.0.1:{ugps}", clock) as positions:
+                with source(f"{instrument}://127.0.0.1:{port}", clock) as positions:
                     link = connect(f"blueye://{','.join(HOSTS)}", scenario, clock)
                     run = folder / name
                     found[name] = fly_live(scenario, link, [positions], clock, run, arm=lambda readiness: True, **how)
@@ -137,3 +141,50 @@ def test_the_whole_lawnmower_in_real_time(tmp_path):
     flight = found["whole"]
     assert flight.completed
     assert flight.summary["late_ms_p99"] < 5.0
+
+
+PULLS = """
+name: pulls
+duration: 40
+start: {position: [1, 2, 3], heading_deg: 30}
+sensors: {position: {noise: 0.001, rate_hz: 50}}
+autopilot: {supervisor: {deadline_missed: {action: ignore}}}
+test:
+  manoeuvres:
+    - {manoeuvre: steps, axis: surge, levels: [0.6], duration: 5, alternate: true, home: 8}
+    - {manoeuvre: doublets, axis: yaw, level: 0.5, half: 1, settle: 1}
+    - {manoeuvre: doublets, axis: sway, level: 0.8, half: 2, settle: 1}
+    - {manoeuvre: multisine, duration: 8, keep: 0, axes: {heave: {frequencies_hz: [0.25], amplitudes: [0.5]}}}
+"""
+# How far a signal may be from the simulated one, rms [m, m, rad, rad/s]. Measured: a third of that. It is the noise of
+# the start, which is the home, and thrust near zero, where a served drone takes its sticks for let go.
+ALIKE = {"horizontal": 0.06, "depth": 0.004, "attitude": 0.02, "gyro": 0.002}
+
+
+@pytest.mark.slow
+def test_a_test_over_the_protocol_tells_identification_what_a_simulated_one_does(tmp_path):
+    (tmp_path / "pulls.yaml").write_text(PULLS)
+    wanted = load_scenario(str(tmp_path / "pulls.yaml"))
+    simulated = fly(wanted, tmp_path / "simulated")
+    told = []
+    found, truth, _ = flights(
+        tmp_path, {"served": (wanted, {"tell": told.append})}, 1.0, str(tmp_path / "pulls.yaml"), "qtm"
+    )
+    assert simulated.completed and found["served"].completed
+    assert told[0].text == "steps surge +0.6, 5 s" and not truth["truth/command"].values[-1].any()
+    write_report(found["served"].log, tmp_path / "served")
+    vehicle = load_vehicle("double_blueye")
+    (mine,), (served,) = (read_records(tmp_path / name / "log.mcap", vehicle) for name in ("simulated", "served"))
+    t = np.arange(0.5, 33.5, 0.02)
+    # Clocks of records begin with their first sample: the first pull astern tells how they lie.
+    lag, start = (float(r.t_command[np.argmax(r.command[:, 0] < -0.3)]) for r in (served, mine))
+    lag -= start
+    assert np.abs(served.command_at(t + lag) - mine.command_at(t)).mean() < 0.01
+    assert served.signals["gyro"].sigma == pytest.approx(mine.signals["gyro"].sigma)
+    for name, bound in ALIKE.items():
+        one, other = mine.signals[name], served.signals[name]
+        for i in range(one.value.shape[1]):
+            mine_at, served_at = np.interp(t, one.t, one.value[:, i]), np.interp(t + lag, other.t, other.value[:, i])
+            away = (served_at - served_at[0]) - (mine_at - mine_at[0])
+            assert np.sqrt(np.mean(away**2)) < bound, (name, i)
+    assert np.ptp(served.signals["horizontal"].value[:, 0]) > 1.0, "it moved"

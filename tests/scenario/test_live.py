@@ -329,13 +329,6 @@ def test_an_error_in_flight_closes_the_link(tmp_path, scenario):
     assert vehicle.closed and vehicle.told == []
 
 
-def test_a_test_cannot_be_flown_over_a_link(tmp_path):
-    vehicle = Fake()
-    with pytest.raises(ConfigError, match="tests cannot be flown"):
-        fly_live(load_scenario("test_mixed"), vehicle, [], Clock(), tmp_path / "run", arm=lambda ready: True)
-    assert vehicle.closed
-
-
 def test_a_log_begins_when_the_flight_does(tmp_path, scenario, flight):
     """However long it took to compile and to listen."""
     clock = Clock(SPEED)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, progress_bar, table
 from rovtwin.cli.scenarios import Overrides, Seed
@@ -71,6 +72,7 @@ def fly_link(
         def ask(readiness: Any) -> bool:
             bar.stop()
             _heard(readiness, screen)
+            _planned(scenario, screen)
             yes = armed or typer.confirm(_question(thrust), default=False, err=True)
             bar.start()
             return yes
@@ -85,6 +87,7 @@ def fly_link(
             thrust=thrust,
             progress=lambda t, phase: bar.update(task, completed=t, description=f"{scenario.name}: {phase}"),
             say=lambda text: bar.update(task, description=text),
+            tell=lambda cue: _tell(cue, bar.console),
         )
 
 
@@ -93,6 +96,28 @@ TOO_OFTEN = 150.0  # no vehicle that is known here tells its rates of turn more 
 
 def _question(thrust: bool) -> str:
     return "Arm? Thrusters will turn" if thrust else "Begin? Without thrust: zeros are sent"
+
+
+def _planned(scenario: "Scenario", screen: Console) -> None:
+    """What a test will do and when; what a hand has to do is for people: no vehicle can do it."""
+    from rovtwin.scenario.live.manoeuvres import plan
+
+    lines = plan(scenario)
+    if not lines:
+        return
+    rows = table("the test", "what", "from")
+    for start, what in lines:
+        rows.add_row(escape(what), f"{start:.0f} s")
+    screen.print(rows)
+    if any(what.startswith("BY HAND") for _, what in lines):
+        screen.print("By hand: somebody has to, when told so here; a served twin has nobody. Else keep hands away.")
+
+
+def _tell(cue: Any, screen: Console) -> None:
+    """A line above the bar; with a bell where somebody has to act."""
+    screen.print(f"{cue.t:7.1f} s  {cue.text}", style="bold" if cue.hand else None, markup=False, soft_wrap=True)
+    if cue.hand:
+        screen.bell()
 
 
 def _heard(readiness: Any, screen: Console) -> None:

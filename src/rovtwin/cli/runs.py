@@ -63,7 +63,8 @@ def fly(
 
     With --link the vehicle is not computed here: [bold]rovtwin fly lawnmower_calm --set autopilot=model_based --link
     blueye://127.0.0.2,127.0.0.3 --sensor ugps://127.0.0.1:8080[/bold] flies what `rovtwin serve` serves, or two real
-    drones. Thrusters turn only after you say so, and stop however this program ends.
+    drones. Thrusters turn only after you say so, and stop however this program ends. Tests fly so, too: what comes, and
+    when a hand has to tilt the vehicle and let go, is said as it comes.
     """
     wanted, screen = _wanted(scenario, replay, overrides or (), seed), console(as_json)
     if link is not None:

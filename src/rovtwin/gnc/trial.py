@@ -39,15 +39,26 @@ K_I = 0.1 / 5.5  # of the heading alone
 K_D = np.array([1.0, 1.0, 1.0 / 22.0, 0.0, 0.0, 5.0 / 5.5])
 LIMIT = np.array([0.5, 0.5, 1.0, 0.0, 0.0, 1.0])
 STATION = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])  # what is held while paused
+STALE = 3.0  # without a position: its last speed leads astray, nothing is held by it until the next one [s]
+LEVEL = np.array([True, True, False])  # what a position tells
 
 
 class Believed(eqx.Module):
-    """What the readings say: position and its rate in n, shapes (3,), Euler angles and body rates, shapes (3,)."""
+    """What the readings say: position and its rate in n, shapes (3,), Euler angles and body rates, shapes (3,).
+
+    `quiet` is the time since a position was heard [s].
+    """
 
     position: Array
     velocity: Array
     euler: Array
     rates: Array
+    quiet: Array
+
+    @property
+    def lost(self) -> Array:
+        """Which axes of n nothing is known of any more, shape (3,), bool."""
+        return jnp.asarray(LEVEL) & (self.quiet > STALE)
 
 
 class TrialMemory(eqx.Module):
@@ -108,7 +119,7 @@ class Trial(Block):
 
     def init(self, key: Array, start: Start) -> TrialMemory:
         euler = euler_from_quaternion(start.attitude)
-        believed = Believed(start.position, jnp.zeros(3), euler, start.velocity[3:])
+        believed = Believed(start.position, jnp.zeros(3), euler, start.velocity[3:], jnp.zeros(()))
         home = jnp.concatenate([start.position, jnp.zeros(2), euler[2:]])
         return TrialMemory(believed, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int))
 
@@ -150,11 +161,14 @@ class Trial(Block):
         ahead = before.position + dt * before.velocity
         seen = jnp.concatenate([newest("position", ahead[:2]), newest("pressure", ahead[2:])])
         surprise = seen - ahead
+        quiet = jnp.where(jnp.any(measurements["position"].valid), 0.0, before.quiet + dt)
         return Believed(
-            ahead + self.smoothing * surprise,
-            before.velocity + self.tracking * surprise,
+            # The first position after a silence is believed as it is: what was expected is worth nothing.
+            ahead + jnp.where(before.lost, 1.0, self.smoothing) * surprise,
+            jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, before.velocity + self.tracking * surprise),
             newest("attitude", before.euler),
             newest("gyro", before.rates),
+            quiet,
         )
 
 
@@ -178,7 +192,9 @@ def _away(home: Array, believed: Believed) -> tuple[Array, Array]:
     level = rotation_from_euler(believed.euler * jnp.asarray([0.0, 0.0, 1.0])).T
     turn = wrap(home[5:] - believed.euler[2:])
     tilt = jnp.zeros(2)
-    away = jnp.concatenate([level @ (home[:3] - believed.position), tilt, turn])
+    # Where nobody knows the place, it is taken to be home: no thruster looks for it blindly.
+    way = jnp.where(believed.lost, 0.0, home[:3] - believed.position)
+    away = jnp.concatenate([level @ way, tilt, turn])
     return away, jnp.concatenate([level @ believed.velocity, tilt, believed.rates[2:]])
 
 

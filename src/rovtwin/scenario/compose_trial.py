@@ -42,7 +42,8 @@ class Piece:
         phase: One of core.flow.PHASES.
         what: For people.
         manoeuvre: Its number.
-        attitude_deg: Roll and pitch to which a hand tilts the vehicle, if one does.
+        attitude_deg: Of a release: roll and pitch at which it is let go.
+        by_hand: Whether a hand tilts the vehicle to them.
     """
 
     share: np.ndarray
@@ -53,6 +54,7 @@ class Piece:
     what: str = "home"
     manoeuvre: int = 0
     attitude_deg: tuple[float, float] | None = None
+    by_hand: bool = False
 
 
 def trial_of(scenario: Scenario, model: Model, vehicle: Vehicle) -> Trial:
@@ -78,7 +80,7 @@ def hand_of(scenario: Scenario) -> Hand | None:
     """Who tilts the vehicle before its releases; None where nobody does."""
     spans, turns = [], []
     for span, piece in zip(spans_of(scenario), pieces_of(scenario), strict=True):
-        if piece.attitude_deg is not None:
+        if piece.by_hand and piece.attitude_deg is not None:
             roll, pitch = (math.radians(angle) for angle in piece.attitude_deg)
             spans.append((span["start"], span["end"]))
             turns.append(rotation_from_euler(jnp.asarray([roll, pitch, scenario.heading])))
@@ -91,8 +93,14 @@ def spans_of(scenario: Scenario) -> list[dict[str, Any]]:
     for piece in pieces_of(scenario):
         start, k = k, k + len(piece.share)
         times = {"start": start * scenario.control_dt, "end": k * scenario.control_dt}
-        spans.append({"manoeuvre": piece.manoeuvre, "what": piece.what, **times, "hand": bool(piece.attitude_deg)})
+        spans.append({"manoeuvre": piece.manoeuvre, "what": piece.what, **times, "hand": piece.by_hand})
     return spans
+
+
+def needs_position(scenario: Scenario) -> bool:
+    """Whether a test looks at its horizontal position: on the way home, by a spring on surge or sway, or in a pause."""
+    pauses = any(request.ask in ("pause", "arm") for request in scenario.operator)
+    return pauses or any(piece.hold[:2].any() or piece.keep[:2].any() for piece in pieces_of(scenario))
 
 
 def pieces_of(scenario: Scenario) -> list[Piece]:
@@ -165,13 +173,12 @@ def _phases(given: list[float] | None, count: int, seed: int) -> np.ndarray:
 def _release(section: ReleaseSection, dt: float) -> list[Piece]:
     roll, pitch = section.attitude_deg
     free = np.zeros((_ticks(section.duration, dt), 6))
-    decay = Piece(free, np.zeros(6), on=False, phase=GO, what=f"release at {roll:g}, {pitch:g} deg")
+    what = f"release at {roll:g}, {pitch:g} deg"
+    decay = Piece(free, np.zeros(6), on=False, phase=GO, what=what, attitude_deg=(roll, pitch))
     if not section.by_hand:
         return [decay]
-    held = replace(
-        decay, share=np.zeros((_ticks(section.by_hand, dt), 6)), phase=IDLE, what="hand", attitude_deg=(roll, pitch)
-    )
-    return [held, decay]
+    held = np.zeros((_ticks(section.by_hand, dt), 6))
+    return [replace(decay, share=held, phase=IDLE, what="hand", by_hand=True), decay]
 
 
 def _quiet(seconds: float, hold: np.ndarray, dt: float, what: str) -> Piece:

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -178,7 +178,8 @@ def described(text: str) -> str:
 
 def _twin(url: Url, scenario: Scenario, clock: Clock) -> Link:
     composed = compose(scenario)
-    twin, dt = composed.loop.twin, scenario.control_dt
+    # Its time is not the test's, so that a hand would tilt it some other time: as with a served twin, nobody does.
+    twin, dt = replace(composed.loop.twin, hand=None), scenario.control_dt
     memory = twin.init(jax.random.split(composed.key)[1], composed.start)
     step = jax.jit(lambda twin, memory, command, k: twin.step(memory, TwinInput(command, k), dt))
 

@@ -6,19 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import ConfigError, LinkError
-from rovtwin.core.flow import ENDS, PHASES, Command, Slot
+from rovtwin.core.errors import LinkError
+from rovtwin.core.flow import ENDS, PAUSED, PHASES, Command, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
 from rovtwin.links.replay import ReplayLink
+from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.flight import Flight, Progress, new_folder
 from rovtwin.scenario.interrupt import Interrupt
-from rovtwin.scenario.live.readiness import Ears, Readiness, listen
+from rovtwin.scenario.live.manoeuvres import Cue, Prompter, touched_spans
+from rovtwin.scenario.live.readiness import NEEDED, NEEDED_IN_TESTS, TO_COME_HOME, Ears, Readiness, listen
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
 from rovtwin.scenario.pace import Clock, Pace
 from rovtwin.scenario.provenance import provenance, scenario_to_replay
@@ -42,11 +44,12 @@ def fly_live(
     thrust: bool = True,
     progress: Progress | None = None,
     say: Callable[[str], None] = lambda text: None,
+    tell: Callable[[Cue], None] = lambda cue: None,
 ) -> Flight:
-    """Fly a scenario's mission with the vehicle behind a link. The link is closed when this returns or raises.
+    """Fly a scenario's mission or test with the vehicle behind a link, which is closed when this returns or raises.
 
     Args:
-        scenario: Vehicle, autopilot, mission; its world counts for nothing.
+        scenario: Vehicle, autopilot, mission or test; its world counts for nothing.
         link: To the vehicle, open.
         sources: Instruments beside it, open.
         clock: That link and sources stamp readings with.
@@ -54,20 +57,24 @@ def fly_live(
         arm: Asked once everything is compiled and the sensors speak; False ends here, thrusters never having turned.
         thrust: False sends zeros, and does all else.
         progress: Called about once a second.
-        say: Takes lines for the user.
+        say: Takes lines for the user, each in place of the last.
+        tell: Takes what the operator of a test has to know and do, as its time comes; it must not keep the loop.
 
     Raises:
-        ConfigError: The scenario cannot be composed, or is a test.
+        ConfigError: The scenario cannot be composed.
         LinkError: The vehicle is not there, is silent, or refuses to arm. A link that is lost in flight ends it.
     """
     with link:
         composed = compose(_without_world(scenario if thrust else _dry(scenario)))
         ears = Ears(link, sources)
         _rewound(link)
-        readiness = listen(ears, composed.sensor_names, say, clock.speed)
+        needed = needed_by(scenario)
+        readiness = listen(ears, composed.sensor_names, say, clock.speed, needed=needed)
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
         metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
+        if scenario.test:
+            metadata["test"] = to_json(touched_spans(scenario))
         metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
         (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
@@ -77,10 +84,11 @@ def fly_live(
             if arm(readiness):
                 # It may have drifted while everything was compiled and somebody thought.
                 _rewound(link)
-                loop.start_from(listen(ears, (), say, clock.speed))
+                also = [name for name in ("position",) if name in readiness.rates]
+                loop.start_from(listen(ears, also, say, clock.speed, needed=needed))
                 if thrust:
                     link.arm()
-                ending = loop.fly(recorder, progress)
+                ending = loop.fly(recorder, progress, tell)
             link.stop()
             summary = _summary(recorder, composed, ending, loop.pace)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
@@ -90,9 +98,14 @@ def fly_live(
 
 def _without_world(scenario: Scenario) -> Scenario:
     """The scenario for a vehicle that swims elsewhere: nothing breaks by a time-line."""
-    if scenario.test:
-        raise ConfigError(f"{scenario.name}: tests cannot be flown over a link yet; choose a scenario with a mission")
     return scenario.model_copy(update={"faults": []})
+
+
+def needed_by(scenario: Scenario) -> dict[str, str]:
+    """Sensors that the flight cannot do without, and where each can come from."""
+    if not scenario.test:
+        return NEEDED
+    return NEEDED_IN_TESTS | (TO_COME_HOME if needs_position(scenario) else {})
 
 
 def _dry(scenario: Scenario) -> Scenario:
@@ -136,14 +149,15 @@ class _LiveLoop:
         self._dt, self._thrust = scenario.control_dt, thrust
         self._total, self._chunk = ticks_in(scenario.duration, self._dt) + 1, ticks_in(CHUNK, self._dt)
         self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
+        self._prompter, self._tested = Prompter(scenario), 0
         self.pace = Pace()
 
     def start_from(self, readiness: Readiness) -> None:
         """Begin where the vehicle is now."""
         self._autopilot.restart(self._begin(readiness.start))
 
-    def fly(self, recorder: LiveRecorder, progress: Progress | None) -> str:
-        """Fly to the end of the mission, the duration, Ctrl-C or a lost link; why it ended, "" for the mission's."""
+    def fly(self, recorder: LiveRecorder, progress: Progress | None, tell: Callable[[Cue], None]) -> str:
+        """Fly to the end of mission or test, the duration, Ctrl-C or a lost link; why it ended, "" for its own end."""
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""
         self._ears.drain()
@@ -153,6 +167,7 @@ class _LiveLoop:
             for k in range(self._total):
                 try:
                     rows.append(self._tick(k, began))
+                    self._prompt(tell)
                 except LinkError as error:
                     ending = f"link lost: {error}"
                 over = bool(ending) or interrupt.asked or self._autopilot.phase in ENDS
@@ -160,7 +175,7 @@ class _LiveLoop:
                     self._record(recorder, rows)
                     rows = []
                     if progress:
-                        progress(recorder.seconds, PHASES[self._autopilot.phase])
+                        progress(recorder.seconds, self._prompter.now or PHASES[self._autopilot.phase])
                 if over:
                     return ending or ("interrupted" if self._autopilot.phase not in ENDS else "")
         if rows:
@@ -177,6 +192,12 @@ class _LiveLoop:
         self._link.send(command if self._thrust else self._off)
         return self._autopilot.taken, self._autopilot.given, (1e3 * late, link_age, float(self._thrust))
 
+    def _prompt(self, tell: Callable[[Cue], None]) -> None:
+        """Tell what comes now, the command being out; a test that pauses stands still."""
+        for cue in self._prompter.at(self._tested * self._dt):
+            tell(cue)
+        self._tested += self._autopilot.phase != PAUSED
+
     def _record(self, recorder: LiveRecorder, rows: list[Any]) -> None:
         taken, given, host = zip(*rows, strict=True)
         recorder.take(*self._autopilot.unpacked(taken, given), np.array(host))
@@ -186,7 +207,7 @@ def _summary(recorder: LiveRecorder, composed: Composed, ending: str, pace: Pace
     if not recorder.seconds:
         return {"completed": False, "phase": "idle", "reason": ending, "interrupted": False, "decisions": []}
     flown = recorder.flown()
-    figures = live_figures(flown)
+    figures = live_figures(flown, test=composed.scenario.test is not None)
     reason = "" if figures["completed"] else ending or figures["reason"] or f"not finished after {flown.duration:.0f} s"
     return figures | {
         "reason": reason,

@@ -1,7 +1,7 @@
 """Before anything moves: which sensors speak, and where the vehicle is."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,12 @@ from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.link import Link, Source
 from rovtwin.core.numerics import as_array, jnp
 
-NEEDED = ("position", "pressure", "attitude", "gyro", "accelerometer")
-MEANT_BY = {  # where a reading can come from, for messages
-    "position": "--sensor ugps://.. or qtm://.., or a vehicle that knows its position",
-    "dvl": "--sensor dvl://..",
-    "altimeter": "--sensor dvl://..",
-}
+POSITIONS = "--sensor ugps://.. or qtm://.., or a vehicle that knows its position"
+# Of a mission: what the filter cannot do without; and where a reading can come from, for messages.
+NEEDED = {"position": POSITIONS, "pressure": "", "attitude": "", "gyro": "", "accelerometer": ""}
+# Of a test: it reads these directly. What it wants positions for can be left out of it.
+NEEDED_IN_TESTS = {"pressure": "", "attitude": "", "gyro": ""}
+TO_COME_HOME = {"position": f"{POSITIONS}; a test without home, between, and keep in surge and sway needs none"}
 ENOUGH = 3  # positions that the start is the mean of
 SETTLING = 0.2  # a host that held readings back has handed them on by then [s]
 PATIENCE = 20.0  # longest wait for all sensors [s]
@@ -75,6 +75,7 @@ def listen(
     say: Callable[[str], None] = lambda text: None,
     speed: float = 1.0,
     patience: float = PATIENCE,
+    needed: Mapping[str, str] = NEEDED,
 ) -> Readiness:
     """Listen until every sensor that the autopilot cannot do without has spoken, and all others had their time.
 
@@ -84,9 +85,10 @@ def listen(
         say: Told once a second what is waited for.
         speed: Of the clock of readings.
         patience: Longest wait [real s].
+        needed: Those that the autopilot cannot do without, and where each can come from.
 
     Raises:
-        LinkTimeout: One of NEEDED is not heard.
+        LinkTimeout: One of `needed` is not heard.
     """
     heard: dict[str, list[np.ndarray]] = {}
     ears.drain()
@@ -99,12 +101,12 @@ def listen(
         for reading in news:
             heard.setdefault(reading.sensor, []).append(reading.value)
         waited = time.monotonic() - began
-        waiting = [name for name in NEEDED if len(heard.get(name, ())) < (ENOUGH if name == "position" else 1)]
-        others = [name for name in sensors if name not in heard and name not in NEEDED]
+        waiting = [name for name in needed if len(heard.get(name, ())) < (ENOUGH if name == "position" else 1)]
+        others = [name for name in sensors if name not in heard and name not in needed]
         if not waiting and (not others or waited > patience / 4) and waited > 1.0 / speed:
             break
         if waited > patience:
-            raise LinkTimeout(_missing(waiting, sorted(heard), patience))
+            raise LinkTimeout(_missing({name: needed[name] for name in waiting}, sorted(heard), patience))
         if time.monotonic() - told > 1.0:
             told = time.monotonic()
             say(f"waiting for {', '.join(waiting or others)}")
@@ -112,9 +114,9 @@ def listen(
     return Readiness(_start(heard), {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
 
 
-def _missing(waiting: list[str], heard: list[str], patience: float) -> str:
+def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> str:
     found = ", ".join(heard) if heard else "nothing at all"
-    fixes = [f"{name}: {MEANT_BY[name]}" for name in waiting if name in MEANT_BY]
+    fixes = [f"{name}: {origin}" for name, origin in waiting.items() if origin]
     return (
         f"the vehicle's sensors: found {found} within {patience:g} s, expected {', '.join(waiting)} too. "
         f"{'; '.join(fixes) or 'Is the vehicle switched on, and are its telemetry rates above zero?'}"
@@ -122,8 +124,8 @@ def _missing(waiting: list[str], heard: list[str], patience: float) -> str:
 
 
 def _start(heard: dict[str, list[np.ndarray]]) -> Start:
-    """Mean position and depth of what was heard, and the last attitude, at rest."""
-    north, east = np.mean(heard["position"][-20:], axis=0)
+    """Mean position and depth of what was heard, and the last attitude, at rest; n begins here where nobody knows."""
+    north, east = np.mean(heard.get("position", [np.zeros(2)])[-20:], axis=0)
     depth = float(np.mean(heard["pressure"][-20:]))
     attitude = quaternion_from_euler(as_array(heard["attitude"][-1]))
     return Start(as_array([north, east, depth]), attitude, jnp.zeros(6))

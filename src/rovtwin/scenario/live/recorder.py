@@ -8,9 +8,9 @@ from rovtwin.core.flow import AutopilotOutput, Measurements
 from rovtwin.core.log import Channel
 from rovtwin.scenario.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
 from rovtwin.scenario.loop import Record
-from rovtwin.scenario.recorder import Write
+from rovtwin.scenario.recorder import NOT_IN_TESTS, Write
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.score import Flown, distance_to_leg, score
+from rovtwin.scenario.score import Flown, distance_to_leg, score, score_test
 
 UNKNOWN = (  # without the truth nobody knows
     *("position_error_rms_m", "nees_position_mean", "nees_effective_samples"),
@@ -22,9 +22,15 @@ HOST = ("late_ms", "link_age", "thrust_on")
 def live_channels(scenario: Scenario, thrusters: list[str], sensors: list[str]) -> list[Channel]:
     """Channels of a flight over a link: those of a simulated one without the truth, and the host's."""
     channels = log_channels(thrusters, sensors, scenario.log.rate, scenario.log.sensors)
-    known = [c for c in channels if not c.name.startswith("truth/") and c.name != "score/nees"]
+    unknown = ("score/nees", *_left_out(scenario))
+    known = [c for c in channels if not c.name.startswith("truth/") and c.name not in unknown]
     host = Channel("host/timing", HOST, ("ms", "s", "1"), "", description="lateness of each tick, age of the link")
     return [*known, host]
+
+
+def _left_out(scenario: Scenario) -> tuple[str, ...]:
+    """Channels of a mission that a test has not."""
+    return (*NOT_IN_TESTS, "score/cross_track") if scenario.test else ()
 
 
 class LiveRecorder:
@@ -34,6 +40,7 @@ class LiveRecorder:
         self._dt = scenario.control_dt
         self._log_every = scenario.rates.control // scenario.log.rate
         self._sensors, self._write = scenario.log.sensors, write
+        self._left_out = _left_out(scenario)
         self._tick = 0
         self._kept: list[dict[str, np.ndarray]] = []
 
@@ -49,12 +56,13 @@ class LiveRecorder:
         every |= {name: (t, values) for name, values in nis_samples(record).items()} | {"host/timing": (t, host)}
         if self._sensors:
             every |= sensor_samples(record, t)
-        for name, (times, values) in every.items():
-            self._write(name, times, values)
         kept = {name: values[logged] for name, values in samples.items()} | {"t": t[logged]}
         on_leg = kept["autopilot/mode"][:, 3] > 0.5
         distance = np.where(on_leg, distance_to_leg(kept["autopilot/eta"], kept["autopilot/leg"]), 0.0)
-        self._write("score/cross_track", kept["t"], np.stack([distance, on_leg.astype(float)], axis=1))
+        every["score/cross_track"] = (kept["t"], np.stack([distance, on_leg.astype(float)], axis=1))
+        for name, (times, values) in every.items():
+            if name not in self._left_out:
+                self._write(name, times, values)
         kept["saturated"] = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
         self._kept.append(kept)
 
@@ -85,6 +93,9 @@ class LiveRecorder:
         )
 
 
-def live_figures(flown: Flown) -> dict[str, Any]:
-    """Scores as far as the estimate knows them."""
-    return score(flown) | dict.fromkeys(UNKNOWN) | {"judged_by": "the autopilot's own estimate"}
+def live_figures(flown: Flown, test: bool = False) -> dict[str, Any]:
+    """Scores as far as the estimate knows them; a test has none that anybody would have to judge."""
+    unknown = dict.fromkeys(UNKNOWN)
+    if test:
+        return score_test(flown) | unknown
+    return score(flown) | unknown | {"judged_by": "the autopilot's own estimate"}

@@ -139,7 +139,7 @@ def served_of(scenario: Scenario) -> tuple[Served, Composed]:
         if d
     }
     served = Served(
-        replace(twin, sensors=sensors),
+        replace(twin, sensors=sensors, hand=None),  # whoever flies a scenario's test begins when he likes
         navigation_filter(MODEL_BASED, composed.model, first),  # type: ignore[arg-type]  (as above)
         senses,
         onboards,

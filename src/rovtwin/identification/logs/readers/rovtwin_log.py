@@ -31,7 +31,7 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
     Noise, levers and mountings are those that the log's metadata declare.
 
     Raises:
-        IdentificationError: Thrusters that the vehicle does not have, or no readings.
+        IdentificationError: Thrusters that the vehicle does not have, no readings, or commands that were never sent.
     """
     try:
         log = Log.read(path)
@@ -39,6 +39,11 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
         raise IdentificationError(str(error)) from None
     if COMMANDS not in log:
         raise IdentificationError(f"{path}: no channel {COMMANDS}; found {', '.join(log) or 'none'}")
+    if log.metadata.get("thrust") == "false":
+        raise IdentificationError(
+            f"{path}: flown with --no-thrust: found commands that were never sent, expected those that moved the "
+            "vehicle. Fly it with thrust"
+        )
     commands = log[COMMANDS]
     # A log has _ where a vehicle has the dots between parts.
     spelt = {name.replace(".", "_"): name for name in vehicle.thruster_names}
