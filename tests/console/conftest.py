@@ -62,7 +62,7 @@ def browser(console_url):
     if not CHROMIUM.is_file():
         pytest.skip(f"views are tested with Debian's Chromium, and there is no {CHROMIUM}: apt install chromium")
     with playwright.sync_playwright() as running:
-        options = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle", "--use-angle=swiftshader"]
+        options = ["--no-sandbox", "--enable-unsafe-swiftshader"]
         browser = running.chromium.launch(executable_path=str(CHROMIUM), args=options)
         yield browser
         browser.close()
