@@ -37,7 +37,7 @@ def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright (pip install 'rovtwin[test]')")
     with playwright.sync_playwright() as started:
         # WebGL in software, as on a machine without a graphics card.
-        options = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-gl=angle", "--use-angle=swiftshader"]
+        options = ["--no-sandbox", "--enable-unsafe-swiftshader"]
         chromium = started.chromium.launch(executable_path=program, args=options)
         yield chromium
         chromium.close()

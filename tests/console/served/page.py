@@ -39,7 +39,7 @@ def page(name: str) -> None:
         ui.add_head_html('<link rel="stylesheet" href="/static/theme.css">')
     else:
         ui.add_css("body {" + "".join(f"--{key}: {value};" for key, value in COLOURS.items()) + "}")
-    ui.context.client.content.classes("w-screen h-screen p-0 gap-0")
+    ui.context.client.content.style("padding: 0; gap: 0")
     shown = VIEWS if name == "all" else {name: VIEWS[name]}
     for view in shown.values():
         with ui.element("main").style(f"width: 100vw; height: {100 / len(shown):.3f}vh; overflow: hidden"):
