@@ -1,4 +1,4 @@
-"""The whole console, as `rovtwin console` starts it, driven in Chromium: a mission, STOP, two operators, what goes wrong."""
+"""The whole console as `rovtwin console` starts it, driven in Chromium: a mission, STOP, operators, what goes wrong."""
 
 import json
 import os
@@ -48,9 +48,9 @@ def start(port, folder):
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST", "NICEGUI"))}
     environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
     fence = f"autopilot.supervisor.geofence={FENCE}"
-    command = [sys.executable, "-m", "rovtwin.cli", "console", "lawnmower_calm", "--set", fence, "--no-browser"]
+    command = [sys.executable, "-m", "rovtwin.cli", "console", "lawnmower_calm", "--no-browser", "--speed", "20"]
     return subprocess.Popen(
-        [*command, "--port", str(port), "--speed", "20"],
+        [*command, "--port", str(port), "--set", "autopilot=model_based", "--set", fence],
         cwd=folder,
         env=environment,
         stdout=(folder / "console.log").open("ab"),
@@ -106,10 +106,12 @@ def page(browser, served):
     if page.evaluate("rovtwin.last.state.armed"):
         order(page, "disarm")
     page.wait_for_function("() => !rovtwin.last.state.armed")
-    yield page
+    try:
+        yield page
+    finally:
+        page.context.close()
     assert page.complaints == []
     assert page.asked == {"127.0.0.1"}
-    page.context.close()
 
 
 def order(page, do, **what):
@@ -127,7 +129,7 @@ def state(page):
 
 
 def test_the_way_point_mission(page, served):
-    """Add the seven points of table 8.3, cancel the last, submit, start: the vehicle flies and says that it finished."""
+    """Add the seven points of table 8.3, cancel the last, submit, start: the vehicle flies and says when it is over."""
     page.click("#clear")
     for x, y in TABLE_8_3:
         page.fill("#new-x", str(x))
@@ -143,7 +145,7 @@ def test_the_way_point_mission(page, served):
     page.click("#submit")
     page.wait_for_function("() => rovtwin.last.plan.submitted && !rovtwin.last.plan.changed")
     page.click("#start")
-    page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
+    page.wait_for_function("() => rovtwin.last.state.phase === 'go'", timeout=60_000)
     assert "under way" in order(page, "start")  # a double click
     assert "under way" in order(page, "plan", op="submit")
     page.wait_for_function("() => rovtwin.last.state.phase === 'finished'", timeout=90_000)

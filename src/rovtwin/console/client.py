@@ -31,8 +31,9 @@ class Client:
     def __init__(self, place: Place, news: News):
         """Calls `news` in the event loop for every message."""
         self._place, self._news = place, news
-        context = zmq.asyncio.Context.instance()
-        self._ear, self._mouth = context.socket(zmq.SUB), context.socket(zmq.DEALER)
+        self._ear = zmq.asyncio.Context.instance().socket(zmq.SUB)
+        self._mouth = zmq.Context.instance().socket(zmq.DEALER)  # speaks at once or not at all
+        self._answers = zmq.asyncio.Socket.shadow(self._mouth)  # and is listened to in the event loop
         self._ear.setsockopt(zmq.RCVHWM, 40)
         self._ear.setsockopt(zmq.SUBSCRIBE, b"")
         self._ear.connect(place.news)
@@ -108,7 +109,7 @@ class Client:
 
     async def _hear_answers(self) -> None:
         while True:
-            message = json.loads(await self._mouth.recv())
+            message = json.loads(await self._answers.recv())
             waiting = self._waiting.get(message.get("id"))
             if waiting is not None and not waiting.done():
                 waiting.set_result(message)

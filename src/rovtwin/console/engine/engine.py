@@ -169,17 +169,19 @@ class Engine:
         """One tick; False where the world has not come so far, or the vehicle is lost."""
         vessel, clock = self.vessel, self._yard.clock
         try:
-            self._hearing.take(vessel.ears.read(), self._k * self._dt)
+            self._hearing.hear(vessel.ears.read())
         except LinkError as error:
             self.event("danger", f"link lost: {error}")
             self._let_go(f"link lost: {error}")
             self._say("lost", str(error))
             return False
-        fast = clock.speed > 1.0
-        if fast and self._hearing.truth_at < self._k * self._dt - 0.5 * self._dt:
-            return False
-        readings = self._hearing.news()
-        late = self._pace.wait(self._began + self._k * self._dt, clock, clock.speed)
+        fast, t = clock.speed > 1.0, self._k * self._dt
+        if fast:  # in step with the world: neither outruns the other
+            vessel.link.tell(("reached", self._began + t))
+            if self._hearing.told_until < t - 0.5 * self._dt:
+                return False
+        readings = self._hearing.news(t, t + 0.5 * self._dt if fast else np.inf)
+        late = self._pace.wait(self._began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
             vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
         if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
@@ -190,7 +192,7 @@ class Engine:
         command = vessel.helm.tick(readings, ages, self._wish if now - self._wished_at < WISH_LIFE else NO_WISH)
         if self.armed:
             vessel.link.send(command)
-        self._consistency.take(self._k * self._dt, vessel.helm.output)
+        self._consistency.take(t, vessel.helm.output)
         if self._flight is not None:
             self._flight.add(1e3 * late, vessel.link.age)
         self._late = max(self._late, late)
