@@ -271,6 +271,14 @@ def test_boot_clock_takes_the_shortest_delay():
     assert 0.009 < late.min() and late.max() < 0.015
 
 
+def test_boot_clock_puts_nothing_after_its_arrival():
+    """The first message took half a second, the others none: the offset comes down slowly."""
+    clock = BootClock()
+    clock.host_time(100.0, 0.5)
+    arrivals = 0.52 + 0.02 * np.arange(20)
+    assert all(clock.host_time(100.0 + arrival, arrival) == arrival for arrival in arrivals)
+
+
 @pytest.mark.parametrize("jump", [-3000.0, 3000.0])
 @pytest.mark.parametrize("whose", ["vehicle", "host"])
 def test_boot_clock_survives_a_jump(jump, whose):

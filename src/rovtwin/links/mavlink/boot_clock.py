@@ -20,7 +20,7 @@ class BootClock:
         self._before, self._now, self._since = math.inf, math.inf, 0.0  # smallest of two half windows
 
     def host_time(self, boot: float, arrival: float) -> float:
-        """Host time of a reading, from its time since boot and when it arrived [s]."""
+        """Host time of a reading, from its time since boot and when it arrived [s]; never after its arrival."""
         delay = arrival - boot
         if not abs(delay - self._offset) < JUMP:  # also at first, when the offset is no number
             self._offset, self._before, self._now, self._since = delay, delay, delay, arrival
@@ -31,7 +31,7 @@ class BootClock:
         self._last = boot
         wanted = min(self._before, self._now)
         self._offset += min(max(wanted - self._offset, -step), step)
-        return boot + self._offset
+        return min(boot + self._offset, arrival)
 
 
 class Order:

@@ -282,7 +282,7 @@ class Ros2Link(Link):
         if not self._use_sim_time:
             found.append(self._of_host(stamp, now))
             if listen.is_near(found[-1], now, self._tolerance):
-                return found[-1]
+                return min(found[-1], now)
         if self._sim_time is None:
             fix = "does it use simulated time, and publishes no /clock?"
         else:
