@@ -81,7 +81,7 @@ def opened(browser, served, width=1366, height=768):
     page.set_default_timeout(SOON)
     page.complaints, page.asked = [], set()
     page.on("console", lambda message: page.complaints.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page.on("pageerror", lambda error: page.complaints.append(error.stack or str(error)))
     page.on("request", lambda request: page.asked.add(request.url.split("/")[2].split(":")[0]))
     until = time.monotonic() + 60.0
     while True:
@@ -199,8 +199,8 @@ def test_killed_console_leaves_the_autopilot_flying_and_finds_it_again(page, ser
     ear.close()
     assert told["armed"] and told["pid"] == pid
     served.process = start(served.port, served.folder)
-    page.wait_for_function("() => rovtwin.connected", timeout=READY)
-    page.wait_for_function(f"() => rovtwin.last.state.pid === {pid} && rovtwin.last.state.armed")
+    back = f"() => window.rovtwin?.last?.state?.pid === {pid} && rovtwin.last.state.armed"
+    page.wait_for_function(back, timeout=READY)
     page.complaints.clear()  # of the server that was gone
 
 

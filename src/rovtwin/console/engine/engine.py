@@ -44,7 +44,7 @@ class Engine:
         self._teller = Teller(news)
         self._stage, self._note = "connecting", ""
         self._yard = Shipyard(wanted, speed, self._say)
-        self._speed, self._running = speed, True
+        self._running = True
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
         self._flight: FlightLog | None = None
@@ -149,9 +149,9 @@ class Engine:
     def run_at(self, speed: float | None, running: bool | None) -> None:
         """Let simulated time run so fast, or stand; None leaves it as it is."""
         vessel = self.vessel
-        self._speed = speed or self._speed
+        self._yard.speed = speed or self._yard.speed
         self._running = self._running if running is None else running
-        vessel.link.tell(("pace", *self._yard.clock.run(self._speed if self._running else 0.0)))
+        vessel.link.tell(("pace", *self._yard.clock.run(self._yard.speed if self._running else 0.0)))
 
     def event(self, level: str, text: str) -> None:
         """Tell that something happened; `level` is info, warning or danger."""
@@ -205,7 +205,7 @@ class Engine:
         """Begin to tick with a vehicle that is heard."""
         if vessel is None:
             return
-        self._vessel = vessel
+        self._vessel, self._running = vessel, True
         vessel.ears.drain()
         vessel.helm.restart(vessel.readiness.start)
         self._k, self._began, self._pace, self._late = 0, self._yard.clock(), Pace(), 0.0
@@ -265,7 +265,7 @@ class Engine:
             "note": self._note,
             "scenario": self._wanted.scenario.name,
             "link": self._wanted.link,
-            "speed": self._speed,
+            "speed": self._yard.speed,
             "running": self._running,
             "armed": self.armed,
             "arming": self.arming,

@@ -10,6 +10,8 @@ from rovtwin.scenario.live.readiness import Readiness
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle.visuals import pieces_of
 
+CORNERS = 64  # of a circle, as browsers draw it
+
 
 def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[str, Any]:
     """The message that tells it."""
@@ -41,10 +43,20 @@ def _room(scenario: Scenario) -> dict[str, Any]:
 
 
 def _fence(scenario: Scenario) -> dict[str, Any] | None:
+    """Outlines of the fence, a circle and a polygon [m], and how far they reach."""
     fence = scenario.autopilot.supervisor.geofence
-    if fence.limit is None and fence.polygon is None:
+    outlines = []
+    if fence.limit is not None:
+        around = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
+        circle = np.stack([np.cos(around), np.sin(around)], axis=1) * fence.limit
+        outlines.append(circle + np.asarray(scenario.start.position[:2]))
+    if fence.polygon is not None:
+        outlines.append(np.asarray(fence.polygon))
+    if not outlines:
         return None
-    return {"radius": fence.limit, "polygon": fence.polygon}
+    every = np.concatenate(outlines)
+    (north, east), (far_north, far_east) = every.min(axis=0), every.max(axis=0)
+    return {"outlines": outlines, "north": [north, far_north], "east": [east, far_east]}
 
 
 def _waves(scenario: Scenario) -> dict[str, Any] | None:

@@ -79,12 +79,13 @@ class Shipyard:
     """Makes vessels in a thread of its own, so that the loop goes on telling and obeying.
 
     Attributes:
-        clock: That readings are stamped with; of a twin it stands until the vessel is ready.
+        clock: That readings are stamped with; of a twin it stands until the world is there.
+        speed: At which it begins to run.
     """
 
     def __init__(self, wanted: Wanted, speed: float, say: Say):
-        self.wanted, self.clock = wanted, Clock(0.0 if wanted.is_twin else speed)
-        self._speed, self._say = speed, say
+        self.wanted, self.speed, self._say = wanted, speed, say
+        self.clock = Clock(speed)
         self._made: Vessel | None = None
         self._helm: tuple[Composed, Helm, Limits] | None = None
         self._thread: threading.Thread | None = None
@@ -110,6 +111,7 @@ class Shipyard:
 
     def _vessel(self) -> Vessel:
         wanted = self.wanted
+        self.clock = Clock(0.0 if wanted.is_twin else self.speed)
         self._say("connecting", f"opening {wanted.link}, compiling the autopilot")
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
@@ -124,11 +126,11 @@ class Shipyard:
         try:
             sources += [source(url, self.clock) for url in wanted.sensors]
             if wanted.is_twin:
-                link.tell(("pace", *self.clock.run(self._speed)))
+                link.tell(("pace", *self.clock.run(self.speed)))
             ears = Ears(link, sources)
             self._say("listening", "waiting for the sensors")
             names = composed.sensor_names
-            readiness = listen(ears, names, lambda text: self._say("listening", text), self._speed)
+            readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed)
         except BaseException:
             link.close()
             raise
