@@ -24,6 +24,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE, Link
+from rovtwin.core.urgent import urgent
 
 logger = logging.getLogger(__name__)
 
@@ -63,7 +64,8 @@ def host(pipe: Connection, opener: Opener, thrusters: int, stop_at: Path | None 
             if stop_at is not None:
                 _listen_for_stop(stop_at, minding.stop)
             pipe.send(("open", None))
-            minding.mind()
+            with urgent():
+                minding.mind()
     except LinkError as error:
         _last_words(pipe, str(error))
     except Exception as error:  # a driver's mistake: said where a user looks
@@ -167,9 +169,10 @@ def _listen_for_stop(path: Path, stop: Callable[[], None]) -> None:
     ear.bind(str(path))
 
     def listen() -> None:
-        while True:
-            ear.recv(64)
-            stop()
+        with urgent():
+            while True:
+                ear.recv(64)
+                stop()
 
     threading.Thread(target=listen, daemon=True, name="stop").start()
 

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from rovtwin.console.engine.telling import Teller
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Mission
+from rovtwin.core.urgent import urgent
 from rovtwin.scenario.flight import run_folder
 from rovtwin.scenario.pace import SLIP, Pace
 from rovtwin.scenario.realtime import NO_WISH
@@ -55,10 +57,12 @@ class Engine:
         self._asked_at = -np.inf  # when arming was asked for
         self._k, self._began, self._pace = 0, 0.0, Pace()
         self._before = ("", "")
+        self._urgent = ExitStack()
 
     def run(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Until `over`; `obey` gives orders that came, `wait` waits for more, so many seconds at most."""
         self._yard.begin()
+        self._keep_time()
         try:
             while not self.over:
                 obey()
@@ -69,6 +73,7 @@ class Engine:
                 self._tell()
                 wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
         finally:
+            self._urgent.close()
             self._let_go("ended")
             self._teller.close()
 
@@ -152,6 +157,12 @@ class Engine:
         self._yard.speed = speed or self._yard.speed
         self._running = self._running if running is None else running
         vessel.link.tell(("pace", *self._yard.clock.run(self._yard.speed if self._running else 0.0)))
+        self._keep_time()
+
+    def _keep_time(self) -> None:
+        """Run before others where time is real; faster simulation takes what is left."""
+        self._urgent.close()
+        self._urgent.enter_context(urgent(self._yard.speed <= 1.0))
 
     def event(self, level: str, text: str) -> None:
         """Tell that something happened; `level` is info, warning or danger."""

@@ -12,6 +12,7 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
+from rovtwin.core.urgent import urgent
 from rovtwin.links.replay import ReplayLink
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
@@ -163,7 +164,7 @@ class _LiveLoop:
         self._ears.drain()
         _rewound(self._link)
         self._ears.zero = began = self._clock()
-        with Interrupt() as interrupt:
+        with Interrupt() as interrupt, urgent(self._clock.speed <= 1.0):
             for k in range(self._total):
                 try:
                     rows.append(self._tick(k, began))
