@@ -16,12 +16,13 @@ function fact(label, id) {
   }];
 }
 
+/** What the innovations say of the filter. A value now and then beyond the 95 % band is chance: 1.3 times it is not. */
 function worst(nis) {
   let level = '';
   let text = 'consistent';
   for (const [name, found] of Object.entries(nis || {})) {
     const [value, , low, high] = found;
-    if (value > high && level !== 'warn') [level, text] = ['warn', `${name} off ${value.toFixed(1)}×`];
+    if (value > 1.3 * high && !level) [level, text] = ['warn', `${name} off ${value.toFixed(1)}×`];
     if (value > 3 * high) [level, text] = ['danger', `${name} off ${value.toFixed(1)}×`];
     if (value < low && !level && name === 'position') text = 'cautious';
   }
