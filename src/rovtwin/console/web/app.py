@@ -51,7 +51,7 @@ class Gate:
 
 def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
     """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle."""
-    hub, vehicle = Hub(place), vehicle_of(scenario)
+    hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     stream = Stream(scenario, vehicle, place.news, hub.send)
     looks = vehicle_glb(vehicle)
     app.add_static_files("/static", STATIC, max_cache_age=0)

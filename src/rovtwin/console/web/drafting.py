@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from rovtwin.console.planning import square, waypoint_of
+from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ class Drafting:
         checks: What there is to say of the draft: `level` is ok, warning or error.
     """
 
-    def __init__(self, hub: "Hub"):
-        self._hub = hub
+    def __init__(self, hub: "Hub", sea: SeaCheck):
+        self._hub, self._sea = hub, sea
         self.checks: list[dict[str, str]] = []
 
     async def do(self, what: dict[str, Any]) -> None:
@@ -100,12 +101,18 @@ class Drafting:
         rows = self._hub.draft.rows
         if not rows:
             self.checks = []
+            self._sea.ask([], self._add_check)
             return
         try:
             found = await self._hub.client.ask("check", waypoints=[waypoint_of(row) for row in rows])
             self.checks = found.get("checks", [])
         except LinkError as error:
             self.checks = [{"level": "error", "what": str(error)}]
+        self._sea.ask(self._hub.draft.waypoints(), self._add_check)
+
+    def _add_check(self, check: dict[str, str]) -> None:
+        self.checks = [*self.checks, check]
+        self._hub.tell_plan()
 
 
 OPERATIONS = (

@@ -5,14 +5,17 @@ import contextlib
 import json
 import math
 from collections import deque
+from datetime import datetime
 from typing import Any
 
 from rovtwin.console.client import Client
 from rovtwin.console.control import Rights
 from rovtwin.console.planning import Draft
 from rovtwin.console.web.drafting import Drafting
+from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import RovtwinError
+from rovtwin.scenario.schema import Scenario
 
 PULSE = 0.5  # how often browsers hear whether the engine lives [s]
 WAITING = 500  # messages for a browser that does not take them, before it is given up
@@ -58,10 +61,10 @@ class Hub:
         draft: The plan on the table, which all see and one edits.
     """
 
-    def __init__(self, place: Place):
+    def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
         self.rights, self.draft = Rights(), Draft()
-        self._drafting = Drafting(self)
+        self._drafting = Drafting(self, SeaCheck(scenario))
         self._browsers: list[Browser] = []
         self._seen_plan = False
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -101,8 +104,6 @@ class Hub:
     def say(self, level: str, text: str) -> None:
         """An event of the console's own."""
         state = self.client.last.get("state", {})
-        from datetime import datetime
-
         clock = f"{datetime.now():%H:%M:%S}"
         self.send({"kind": "event", "t": state.get("t", 0.0), "clock": clock, "level": level, "text": text})
 
