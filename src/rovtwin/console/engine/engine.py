@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from rovtwin.console.engine.setup import setup_of
 from rovtwin.console.engine.state import Consistency, Hearing, flown
 from rovtwin.console.engine.telling import Teller
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
 from rovtwin.scenario.flight import run_folder
@@ -50,6 +51,8 @@ class Engine:
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
         self._flight: FlightLog | None = None
+        self._opening: Future[FlightLog] | None = None
+        self._beside = ThreadPoolExecutor(1)
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
@@ -100,7 +103,11 @@ class Engine:
         vessel = self.vessel
         self.operator_heard()
         vessel.helm.idle()
-        vessel.link.begin_arming(asked_at)
+        folder = run_folder(self._wanted.scenario.name, self._runs)
+        # It takes some tenths of a second, in which ticks go on.
+        self._opening = self._beside.submit(
+            FlightLog, self.scenario_with(self.plan), vessel.composed, vessel.helm, folder
+        )
         self.arming, self._asked_at = True, asked_at
 
     def disarm(self) -> None:
@@ -204,12 +211,12 @@ class Engine:
         if self.armed:
             vessel.link.send(command)
         self._consistency.take(t, vessel.helm.output)
-        if self._flight is not None:
+        if self.armed and self._flight is not None:
             self._flight.add(1e3 * late, vessel.link.age)
         self._late = max(self._late, late)
         self._k += 1
-        if self.arming and (refused := vessel.link.refused) is not None:
-            self._armed_or_not(vessel, refused)
+        if self.arming:
+            self._go_on_arming(vessel)
         return True
 
     def _take_over(self, vessel: Vessel | None) -> None:
@@ -235,17 +242,35 @@ class Engine:
             self._vessel.close()
             self._vessel = None
 
-    def _armed_or_not(self, vessel: Vessel, refused: str) -> None:
+    def _go_on_arming(self, vessel: Vessel) -> None:
+        """First the log is opened, then the vehicle is asked; what came of it is an event."""
+        if self._opening is not None:
+            if not self._opening.done():
+                return
+            opening, self._opening = self._opening, None
+            try:
+                self._flight = opening.result()
+            except RovtwinError as error:
+                self._refuse(f"no log: {error}")
+                return
+            vessel.link.begin_arming(self._asked_at)
+        elif (refused := vessel.link.refused) is not None:
+            if refused:
+                self._refuse(refused)
+                return
+            self.armed, self.arming, self.stopped = True, False, False
+            if self._flight is not None:
+                self.event("info", f"armed; logged in {self._flight.folder}")
+
+    def _refuse(self, why: str) -> None:
         self.arming = False
-        if refused:
-            self.event("danger", f"not armed: {refused}")
-            return
-        self.armed, self.stopped = True, False
-        folder = run_folder(self._wanted.scenario.name, self._runs)
-        self._flight = FlightLog(self.scenario_with(self.plan), vessel.composed, vessel.helm, folder)
-        self.event("info", f"armed; logged in {folder}")
+        self.event("danger", f"not armed: {why}")
+        self._close_flight("not armed")
 
     def _close_flight(self, ending: str) -> None:
+        if self._opening is not None:
+            opening, self._opening = self._opening, None
+            opening.add_done_callback(lambda done: done.exception() or done.result().close(ending))
         if self._flight is not None:
             flight, self._flight = self._flight, None
             flight.close(ending)

@@ -1,5 +1,6 @@
 """The autopilot as an operator needs it: idle until told, a new mission without compiling, a pilot's wishes."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,8 +22,7 @@ from rovtwin.core.flow import (
     Mission,
     Slot,
 )
-from rovtwin.core.frames import quaternion_from_euler
-from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.supervisor import MODE_PAUSED, MODE_PILOTED, MODE_RUNNING
 from rovtwin.scenario.composition import Composed, way_points
@@ -53,13 +53,12 @@ class Helm:
             lambda a: a.mission, made, self.mission, is_leaf=lambda leaf: isinstance(leaf, Mission)
         )
         self.fastest = np.asarray(made.contingency.fastest)
-        self._key = jax.random.split(composed.key)[0]
+        key, autopilot = jax.random.split(composed.key)[0], self._autopilot
+        self._fresh = jax.jit(lambda start: autopilot.init(key, start))
         twin = composed.loop.twin
         slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in twin.empty().items()}
-        self._host = HostAutopilot(
-            self._autopilot, self._autopilot.init(self._key, composed.start), slots, scenario.control_dt
-        )
-        self._renewed(composed.start)  # what a start needs is compiled now
+        self._host = HostAutopilot(self._autopilot, self._fresh(composed.start), slots, scenario.control_dt)
+        self._host.change(self._autopilot, self._renewed(self._here()))  # what a start needs is compiled now
         self._request, self._idle = NO_REQUEST, True
 
     def mission_of(self, scenario: Scenario) -> Mission:
@@ -73,7 +72,7 @@ class Helm:
 
     def restart(self, start: Start) -> None:
         """Begin anew where the vehicle is; thrusters are off."""
-        self._host.restart(self._autopilot.init(self._key, start))
+        self._host.restart(self._fresh(start))
         self._idle = True
 
     def tick(self, readings: Sequence[Measurement], host: Sequence[float], pilot: Sequence[float] = NO_WISH) -> Command:
@@ -160,7 +159,7 @@ class Helm:
 
     def _renewed(self, start: Start) -> Any:
         """The memory with all that decides and guides as if it began here; what observes goes on."""
-        fresh, memory = self._autopilot.init(self._key, start), self._host.memory
+        fresh, memory = self._fresh(start), self._host.memory
 
         def parts(m: Any) -> Any:
             return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain)
@@ -169,4 +168,5 @@ class Helm:
 
     def _here(self) -> Start:
         eta = np.asarray(self.output.estimate.eta)
-        return Start(as_array(eta[:3]), quaternion_from_euler(as_array([0.0, 0.0, eta[5]])), jnp.zeros(6))
+        half = 0.5 * float(eta[5])
+        return Start(eta[:3], np.array([math.cos(half), 0.0, 0.0, math.sin(half)]), np.zeros(6))  # type: ignore[arg-type]
