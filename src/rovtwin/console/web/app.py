@@ -14,6 +14,7 @@ from rovtwin.console.web.hub import Browser, Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
 from rovtwin.console.wire import Place
+from rovtwin.core.errors import LinkError
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
@@ -74,8 +75,11 @@ def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
         await _serve(hub, socket, _name(socket.query_params.get("name", "")))
 
     @app.post("/stop")
-    async def stop() -> dict[str, bool]:
-        return {"heard": hub.client.stop()}
+    async def stop() -> dict[str, Any]:
+        try:
+            return {"ok": True, "heard": await hub.client.stop()}
+        except LinkError as error:
+            return {"ok": False, "error": str(error)}
 
     @app.get("/camera.mjpg")
     async def camera() -> Response:

@@ -155,7 +155,7 @@ class Hub:
     async def _do(self, browser: Browser, do: str, what: dict[str, Any]) -> str:
         name = browser.name
         if do == "stop":
-            return "thrusters off" if self.client.stop() else "no vehicle is held"
+            return "thrusters off" if await self.client.stop() else "no vehicle is held"
         if do == "alive":
             if self.rights.holder == name:
                 self.client.tell("alive")

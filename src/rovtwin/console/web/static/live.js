@@ -5,6 +5,7 @@ const waiting = new Map();  // number of an order -> [resolve, reject]
 const ALIVE = 200;  // between two signs of life [ms]
 const RETRY = 1000;  // until a lost server is looked for again [ms]
 const PATIENCE = 30000;  // for an answer [ms]: a survey takes some time to lay out
+const STOPPING = 1000;  // for the answer to STOP [ms]
 let socket = null;
 let number = 0;
 
@@ -88,10 +89,20 @@ function connect() {
   };
 }
 
-/** Thrusters off: over the socket and, should that hang, over a request of its own. */
+/**
+ * Thrusters off: over the socket and, should that hang, over a request of its own. Resolves once either says that they
+ * are, rejects with an Error for people where neither does in time.
+ */
 export function stop() {
-  const path = fetch('/stop', {method: 'POST', keepalive: true}).catch(() => {});
-  return Promise.allSettled([live.send({do: 'stop'}), path]);
+  const path = fetch('/stop', {method: 'POST', keepalive: true}).then(answer => answer.json()).then(found => {
+    if (!found.ok) throw new Error(found.error);
+    return found;
+  });
+  const late = new Promise((_, reject) => {
+    setTimeout(() => reject(new Error('the console does not answer')), STOPPING);
+  });
+  const heard = Promise.any([live.send({do: 'stop'}), path]).catch(error => { throw error.errors[0]; });
+  return Promise.race([heard, late]);
 }
 
 setInterval(() => { if (live.last.rights?.may) live.tell({do: 'alive'}); }, ALIVE);
