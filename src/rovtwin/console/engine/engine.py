@@ -10,9 +10,12 @@ import numpy as np
 
 from rovtwin.console.engine.alerts import alerts, alerts_of_link
 from rovtwin.console.engine.flights import FlightLog
+from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
 from rovtwin.console.engine.state import Consistency, Hearing, flown
 from rovtwin.console.engine.telling import Teller
+from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Mission
@@ -35,6 +38,7 @@ class Engine:
         plan, submitted: Way-points that a start flies, and whether an operator gave them.
         count: Way-points of the mission that was started.
         over: Whether to end.
+        test: That is flown in place of a mission, or None.
     """
 
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
@@ -48,6 +52,7 @@ class Engine:
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
         self._flight: FlightLog | None = None
+        self.test = Manoeuvres(wanted.scenario) if wanted.scenario.test else None
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
@@ -122,10 +127,18 @@ class Engine:
         self._let_go("reconnecting")
         self._yard.begin()
 
-    def fly(self, mission: Mission, count: int) -> None:
+    def fly(self, helm: Helm, mission: Mission, count: int) -> None:
         """Start a mission of so many way-points."""
-        self.vessel.helm.start(mission)
+        helm.start(mission)
         self.count = count
+
+    def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
+        """Start the test; its log begins with it, so that their times are the same."""
+        self._open_flight(self.vessel)
+        helm.start()
+        test.begin()
+        self.count = test.count
+        self._tell_hand(self._began + self._k * self._dt)
 
     def submit(self, waypoints: list[Waypoint]) -> None:
         """What the next start flies."""
@@ -134,7 +147,9 @@ class Engine:
         self.event("info", f"plan submitted: {len(self.plan)} way-points")
 
     def scenario_with(self, waypoints: list[Waypoint]) -> Scenario:
-        """The scenario, with these way-points for its mission."""
+        """The scenario, with these way-points for its mission; a test's as it is."""
+        if self.test is not None:
+            return self._wanted.scenario
         return self._wanted.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
 
     def wish(self, velocity: np.ndarray) -> None:
@@ -195,11 +210,23 @@ class Engine:
         self._consistency.take(t, vessel.helm.output)
         if self._flight is not None:
             self._flight.add(1e3 * late, vessel.link.age)
+        if self.test is not None and self.test.running:
+            self._go_on(self.test, vessel)
         self._late = max(self._late, late)
         self._k += 1
         if self.arming and (refused := vessel.link.refused) is not None:
             self._armed_or_not(vessel, refused)
         return True
+
+    def _go_on(self, test: Manoeuvres, vessel: Vessel) -> None:
+        """What the test's own time brings, and its end."""
+        if vessel.helm.is_over:
+            done = flown(vessel.helm.output, 0)
+            self._close_flight(done["reason"] or done["phase"])
+            return
+        for cue in test.tick():
+            if not cue.text.isdigit():
+                self.event("warning" if cue.hand else "info", cue.text)
 
     def _take_over(self, vessel: Vessel | None) -> None:
         """Begin to tick with a vehicle that is heard."""
@@ -230,11 +257,24 @@ class Engine:
             self.event("danger", f"not armed: {refused}")
             return
         self.armed, self.stopped = True, False
-        folder = run_folder(self._wanted.scenario.name, self._runs)
-        self._flight = FlightLog(self.scenario_with(self.plan), vessel.composed, vessel.helm, folder)
-        self.event("info", f"armed; logged in {folder}")
+        self.event("info", "armed")
+        if self.test is None:
+            self._open_flight(vessel)
+
+    def _open_flight(self, vessel: Vessel) -> None:
+        folder, now = run_folder(self._wanted.scenario.name, self._runs), self._k * self._dt
+        self._flight = FlightLog(self.scenario_with(self.plan), vessel.composed, vessel.helm, folder, now)
+        self.event("info", f"logged in {folder}")
+
+    def _tell_hand(self, began: float) -> None:
+        """Tell a simulated hand when the test began [s]; inf: it does not."""
+        if self.is_twin and self._vessel is not None:
+            self._vessel.link.tell(("test", began))
 
     def _close_flight(self, ending: str) -> None:
+        if self.test is not None and self.test.running:
+            self.test.end(ending)
+            self._tell_hand(np.inf)
         if self._flight is not None:
             flight, self._flight = self._flight, None
             flight.close(ending)
@@ -288,6 +328,8 @@ class Engine:
             "current": None if truth is None else truth[6:9],
         }
         self._late = 0.0
+        if self.test is not None:
+            state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         self._note_changes(state)
@@ -307,4 +349,4 @@ class Engine:
         return {"kind": "flown", "submitted": self.submitted, "waypoints": waypoints}
 
     def _setup_told(self) -> dict[str, Any]:
-        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness)
+        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())
