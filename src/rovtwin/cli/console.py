@@ -35,7 +35,7 @@ def console(
     seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
-    """Watch, plan and fly from a browser.
+    """Watch, plan and fly from a browser; fly identification tests where the scenario is one (`test_mixed`).
 
     The autopilot runs in a process of its own: closing this one by Ctrl-C ends it in order, killing it does not, and
     `rovtwin console` finds it again. Nothing is loaded from the network.
@@ -55,8 +55,6 @@ def console(
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
     wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
-    if wanted.test is not None:
-        raise ConfigError(f"{wanted.name}: a test has no way-points; choose a scenario with a mission")
     found = running(place)
     if found is None:
         start(place, wanted, link, sensor or [], speed, runs)
@@ -68,6 +66,7 @@ def console(
             style="yellow",
             markup=False,
         )
+        wanted = load_scenario(str(place.folder / "scenario.yaml"), (), None)  # as that one was given it
     token = None if host in LOOPBACK else secrets.token_urlsafe(12)
     address = f"http://{host}:{port}/{f'?token={token}' if token else ''}"
     if token:

@@ -12,9 +12,12 @@ import numpy as np
 
 from rovtwin.console.engine.alerts import alerts, alerts_of_link
 from rovtwin.console.engine.flights import FlightLog
+from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
 from rovtwin.console.engine.state import Consistency, Hearing, flown
 from rovtwin.console.engine.telling import Teller
+from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
@@ -38,6 +41,7 @@ class Engine:
         plan, submitted: Way-points that a start flies, and whether an operator gave them.
         count: Way-points of the mission that was started.
         over: Whether to end.
+        test: That is flown in place of a mission, or None.
     """
 
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
@@ -51,8 +55,10 @@ class Engine:
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
         self._flight: FlightLog | None = None
-        self._opening: Future[FlightLog] | None = None
+        self._opening: Future[FlightLog | None] | None = None
+        self._ready: FlightLog | None = None
         self._beside = ThreadPoolExecutor(1)
+        self.test = Manoeuvres(wanted.scenario) if wanted.scenario.test else None
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
@@ -103,11 +109,8 @@ class Engine:
         vessel = self.vessel
         self.operator_heard()
         vessel.helm.idle()
-        folder = run_folder(self._wanted.scenario.name, self._runs)
-        # It takes some tenths of a second, in which ticks go on.
-        self._opening = self._beside.submit(
-            FlightLog, self.scenario_with(self.plan), vessel.composed, vessel.helm, folder
-        )
+        # It takes some tenths of a second, in which ticks go on. A test has one of its own each time.
+        self._opening = self._beside.submit(self._new_flight if self.test is None else lambda: None)
         self.arming, self._asked_at = True, asked_at
 
     def disarm(self) -> None:
@@ -134,10 +137,18 @@ class Engine:
         self._let_go("reconnecting")
         self._yard.begin()
 
-    def fly(self, mission: Mission, count: int) -> None:
+    def fly(self, helm: Helm, mission: Mission, count: int) -> None:
         """Start a mission of so many way-points."""
-        self.vessel.helm.start(mission)
+        helm.start(mission)
         self.count = count
+
+    def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
+        """Start the test; its log begins with it, so that their times are the same."""
+        self._begin_flight(self._new_flight())
+        helm.start()
+        test.begin()
+        self.count = test.count
+        self._tell_hand(self._began + self._k * self._dt)
 
     def submit(self, waypoints: list[Waypoint]) -> None:
         """What the next start flies."""
@@ -146,7 +157,9 @@ class Engine:
         self.event("info", f"plan submitted: {len(self.plan)} way-points")
 
     def scenario_with(self, waypoints: list[Waypoint]) -> Scenario:
-        """The scenario, with these way-points for its mission."""
+        """The scenario, with these way-points for its mission; a test's as it is."""
+        if self.test is not None:
+            return self._wanted.scenario
         return self._wanted.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
 
     def wish(self, velocity: np.ndarray) -> None:
@@ -213,11 +226,23 @@ class Engine:
         self._consistency.take(t, vessel.helm.output)
         if self.armed and self._flight is not None:
             self._flight.add(1e3 * late, vessel.link.age)
+        if self.test is not None and self.test.running:
+            self._go_on(self.test, vessel)
         self._late = max(self._late, late)
         self._k += 1
         if self.arming:
             self._go_on_arming(vessel)
         return True
+
+    def _go_on(self, test: Manoeuvres, vessel: Vessel) -> None:
+        """What the test's own time brings, and its end."""
+        if vessel.helm.is_over:
+            done = flown(vessel.helm.output, 0)
+            self._close_flight(done["reason"] or done["phase"])
+            return
+        for cue in test.tick():
+            if not cue.text.isdigit():
+                self.event("warning" if cue.hand else "info", cue.text)
 
     def _take_over(self, vessel: Vessel | None) -> None:
         """Begin to tick with a vehicle that is heard."""
@@ -249,7 +274,7 @@ class Engine:
                 return
             opening, self._opening = self._opening, None
             try:
-                self._flight = opening.result()
+                self._ready = opening.result()
             except RovtwinError as error:
                 self._refuse(f"no log: {error}")
                 return
@@ -259,18 +284,40 @@ class Engine:
                 self._refuse(refused)
                 return
             self.armed, self.arming, self.stopped = True, False, False
-            if self._flight is not None:
-                self.event("info", f"armed; logged in {self._flight.folder}")
+            self.event("info", "armed")
+            if self._ready is not None:
+                self._begin_flight(self._ready)
 
     def _refuse(self, why: str) -> None:
         self.arming = False
         self.event("danger", f"not armed: {why}")
         self._close_flight("not armed")
 
+    def _new_flight(self) -> FlightLog:
+        folder = run_folder(self._wanted.scenario.name, self._runs)
+        return FlightLog(self.scenario_with(self.plan), self.vessel.composed, self.vessel.helm, folder)
+
+    def _begin_flight(self, flight: FlightLog) -> None:
+        """From now on it is written."""
+        flight.began = self._k * self._dt
+        self._flight, self._ready = flight, None
+        self.event("info", f"logged in {flight.folder}")
+
+    def _tell_hand(self, began: float) -> None:
+        """Tell a simulated hand when the test began [s]; inf: it does not."""
+        if self.is_twin and self._vessel is not None:
+            self._vessel.link.tell(("test", began))
+
     def _close_flight(self, ending: str) -> None:
         if self._opening is not None:
             opening, self._opening = self._opening, None
-            opening.add_done_callback(lambda done: done.exception() or done.result().close(ending))
+            opening.add_done_callback(lambda done: _close(done, ending))
+        if self._ready is not None:
+            ready, self._ready = self._ready, None
+            ready.close(ending)
+        if self.test is not None and self.test.running:
+            self.test.end(ending)
+            self._tell_hand(np.inf)
         if self._flight is not None:
             flight, self._flight = self._flight, None
             flight.close(ending)
@@ -324,6 +371,8 @@ class Engine:
             "current": None if truth is None else truth[6:9],
         }
         self._late = 0.0
+        if self.test is not None:
+            state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         self._note_changes(state)
@@ -343,4 +392,10 @@ class Engine:
         return {"kind": "flown", "submitted": self.submitted, "waypoints": waypoints}
 
     def _setup_told(self) -> dict[str, Any]:
-        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness)
+        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())
+
+
+def _close(opening: Future[FlightLog | None], ending: str) -> None:
+    """A log that was opened for nothing."""
+    if opening.exception() is None and (flight := opening.result()) is not None:
+        flight.close(ending)

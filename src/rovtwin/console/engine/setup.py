@@ -13,8 +13,10 @@ from rovtwin.vehicle.visuals import pieces_of
 CORNERS = 64  # of a circle, as browsers draw it
 
 
-def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[str, Any]:
-    """The message that tells it."""
+def setup_of(
+    wanted: Wanted, composed: Composed, readiness: Readiness, test: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """The message that tells it; `test` is what Manoeuvres lays out of one."""
     scenario = wanted.scenario
     corners = np.asarray(composed.model.hull.corners)
     return {
@@ -32,6 +34,7 @@ def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[s
         "size": np.ptp(corners, axis=0) if len(corners) else [0.5, 0.5, 0.3],
         "missing": list(readiness.missing),
         "waves": _waves(scenario),
+        "test": test,
     }
 
 

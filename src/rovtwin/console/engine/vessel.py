@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
 from rovtwin.links.hosted import CONNECTING, HostedLink
 from rovtwin.scenario.composition import Composed, compose, vehicle_of
 from rovtwin.scenario.live.connect import opener, source
+from rovtwin.scenario.live.flight import needed_by
 from rovtwin.scenario.live.readiness import Ears, Readiness, listen
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import Scenario
@@ -64,7 +66,7 @@ class Vessel:
     sources: list[Source]
     ears: Ears
     readiness: Readiness
-    helm: Helm
+    helm: Helm | TrialHelm
     composed: Composed
     limits: Limits
 
@@ -87,7 +89,7 @@ class Shipyard:
         self.wanted, self.speed, self._say = wanted, speed, say
         self.clock = Clock(speed)
         self._made: Vessel | None = None
-        self._helm: tuple[Composed, Helm, Limits] | None = None
+        self._helm: tuple[Composed, Helm | TrialHelm, Limits] | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
@@ -130,7 +132,8 @@ class Shipyard:
             ears = Ears(link, sources)
             self._say("listening", "waiting for the sensors")
             names = composed.sensor_names
-            readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed)
+            needed = needed_by(wanted.scenario)
+            readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed, needed=needed)
         except BaseException:
             link.close()
             raise
@@ -144,6 +147,9 @@ class Shipyard:
             made, patience = opener(wanted.link, wanted.scenario, self.clock), CONNECTING
         return HostedLink(made, len(vehicle_of(wanted.scenario).thruster_names), wanted.stop_at, patience)
 
-    def _compiled(self) -> tuple[Composed, Helm, Limits]:
-        composed = compose(self.wanted.scenario)
-        return composed, Helm(composed, self.wanted.scenario), Limits.of(composed)
+    def _compiled(self) -> tuple[Composed, Helm | TrialHelm, Limits]:
+        scenario = self.wanted.scenario
+        composed = compose(scenario)
+        _ = composed.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
+        kind = TrialHelm if scenario.test else Helm
+        return composed, kind(composed, scenario), Limits.of(composed)

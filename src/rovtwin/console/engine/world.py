@@ -27,7 +27,7 @@ class WorldLink(TwinLink):
 
     Orders are `(what, *values)`: `("pace", began, before, speed)` as `Clock.run` gives it, `("reached", t)` with its
     own time [s], `("thruster", number, share)`, `("sensor", name, works)`, `("current", north, east)` [m/s] beside the
-    world's own.
+    world's own, `("test", t)`: a test with a hand in it begins at its own time t [s], or never, inf.
     """
 
     def __init__(self, composed: Composed, dt: float, clock: Clock):
@@ -35,6 +35,8 @@ class WorldLink(TwinLink):
         self._twin = breakable(composed.loop.twin)
         self._healthy = self._twin.model.thrusters.health
         self._silent: set[str] = set()
+        self._hand = None if self._twin.hand is None else np.asarray(self._twin.hand.spans)
+        self._twin = self._with_hand(np.inf)
         memory = self._twin.init(jax.random.split(composed.key)[1], composed.start)
         self._step = jax.jit(lambda twin, memory, u, k: _moved(twin, memory, u, k, dt))
         self._truth = np.zeros(10)
@@ -65,6 +67,13 @@ class WorldLink(TwinLink):
             raise LinkError("the twin: closed before it was armed")
         self._stopped = False
 
+    def _with_hand(self, began: float) -> Twin:
+        """The twin whose hand knows when the test began [s]."""
+        if self._hand is None:
+            return self._twin
+        spans = as_array(self._hand + began)
+        return eqx.tree_at(lambda twin: twin.hand.spans, self._twin, spans)
+
     def tell(self, order: tuple[Any, ...]) -> None:
         """Do what an order says; one that there is not is a programming mistake."""
         what, *values = order
@@ -72,6 +81,8 @@ class WorldLink(TwinLink):
             self._reached = values[0]
         elif what == "pace":
             self._clock_.follow((values[0], values[1], values[2]))
+        elif what == "test":
+            self._twin = self._with_hand(values[0])
         elif what == "thruster":
             health = self._twin.model.thrusters.health.at[values[0]].set(self._healthy[values[0]] * values[1])
             self._twin = eqx.tree_at(lambda twin: twin.model.thrusters.health, self._twin, health)
