@@ -97,7 +97,8 @@ def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, c
     before = round(ZERO / dt)
     world._tick = before  # as if the engine had listened for a while
     world.tell(("test", ZERO))
-    log = FlightLog(scenario, composed, helm, tmp_path / "run", ZERO)
+    log = FlightLog(scenario, composed, helm, tmp_path / "run")
+    log.began = ZERO
     helm.start()
     tilted = []
     for k in range(before, before + 202):
