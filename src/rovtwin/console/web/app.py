@@ -1,6 +1,8 @@
 """The web server: pages by NiceGUI, the live socket, files; on this machine alone unless it is told otherwise."""
 
 import asyncio
+import contextlib
+import logging
 import secrets
 from pathlib import Path
 from typing import Any
@@ -9,8 +11,9 @@ from fastapi import Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
 from nicegui import app, ui
 
+from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
-from rovtwin.console.web.hub import Browser, Hub
+from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
 from rovtwin.console.wire import Place
@@ -18,10 +21,13 @@ from rovtwin.core.errors import LinkError
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
+logger = logging.getLogger(__name__)
+
 STATIC = Path(__file__).parent / "static"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "rovtwin_token"
 LARGEST = 2_000_000  # message of a browser [bytes]
+CLOSING = 1.0  # longest wait for a page to be closed [s]
 
 
 class Gate:
@@ -128,13 +134,21 @@ def _name(wished: str) -> str:
 
 
 async def _serve(hub: Hub, socket: WebSocket, name: str) -> None:
+    """Until the page is closed, or takes nothing any more."""
     browser = hub.come(name)
+    work = (_send(socket, browser), _receive(hub, socket, browser), browser.given_up())
+    tasks = [asyncio.create_task(one) for one in work]
     try:
-        await asyncio.gather(_send(socket, browser), _receive(hub, socket, browser))
-    except (WebSocketDisconnect, RuntimeError):
-        pass  # the page was closed
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
         hub.leave(browser)
+        for task in tasks:
+            task.cancel()
+        for ended in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect | RuntimeError):
+                logger.error("page %s: %s: %s", browser.name, type(ended).__name__, ended)
+    with contextlib.suppress(RuntimeError, TimeoutError):  # of a page that is closed, or does not listen
+        await asyncio.wait_for(socket.close(1013), CLOSING)
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:

@@ -9,7 +9,7 @@ const STOPPING = 1000;  // for the answer to STOP [ms]
 let socket = null;
 let number = 0;
 
-const name = sessionStorage.getItem('rovtwin-name') || `b${Math.random().toString(16).slice(2, 6).padEnd(4, '0')}`;
+let name = sessionStorage.getItem('rovtwin-name') || `b${Math.random().toString(16).slice(2, 6).padEnd(4, '0')}`;
 sessionStorage.setItem('rovtwin-name', name);
 
 export const live = {
@@ -35,13 +35,13 @@ export const live = {
     return new Promise((resolve, reject) => {
       waiting.set(id, [resolve, reject]);
       setTimeout(() => settle({id, ok: false, error: 'the console does not answer'}), PATIENCE);
-      socket.send(JSON.stringify({...order, id}));
+      socket.send(JSON.stringify({...order, id, pulse: live.last.pulse?.at}));
     });
   },
 
   /** An order that nobody waits for, as sticks are. */
   tell(order) {
-    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(order));
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({...order, pulse: live.last.pulse?.at}));
   },
 
   css(variable) { return getComputedStyle(document.body).getPropertyValue(variable); },
@@ -72,6 +72,10 @@ function take(message) {
       if (sight) Object.assign(message, {markers: sight.markers, picture: sight.picture});
     }
     if (message.kind === 'pulse') live.hung = message.hung;
+    if (message.kind === 'rights' && message.you !== name) {  // another page lives under the name that this one brought
+      name = live.name = message.you;
+      sessionStorage.setItem('rovtwin-name', name);
+    }
     emit(message.kind, message);
   }
 }
@@ -105,6 +109,6 @@ export function stop() {
   return Promise.race([heard, late]);
 }
 
-setInterval(() => { if (live.last.rights?.may) live.tell({do: 'alive'}); }, ALIVE);
+setInterval(() => live.tell({do: 'alive'}), ALIVE);
 connect();
 window.rovtwin = live;
