@@ -3,13 +3,14 @@
 import asyncio
 import contextlib
 import json
-import math
 from collections import deque
+from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 from rovtwin.console.client import Client
 from rovtwin.console.control import Rights
-from rovtwin.console.planning import Draft
+from rovtwin.console.planning import Draft, for_browser, row_from
 from rovtwin.console.web.drafting import Drafting
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import RovtwinError
@@ -47,6 +48,27 @@ class Browser:
                 return text
             self._news.clear()
             await self._news.wait()
+
+
+Do = Callable[[str, dict[str, Any]], Awaitable[str]]  # an order and what was said with it -> what to say
+
+
+async def answer(browser: Browser, text: str, do: Do) -> None:
+    """Do what a message of a browser asks, and say what came of it."""
+    try:
+        message = json.loads(text)
+        if not isinstance(message, dict):
+            raise ValueError
+    except ValueError:
+        browser.put(encode({"kind": "reply", "id": None, "ok": False, "error": "not understood"}).decode())
+        return
+    number = message.pop("id", None)
+    try:
+        reply: dict[str, Any] = {"ok": True, "said": await do(str(message.pop("do", None)), message)}
+    except RovtwinError as error:
+        reply = {"ok": False, "error": str(error)}
+    if number is not None:
+        browser.put(encode({"kind": "reply", "id": number} | reply).decode())
 
 
 class Hub:
@@ -117,10 +139,10 @@ class Hub:
     def plan(self) -> dict[str, Any]:
         """The plan on the table, the one that was submitted, and what there is to say of the first."""
         flown = self.client.last.get("flown", {})
-        rows = [_for_browser(_row(waypoint)) for waypoint in flown.get("waypoints", [])]
+        rows = [for_browser(row_from(waypoint)) for waypoint in flown.get("waypoints", [])]
         return {
             "kind": "plan",
-            "draft": [_for_browser(row) for row in self.draft.rows],
+            "draft": [for_browser(row) for row in self.draft.rows],
             "flown": rows,
             "submitted": bool(flown.get("submitted")),
             "changed": [_place(row) for row in self.draft.rows] != [_place(row) for row in rows],
@@ -135,21 +157,7 @@ class Hub:
 
     async def obey(self, browser: Browser, text: str) -> None:
         """Do what a message of a browser asks, and say what came of it."""
-        try:
-            message = json.loads(text)
-            if not isinstance(message, dict):
-                raise ValueError
-        except ValueError:
-            browser.put(self._text({"kind": "reply", "id": None, "ok": False, "error": "not understood"}))
-            return
-        number, do = message.get("id"), str(message.get("do"))
-        try:
-            said = await self._do(browser, do, {k: v for k, v in message.items() if k not in ("id", "do")})
-            reply: dict[str, Any] = {"ok": True, "said": said}
-        except RovtwinError as error:
-            reply = {"ok": False, "error": str(error)}
-        if number is not None:
-            browser.put(self._text({"kind": "reply", "id": number} | reply))
+        await answer(browser, text, partial(self._do, browser))
 
     async def _do(self, browser: Browser, do: str, what: dict[str, Any]) -> str:
         name = browser.name
@@ -189,7 +197,7 @@ class Hub:
         flown = self.client.last["flown"]
         if not self._seen_plan:  # what the scenario brings along is where the operator begins
             self._seen_plan = True
-            self.draft.rows = [_row(waypoint) for waypoint in flown["waypoints"]]
+            self.draft.rows = [row_from(waypoint) for waypoint in flown["waypoints"]]
         if flown != self._told_flown:
             self._told_flown = flown
             self.tell_plan()
@@ -204,17 +212,6 @@ class Hub:
     @staticmethod
     def _text(message: dict[str, Any]) -> str:
         return encode(message).decode()
-
-
-def _row(waypoint: dict[str, Any]) -> dict[str, Any]:
-    x, y, depth = waypoint.get("position") or (0.0, 0.0, 0.0)
-    row = {"speed": 0.2, "acceptance": 0.2, "hold_time": 0.0, "heading_deg": None, "altitude": None}
-    return {"x": x, "y": y, "depth": depth} | row | {k: v for k, v in waypoint.items() if k in row}
-
-
-def _for_browser(row: dict[str, Any]) -> dict[str, Any]:
-    degrees = row["heading_deg"]
-    return row | {"heading": None if degrees is None else math.radians(degrees)}
 
 
 def _place(row: dict[str, Any]) -> tuple[Any, ...]:

@@ -1,0 +1,59 @@
+"""The live socket of a page: what a hub has to say goes out, what the browser asks comes in."""
+
+import asyncio
+import secrets
+from typing import Protocol
+
+from fastapi import WebSocket, WebSocketDisconnect
+
+from rovtwin.console.web.hub import Browser
+
+
+class Speaks(Protocol):
+    """What a socket is served by: the hub of a flight, or a replay."""
+
+    def come(self, name: str, /) -> Browser:
+        """A page that opens, with all that it has to know."""
+        ...
+
+    def leave(self, browser: Browser, /) -> None:
+        """A page that closes."""
+        ...
+
+    async def obey(self, browser: Browser, text: str, /) -> None:
+        """Do what a message of a browser asks."""
+        ...
+
+
+async def serve(hub: Speaks, socket: WebSocket) -> None:
+    """Until the page is closed."""
+    await socket.accept()
+    browser = hub.come(_name(socket.query_params.get("name", "")))
+    try:
+        async with asyncio.TaskGroup() as both:  # when one ends, so does the other
+            both.create_task(_send(socket, browser))
+            both.create_task(_receive(hub, socket, browser))
+    except* (WebSocketDisconnect, RuntimeError):
+        pass  # the page was closed
+    finally:
+        hub.leave(browser)
+
+
+def _name(wished: str) -> str:
+    """A browser's name for itself, if it is one."""
+    return wished if wished.isalnum() and len(wished) <= 12 else f"b{secrets.token_hex(2)}"
+
+
+async def _send(socket: WebSocket, browser: Browser) -> None:
+    while True:
+        await socket.send_text(await browser.next())
+
+
+async def _receive(hub: Speaks, socket: WebSocket, browser: Browser) -> None:
+    obeying: set[asyncio.Task[None]] = set()
+    while True:
+        text = await socket.receive_text()
+        # STOP must not wait behind a plan that is being laid out.
+        task = asyncio.create_task(hub.obey(browser, text))
+        obeying.add(task)
+        task.add_done_callback(obeying.discard)
