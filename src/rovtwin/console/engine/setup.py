@@ -1,20 +1,22 @@
 """What does not change while an engine flies: the vehicle, the room around it, the fence."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin.console.engine.vessel import Wanted
-from rovtwin.scenario.composition import Composed
-from rovtwin.scenario.live.readiness import Readiness
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.visuals import pieces_of
 
+if TYPE_CHECKING:  # a replay needs none of it, and begins seconds sooner
+    from rovtwin.console.engine.vessel import Wanted
+    from rovtwin.scenario.composition import Composed
+    from rovtwin.scenario.live.readiness import Readiness
+
 SIZE = (0.5, 0.5, 0.3)  # shown of a vehicle whose shape nobody gave [m]
 
 
-def setup_of(wanted: Wanted, composed: Composed, readiness: Readiness) -> dict[str, Any]:
+def setup_of(wanted: "Wanted", composed: "Composed", readiness: "Readiness") -> dict[str, Any]:
     """The message that tells it."""
     return described(wanted.scenario, composed.vehicle) | {
         "kind": "setup",

@@ -15,7 +15,6 @@ from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
 from rovtwin.console.web.replay_routes import add_replay
-from rovtwin.console.web.replaying import Library
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.wire import Place
 from rovtwin.scenario.composition import vehicle_of
@@ -38,7 +37,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
     stream = Stream(scenario, vehicle, place.news, hub.send)
     looks = vehicle_glb(vehicle)
     open_to(gate)
-    add_replay(Library(Shelf(runs), stop=hub.client.stop), gate)
+    add_replay(Shelf(runs), gate, stop=hub.client.stop)
 
     @app.websocket("/live")
     async def live(socket: WebSocket) -> None:
@@ -79,7 +78,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
 def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
     """The pages and sockets of a console that flies nothing: a recording, and the runs of a folder."""
     open_to(gate)
-    add_replay(Library(Shelf(runs), recording), gate)
+    add_replay(Shelf(runs), gate, recording)
 
     @app.get("/")
     def index() -> Response:

@@ -38,9 +38,9 @@ def replay_page(recording: Recording, run: str, flies: bool) -> None:
 def refused(why: str) -> None:
     """In place of it where a run cannot be opened: why, and the runs there are."""
     head()
+    ui.add_head_html('<meta name="rovtwin-live" content="">')
     with ui.element("main").classes("refused").props('role=alert id=refused aria-label="This run cannot be replayed"'):
         ui.label("This run cannot be replayed").style("font-weight: 600")
         ui.label(why)
     section("runs")()
-    # Where a run is chosen the list goes on in the same page.
     ui.add_body_html('<script type="module" src="/static/runs.js"></script>')

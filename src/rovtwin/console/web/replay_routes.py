@@ -6,17 +6,23 @@ from collections.abc import Callable
 from fastapi import Response, WebSocket
 from nicegui import app, ui
 
+from rovtwin.console.reading import Reader
+from rovtwin.console.replay import Recording
+from rovtwin.console.shelf import Shelf
 from rovtwin.console.web.gate import Gate
 from rovtwin.console.web.replay_page import refused, replay_page
-from rovtwin.console.web.replaying import Library, Replaying
+from rovtwin.console.web.replaying import Library, Replaying, Stop
 from rovtwin.console.web.sockets import serve
 from rovtwin.core.errors import RovtwinError
 
 OPENING = 60.0  # longest wait for a run [s]
 
 
-def add_replay(library: Library, gate: Gate) -> None:
-    """Serve replays of a library's runs."""
+def add_replay(shelf: Shelf, gate: Gate, given: Recording | None = None, stop: Stop | None = None) -> None:
+    """Serve replays of a shelf's runs, and of the one that is given; `stop` stops what flies beside."""
+    reader = Reader()
+    library = Library(shelf, reader.read, given, stop)
+    app.on_shutdown(reader.close)
 
     @ui.page("/replay", title="rovtwin replay", response_timeout=OPENING)
     async def page(run: str = "") -> None:
@@ -41,7 +47,8 @@ def add_replay(library: Library, gate: Gate) -> None:
 
     @app.get("/replay/runs")
     async def runs() -> dict[str, object]:
-        return {"folder": str(library.shelf.folder), "runs": await asyncio.to_thread(library.shelf.runs)}
+        reader.warm()
+        return {"folder": str(shelf.folder), "runs": await asyncio.to_thread(shelf.runs)}
 
     @app.get("/replay/history")
     async def history(run: str = "") -> Response:

@@ -3,7 +3,7 @@
 import asyncio
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,13 @@ from rovtwin.console.web.hub import Browser, answer
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.wire import encode
 from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.core.log import Log
 
 STATES = 0.05  # between two states while it plays [s]
 PACES = (0.1, 50.0)  # slowest and fastest
 OPEN = 3  # runs that are kept open at most, besides those that somebody looks at
 
+Read = Callable[[Path], Awaitable[Log]]
 Stop = Callable[[], bool]  # thrusters off, of what flies beside; whether somebody was there to hear it
 
 
@@ -161,9 +163,9 @@ class Library:
         flies: Whether a vehicle flies beside the replays.
     """
 
-    def __init__(self, shelf: Shelf, given: Recording | None = None, stop: Stop | None = None):
-        """`given` is the run of no name; `stop` stops what flies beside."""
-        self.shelf, self._stop, self.flies = shelf, stop, stop is not None
+    def __init__(self, shelf: Shelf, read: Read, given: Recording | None = None, stop: Stop | None = None):
+        """`read` reads a log, `given` is the run of no name, `stop` stops what flies beside."""
+        self.shelf, self._read, self._stop, self.flies = shelf, read, stop, stop is not None
         self._given = None if given is None else Replaying(given, "", stop)
         self._open: dict[tuple[str, int], Replaying] = {}
         self._one_at_a_time = asyncio.Lock()
@@ -179,15 +181,16 @@ class Library:
                 raise ConfigError("no run was named; choose one of the list")
             return self._given
         async with self._one_at_a_time:
-            folder = self.shelf.find(run)
-            key = run, (folder / LOG).stat().st_mtime_ns
+            path = self.shelf.find(run) / LOG
+            key = run, path.stat().st_mtime_ns
             if key not in self._open:
-                self._open[key] = await asyncio.to_thread(self._opened, folder, run)
+                log = await self._read(path)
+                self._open[key] = await asyncio.to_thread(self._opened, log, path, run)
                 self._tidy()
             return self._open[key]
 
-    def _opened(self, folder: Path, run: str) -> Replaying:
-        return Replaying(Recording.open(folder), run, self._stop)
+    def _opened(self, log: Log, path: Path, run: str) -> Replaying:
+        return Replaying(Recording(log, path), run, self._stop)
 
     def _tidy(self) -> None:
         """Close what nobody looks at, the oldest first; the newest is about to be looked at."""

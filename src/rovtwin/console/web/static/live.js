@@ -77,8 +77,6 @@ function take(message) {
 }
 
 function connect() {
-  // A page that shows something else than the flight, a replay, says where that is told.
-  const path = document.querySelector('meta[name=rovtwin-live]')?.content ?? '/live';
   const address = new URL(path, location.href.replace(/^http/, 'ws'));
   address.searchParams.set('name', name);
   socket = new WebSocket(address);
@@ -98,6 +96,8 @@ export function stop() {
   return Promise.allSettled([live.send({do: 'stop'}), path]);
 }
 
+// A page that shows something else than the flight, a replay, says where that is told; one that shows nothing, nowhere.
+const path = document.querySelector('meta[name=rovtwin-live]')?.content ?? '/live';
 setInterval(() => { if (live.last.rights?.may) live.tell({do: 'alive'}); }, ALIVE);
-connect();
+if (path) connect();
 window.rovtwin = live;

@@ -28,7 +28,7 @@ live.on('track', states => {
 });
 live.on('state', state => {
   const fresh = learn(state);
-  if (store.add(state, known.values())) view?.ask();
+  if (store.add(state, known.values())) view?.ask(state.replay); // a hand that scrubs wants to see it at once
   if (fresh) view?.listed();
 });
 

@@ -18,8 +18,8 @@ mount('runs', section => {
     say.textContent = 'looking for runs';
     try {
       const {folder, runs} = await (await fetch('/replay/runs')).json();
-      // A replay goes on to another run in its own page.
-      const target = document.getElementById('timeline') ? '_self' : '_blank';
+      // The page from which somebody flies stays; a replay goes on to another run in its own.
+      const target = document.getElementById('plan') ? '_blank' : '_self';
       list.replaceChildren(...runs.map(run => row(run, target)));
       say.textContent = runs.length ? `${runs.length} in ${folder}` : `no finished run in ${folder} yet`;
     } catch {
