@@ -32,6 +32,10 @@ def console(
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
     speed: Annotated[float, typer.Option(min=0.1, max=50.0, help="Of simulated time; it can be changed later.")] = 1.0,
     runs: Annotated[Path, typer.Option(help="Folder for the logs of flights.")] = Path("runs"),
+    replay: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Look at a finished run instead: its folder, or its log. Nothing is flown."),
+    ] = None,
     seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
@@ -40,18 +44,29 @@ def console(
     The autopilot runs in a process of its own: closing this one by Ctrl-C ends it in order, killing it does not, and
     `rovtwin console` finds it again. Nothing is loaded from the network.
     """
-    from rovtwin.console.launch import end, running, start
-    from rovtwin.console.wire import Place
-    from rovtwin.scenario.files import load_scenario
-
     try:
-        from rovtwin.console.web.app import LOOPBACK, Gate, build, run
+        from rovtwin.console.web.app import Gate, build, build_replay
+        from rovtwin.console.web.gate import LOOPBACK
     except ImportError as error:
         raise ConfigError(
             f"the console needs {error.name}, which is not installed: pip install 'rovtwin[console]'"
         ) from None
+    from rovtwin.console.launch import end, running, start
+    from rovtwin.console.wire import Place
+    from rovtwin.scenario.files import load_scenario
 
     screen = screen_of(False)
+    token = None if host in LOOPBACK else secrets.token_urlsafe(12)
+    address = f"http://{host}:{port}/{f'?token={token}' if token else ''}"
+    if replay is not None:
+        from rovtwin.console.replay import Recording
+
+        if link != "twin://" or sensor:
+            raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link and --sensor")
+        build_replay(Recording.open(replay), Gate(host, token), runs)
+        screen.print(f"open {address}   (Ctrl-C: end)", markup=False, soft_wrap=True)
+        _serve(host, port, address if browser else "")
+        return
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
     wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
@@ -67,17 +82,22 @@ def console(
             markup=False,
         )
         wanted = load_scenario(str(place.folder / "scenario.yaml"), (), None)  # as that one was given it
-    token = None if host in LOOPBACK else secrets.token_urlsafe(12)
-    address = f"http://{host}:{port}/{f'?token={token}' if token else ''}"
     if token:
         screen.print(f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False)
     screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-    build(place, Gate(host, token), wanted)
-    if browser:
-        import threading
-
-        threading.Timer(1.5, webbrowser.open, args=(address,)).start()
+    build(place, Gate(host, token), wanted, runs)
     try:
-        run(host, port)
+        _serve(host, port, address if browser else "")
     finally:
         end(place)
+
+
+def _serve(host: str, port: int, address: str) -> None:
+    """Until Ctrl-C; opens the browser at an address, if one is given."""
+    import threading
+
+    from rovtwin.console.web.app import run
+
+    if address:
+        threading.Timer(1.5, webbrowser.open, args=(address,)).start()
+    run(host, port)

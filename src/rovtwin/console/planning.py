@@ -125,6 +125,19 @@ def row_of(waypoint: Waypoint) -> dict[str, Any]:
     return {"x": x, "y": y, "depth": depth} | {key: getattr(waypoint, key) for key in KEYS}
 
 
+def row_from(waypoint: dict[str, Any]) -> dict[str, Any]:
+    """A way-point as scenarios write it, as a row of the table; what it does not say is as by default."""
+    x, y, depth = waypoint.get("position") or (0.0, 0.0, 0.0)
+    row = {"speed": 0.2, "acceptance": 0.2, "hold_time": 0.0, "heading_deg": None, "altitude": None}
+    return {"x": x, "y": y, "depth": depth} | row | {k: v for k, v in waypoint.items() if k in row}
+
+
+def for_browser(row: dict[str, Any]) -> dict[str, Any]:
+    """A row with its heading in radians, as views want it."""
+    degrees = row["heading_deg"]
+    return row | {"heading": None if degrees is None else math.radians(degrees)}
+
+
 def waypoint_of(row: dict[str, Any]) -> dict[str, Any]:
     """A row of the table as scenarios write it.
 

@@ -13,14 +13,14 @@ _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED
 
 def decisions(flown: Flown, thrusters: Sequence[str]) -> list[dict[str, Any]]:
     """Each with its time t [s], `what` and `cause`, in order of time; thrusters by name."""
-    found = _courses(flown.t, flown.mode[:, 0].astype(int), flown.mode[:, 1].astype(int))
+    found = courses(flown.t, flown.mode[:, 0].astype(int), flown.mode[:, 1].astype(int))
     if flown.health is not None:
-        found += _losses(flown.t, flown.health, thrusters)
+        found += losses(flown.t, flown.health, thrusters)
     return sorted(found, key=lambda one: one["t"])
 
 
-def _courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:
-    """Changes to and from what is not the mission's own course."""
+def courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:
+    """Changes to and from what is not the mission's own course; times [s], numbers of phase and reason, shape (n,)."""
     found = []
     for k in np.flatnonzero((np.diff(phase) != 0) | (np.diff(reason) != 0)) + 1:
         if phase[k] in _OWN:
@@ -30,8 +30,8 @@ def _courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[
     return found
 
 
-def _losses(t: np.ndarray, health: np.ndarray, thrusters: Sequence[str]) -> list[dict[str, Any]]:
-    """Thrusters no longer used, and those used again."""
+def losses(t: np.ndarray, health: np.ndarray, thrusters: Sequence[str]) -> list[dict[str, Any]]:
+    """Thrusters no longer used, and those used again; health is a share, shape (n, thrusters)."""
     lost = health < 0.5
     found = []
     for k in np.flatnonzero(np.any(lost[1:] != lost[:-1], axis=1)) + 1:

@@ -1,40 +1,49 @@
 """What does not change while an engine flies: the vehicle, the room around it, the fence."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin.console.engine.vessel import Wanted
-from rovtwin.scenario.composition import Composed
-from rovtwin.scenario.live.readiness import Readiness
 from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.visuals import pieces_of
 
+if TYPE_CHECKING:  # a replay needs none of it, and begins seconds sooner
+    from rovtwin.console.engine.vessel import Wanted
+    from rovtwin.scenario.composition import Composed
+    from rovtwin.scenario.live.readiness import Readiness
+
 CORNERS = 64  # of a circle, as browsers draw it
+SIZE = (0.5, 0.5, 0.3)  # shown of a vehicle whose shape nobody gave [m]
 
 
 def setup_of(
-    wanted: Wanted, composed: Composed, readiness: Readiness, test: dict[str, Any] | None = None
+    wanted: "Wanted", composed: "Composed", readiness: "Readiness", test: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """The message that tells it; `test` is what Manoeuvres lays out of one."""
-    scenario = wanted.scenario
-    corners = np.asarray(composed.model.hull.corners)
-    return {
+    return described(wanted.scenario, composed.vehicle) | {
         "kind": "setup",
-        "vehicle": composed.vehicle.name,
         "thrusters": composed.thruster_names,
         "sensors": composed.sensor_names,
         "twin": wanted.is_twin,
-        "camera": wanted.is_twin and bool(scenario.cameras),
+        "camera": wanted.is_twin and bool(wanted.scenario.cameras),
         "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
+        "home": np.asarray(readiness.start.position),
+        "missing": list(readiness.missing),
+        "test": test,
+    }
+
+
+def described(scenario: Scenario, vehicle: Vehicle) -> dict[str, Any]:
+    """What follows from the scenario and its vehicle alone, without composing anything."""
+    boxes = vehicle.assembly.boxes
+    return {
+        "vehicle": vehicle.name,
         "room": _room(scenario),
         "fence": _fence(scenario),
         "deepest": scenario.autopilot.supervisor.deepest,
-        "home": np.asarray(readiness.start.position),
-        "size": np.ptp(corners, axis=0) if len(corners) else [0.5, 0.5, 0.3],
-        "missing": list(readiness.missing),
+        "size": np.ptp(np.concatenate([box.corners() for box in boxes]), axis=0) if boxes else SIZE,
         "waves": _waves(scenario),
-        "test": test,
     }
 
 

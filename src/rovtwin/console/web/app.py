@@ -1,84 +1,52 @@
 """The web server: pages by NiceGUI, the live socket, files; on this machine alone unless it is told otherwise."""
 
 import asyncio
-import contextlib
-import logging
-import secrets
 from pathlib import Path
 from typing import Any
 
-from fastapi import Request, Response, WebSocket, WebSocketDisconnect
-from fastapi.responses import StreamingResponse
+from fastapi import Response, WebSocket
+from fastapi.responses import RedirectResponse, StreamingResponse
 from nicegui import app, ui
 
-from rovtwin.console.web.browser import Browser
+from rovtwin.console.replay import Recording
+from rovtwin.console.shelf import Shelf
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
+from rovtwin.console.web.gate import Gate
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
+from rovtwin.console.web.replay_routes import add_replay
+from rovtwin.console.web.sockets import serve
 from rovtwin.console.wire import Place
 from rovtwin.core.errors import LinkError
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
-logger = logging.getLogger(__name__)
-
 STATIC = Path(__file__).parent / "static"
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-COOKIE = "rovtwin_token"
 LARGEST = 2_000_000  # message of a browser [bytes]
-CLOSING = 1.0  # longest wait for a page to be closed [s]
 
 
-class Gate:
-    """Who may come in: pages of this server only, and from elsewhere only who has the token.
+def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
+    """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle.
 
-    A page of another site that is open in the operator's browser may send requests here, too: they name another host
-    or another origin.
+    Args:
+        place: Of the engine.
+        gate: Who may come in.
+        scenario: What it flies.
+        runs: Folder of finished runs, which can be replayed.
     """
-
-    def __init__(self, host: str, token: str | None):
-        self._hosts = LOOPBACK if host in LOOPBACK else None
-        self.token = token
-
-    def admits(self, headers: Any, cookies: Any, query: Any) -> bool:
-        """Whether a request with these may come in."""
-        host = headers.get("host", "")
-        name = host.rsplit(":", 1)[0].strip("[]")
-        if self._hosts is not None and name not in self._hosts:
-            return False
-        origin = headers.get("origin")
-        if origin is not None and origin.split("://", 1)[-1] != host:
-            return False
-        if self.token is None:
-            return True
-        given = query.get("token") or cookies.get(COOKIE) or ""
-        return secrets.compare_digest(given, self.token)
-
-
-def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
-    """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle."""
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     stream = Stream(scenario, vehicle, place.news, hub.send)
     looks = vehicle_glb(vehicle)
-    app.add_static_files("/static", STATIC, max_cache_age=0)
-
-    @app.middleware("http")
-    async def guard(request: Request, go_on: Any) -> Response:
-        if not gate.admits(request.headers, request.cookies, request.query_params):
-            return Response("rovtwin console: open the address with its ?token=... as the terminal shows it", 403)
-        response = await go_on(request)
-        if gate.token is not None and request.query_params.get("token"):
-            response.set_cookie(COOKIE, gate.token, httponly=True, samesite="strict")
-        return response
+    open_to(gate)
+    add_replay(Shelf(runs), gate, stop=hub.client.stop)
 
     @app.websocket("/live")
     async def live(socket: WebSocket) -> None:
         if not gate.admits(socket.headers, socket.cookies, socket.query_params):
             await socket.close(1008)
             return
-        await socket.accept()
-        await _serve(hub, socket, _name(socket.query_params.get("name", "")))
+        await serve(hub, socket)
 
     @app.post("/stop")
     async def stop() -> dict[str, Any]:
@@ -112,6 +80,22 @@ def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
     return hub
 
 
+def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
+    """The pages and sockets of a console that flies nothing: a recording, and the runs of a folder."""
+    open_to(gate)
+    add_replay(Shelf(runs), gate, recording)
+
+    @app.get("/")
+    def index() -> Response:
+        return RedirectResponse("/replay")
+
+
+def open_to(gate: Gate) -> None:
+    """What all servers have: the files of the pages, and the gate before everything."""
+    app.add_static_files("/static", STATIC, max_cache_age=0)
+    gate.guard()
+
+
 def run(host: str, port: int) -> None:
     """Serve until Ctrl-C."""
     ui.run(
@@ -126,41 +110,3 @@ def run(host: str, port: int) -> None:
         uvicorn_logging_level="error",
         ws_max_size=LARGEST,
     )
-
-
-def _name(wished: str) -> str:
-    """A browser's name for itself, if it is one."""
-    return wished if wished.isalnum() and len(wished) <= 12 else f"b{secrets.token_hex(2)}"
-
-
-async def _serve(hub: Hub, socket: WebSocket, name: str) -> None:
-    """Until the page is closed, or takes nothing any more."""
-    browser = hub.come(name)
-    work = (_send(socket, browser), _receive(hub, socket, browser), browser.given_up())
-    tasks = [asyncio.create_task(one) for one in work]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        hub.leave(browser)
-        for task in tasks:
-            task.cancel()
-        for ended in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect | RuntimeError):
-                logger.error("page %s: %s: %s", browser.name, type(ended).__name__, ended)
-    with contextlib.suppress(RuntimeError, TimeoutError):  # of a page that is closed, or does not listen
-        await asyncio.wait_for(socket.close(1013), CLOSING)
-
-
-async def _send(socket: WebSocket, browser: Browser) -> None:
-    while True:
-        await socket.send_text(await browser.next())
-
-
-async def _receive(hub: Hub, socket: WebSocket, browser: Browser) -> None:
-    obeying: set[asyncio.Task[None]] = set()
-    while True:
-        text = await socket.receive_text()
-        # STOP must not wait behind a plan that is being laid out.
-        task = asyncio.create_task(hub.obey(browser, text))
-        obeying.add(task)
-        task.add_done_callback(obeying.discard)

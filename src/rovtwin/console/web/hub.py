@@ -4,15 +4,16 @@ import asyncio
 import contextlib
 import json
 import logging
-import math
 import secrets
 import time
+from collections.abc import Awaitable, Callable
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from rovtwin.console.client import Client
 from rovtwin.console.control import Rights
-from rovtwin.console.planning import Draft
+from rovtwin.console.planning import Draft, for_browser, row_from
 from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.drafting import Drafting
 from rovtwin.console.web.sea_check import SeaCheck
@@ -29,6 +30,31 @@ FREE = ("stop", "take", "give", "refuse", "alive", "hello")  # orders that need 
 PLAIN = ("arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect")  # as they come, to the engine
 FULL = ("goto", "pace", "inject")
 ANY_AGE = ("disarm", "abort")  # right however long they waited, as STOP is
+
+
+Do = Callable[[str, dict[str, Any]], Awaitable[str]]  # an order and what was said with it -> what to say
+
+
+async def answer(browser: Browser, text: str, do: Do) -> None:
+    """Do what a message of a browser asks, and say what came of it."""
+    try:
+        message = json.loads(text)
+        if not isinstance(message, dict):
+            raise ValueError
+    except (ValueError, RecursionError):
+        browser.put(encode({"kind": "reply", "id": None, "ok": False, "error": "not understood"}).decode())
+        return
+    number, what = message.pop("id", None), message.pop("do", None)
+    what = what[:40] if isinstance(what, str) else "?"
+    try:
+        reply: dict[str, Any] = {"ok": True, "said": await do(what, message)}
+    except RovtwinError as error:
+        reply = {"ok": False, "error": str(error)}
+    except Exception as error:  # a mistake of ours: whoever gave the order must not be left in doubt
+        logger.exception("order %s", what)
+        reply = {"ok": False, "error": f"{what}: the console failed at it ({type(error).__name__}: {error})"}
+    if isinstance(number, int | float | str):
+        browser.put(encode({"kind": "reply", "id": number} | reply).decode())
 
 
 class Hub:
@@ -107,10 +133,10 @@ class Hub:
     def plan(self) -> dict[str, Any]:
         """The plan on the table, the one that was submitted, and what there is to say of the first."""
         flown = self.client.last.get("flown", {})
-        rows = [_for_browser(_row(waypoint)) for waypoint in flown.get("waypoints", [])]
+        rows = [for_browser(row_from(waypoint)) for waypoint in flown.get("waypoints", [])]
         return {
             "kind": "plan",
-            "draft": [_for_browser(row) for row in self.draft.rows],
+            "draft": [for_browser(row) for row in self.draft.rows],
             "flown": rows,
             "submitted": bool(flown.get("submitted")),
             "changed": [_place(row) for row in self.draft.rows] != [_place(row) for row in rows],
@@ -126,25 +152,7 @@ class Hub:
     async def obey(self, browser: Browser, text: str) -> None:
         """Do what a message of a browser asks, and say what came of it."""
         browser.spoke()
-        try:
-            message = json.loads(text)
-            if not isinstance(message, dict):
-                raise ValueError
-        except (ValueError, RecursionError):
-            browser.put(self._text({"kind": "reply", "id": None, "ok": False, "error": "not understood"}))
-            return
-        number, do = message.get("id"), message.get("do")
-        do = do[:40] if isinstance(do, str) else "?"
-        try:
-            said = await self._do(browser, do, {k: v for k, v in message.items() if k not in ("id", "do")})
-            reply: dict[str, Any] = {"ok": True, "said": said}
-        except RovtwinError as error:
-            reply = {"ok": False, "error": str(error)}
-        except Exception as error:  # a mistake of ours: whoever gave the order must not be left in doubt
-            logger.exception("order %s", do)
-            reply = {"ok": False, "error": f"{do}: the console failed at it ({type(error).__name__}: {error})"}
-        if isinstance(number, int | float | str):
-            browser.put(self._text({"kind": "reply", "id": number} | reply))
+        await answer(browser, text, partial(self._do, browser))
 
     async def _do(self, browser: Browser, do: str, what: dict[str, Any]) -> str:
         name, heard = browser.name, what.pop("pulse", None)
@@ -186,7 +194,7 @@ class Hub:
         flown = self.client.last["flown"]
         if not self._seen_plan:  # what the scenario brings along is where the operator begins
             self._seen_plan = True
-            self.draft.rows = [_row(waypoint) for waypoint in flown["waypoints"]]
+            self.draft.rows = [row_from(waypoint) for waypoint in flown["waypoints"]]
         if flown != self._told_flown:
             self._told_flown = flown
             self.tell_plan()
@@ -215,17 +223,6 @@ def _require_new(heard: Any) -> None:
         raise RovtwinError(f"pulse: found {heard!r:.40}, expected the time of one")
     if not 0.0 <= time.monotonic() - heard <= LATE:
         raise RovtwinError("it comes late: the network was down when it was given. Look, and give it again")
-
-
-def _row(waypoint: dict[str, Any]) -> dict[str, Any]:
-    x, y, depth = waypoint.get("position") or (0.0, 0.0, 0.0)
-    row = {"speed": 0.2, "acceptance": 0.2, "hold_time": 0.0, "heading_deg": None, "altitude": None}
-    return {"x": x, "y": y, "depth": depth} | row | {k: v for k, v in waypoint.items() if k in row}
-
-
-def _for_browser(row: dict[str, Any]) -> dict[str, Any]:
-    degrees = row["heading_deg"]
-    return row | {"heading": None if degrees is None else math.radians(degrees)}
 
 
 def _place(row: dict[str, Any]) -> tuple[Any, ...]:

@@ -13,32 +13,39 @@ Filler = Callable[[], None]
 
 def page() -> None:
     """Build it."""
-    ui.add_head_html('<link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/page.css">')
-    ui.add_head_html('<meta name="color-scheme" content="dark light">')
+    head()
     with ui.element("div").classes("console").props("id=console"):
-        _bar()
+        bar()
         ui.element("div").props('id=alerts role=alert aria-live=assertive aria-label="Alerts"')
         with ui.element("main").classes("views"):
-            _tabs("left", "Views, left", {"Chart": chart, "3-D": _later("scene")})
-            _tabs("right", "Views, right", {"Camera": hud, "Plots": _later("plots")})
-            _tabs("side", "Actions", {"Plan": _section("plan"), "Pilot": _section("pilot"), "World": _section("world")})
+            tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
+            tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots")})
+            forms = {"Plan": "plan", "Pilot": "pilot", "World": "world", "Replay": "runs"}
+            tabs("side", "Actions", {title: section(name) for title, name in forms.items()})
         with ui.element("footer").classes("strip"):
             with ui.element("div").classes("cell"):
                 thrusters()
             with ui.element("div").classes("cell"):
-                _later("events")()
-    for module in ("page", "bar", "plan", "pilot", "world"):
+                later("events")()
+    for module in ("page", "bar", "plan", "pilot", "world", "runs"):
         ui.add_body_html(f'<script type="module" src="/static/{module}.js"></script>')
 
 
-def _bar() -> None:
-    """STOP and the state of things; `bar.js` fills it."""
+def head() -> None:
+    """Sheets and colours that all pages share."""
+    ui.add_head_html('<link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/page.css">')
+    ui.add_head_html('<link rel="stylesheet" href="/static/replay.css"><meta name="color-scheme" content="dark light">')
+
+
+def bar(stop: bool = True) -> None:
+    """STOP, where there is something to stop, and the state of things; `bar.js` fills it."""
     with ui.element("header").classes("bar"):
-        ui.element("button").props('id=stop aria-label="STOP: thrusters off (Esc)"').classes("stop")
+        if stop:
+            ui.element("button").props('id=stop aria-label="STOP: thrusters off (Esc)"').classes("stop")
         ui.element("div").props('id=bar role=status aria-label="State of the vehicle"').classes("facts")
 
 
-def _tabs(name: str, label: str, views: dict[str, Filler]) -> None:
+def tabs(name: str, label: str, views: dict[str, Filler]) -> None:
     """Views of which one is shown; `page.js` switches them, and hidden ones keep what they have."""
     with ui.element("section").classes(f"tabs {name}").props(f'aria-label="{label}"'):
         with ui.element("div").props(f'role=tablist aria-label="{label}"').classes("tablist"):
@@ -58,14 +65,16 @@ def _tabs(name: str, label: str, views: dict[str, Filler]) -> None:
                 fill()
 
 
-def _section(name: str) -> Filler:
+def section(name: str) -> Filler:
+    """A form with a module of its own in `static/`."""
+
     def fill() -> None:
         ui.element("section").props(f"id={name}").classes("form")
 
     return fill
 
 
-def _later(name: str) -> Filler:
+def later(name: str) -> Filler:
     """A view with a module of its own in `web/`."""
     from importlib import import_module
 

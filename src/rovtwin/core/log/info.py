@@ -91,7 +91,7 @@ def _from_index(path: Path) -> tuple[list[ChannelInfo], Collector]:
     with open_mcap(path) as stream:
         check_finished(stream, path)
         collector, chunks, statistics = Collector(path), [], None
-        for opcode, content in _index_records(stream):
+        for opcode, content in index_records(stream):
             if opcode == Opcode.CHUNK_INDEX:
                 chunks.append(parse(records.ChunkIndex, content))
             elif opcode == Opcode.STATISTICS:
@@ -112,7 +112,12 @@ def _from_index(path: Path) -> tuple[list[ChannelInfo], Collector]:
     return rows, collector
 
 
-def _index_records(stream: BinaryIO) -> list[tuple[int, bytes]]:
+def index_records(stream: BinaryIO) -> list[tuple[int, bytes]]:
+    """Records of the index at the end of a file.
+
+    Raises:
+        ValueError: There is none, or it is damaged.
+    """
     size = stream.seek(0, 2)
     stream.seek(size - FOOTER_SIZE)
     footer = stream.read(29)

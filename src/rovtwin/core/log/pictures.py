@@ -9,11 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
+import numpy as np
 from mcap import records
 from mcap.opcode import Opcode
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.log.files import exists_error, write_error
+from rovtwin.core.log.info import index_records
 from rovtwin.core.log.mcapfile import Contents, McapFile, decompress, iter_records, message_offsets, parse
 from rovtwin.core.log.reader import check_finished, open_mcap
 
@@ -110,6 +112,50 @@ def read_pictures(
                     yield _decode(data[at + _RECORD.size : at + 9 + length])
                 except ValueError as error:
                     damaged(str(error))
+
+
+class Album:
+    """The pictures of a `PictureWriter`, any of them at once, by the index at the end of their file.
+
+    Attributes:
+        times: When each was delivered [s], shape (n,).
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Raises LogError where the file is missing, unfinished or damaged, or has no pictures."""
+        self.path = path
+        with open_mcap(path) as stream:
+            check_finished(stream, path)
+            try:
+                found = [parse(records.ChunkIndex, c) for o, c in index_records(stream) if o == Opcode.CHUNK_INDEX]
+            except ValueError as error:
+                raise LogError(f"{path}: {error}. Rebuild it with `rovtwin log repair {path}`") from None
+        found.sort(key=lambda one: one.message_start_time)
+        self.times = np.array([1e-9 * one.message_start_time for one in found])
+        self._offsets = [one.chunk_start_offset for one in found]
+
+    def number_at(self, t: float) -> int | None:
+        """Number of the newest picture that was there at a time [s]; None before the first."""
+        number = int(np.searchsorted(self.times, t + 1e-6, side="right")) - 1
+        return None if number < 0 else number
+
+    def picture(self, number: int) -> bytes:
+        """One of them, compressed.
+
+        Raises:
+            LogError: There is none of this number, or it is damaged.
+        """
+        if not 0 <= number < len(self.times):
+            raise LogError(f"{self.path}: found {len(self.times)} pictures, asked for number {number}")
+        with open(self.path, "rb") as stream:
+            stream.seek(self._offsets[number] + 1)
+            content = stream.read(_LENGTH.unpack(stream.read(8))[0])
+        try:
+            data = decompress(parse(records.Chunk, content))
+            at = min(int(offsets[0]) for offsets in message_offsets(data).messages.values())
+            return _decode(data[at + _RECORD.size : at + 9 + _LENGTH.unpack_from(data, at + 1)[0]])[1]
+        except ValueError as error:
+            raise LogError(f"{self.path}: picture {number} is damaged: {error}") from None
 
 
 def _cameras(stream: BinaryIO) -> dict[int, str]:

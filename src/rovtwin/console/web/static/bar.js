@@ -95,7 +95,7 @@ function asked(who) {
 function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 'take'})); }
 
 function connection(facts) {
-  const old = performance.now() - live.heard > STALE;
+  const old = performance.now() - live.heard > STALE && !live.last.state?.replay; // which may be paused
   if (!live.connected) facts.link('no server', 'danger');
   else if (live.hung) facts.link('autopilot silent', 'danger');
   else if (old) facts.link('stale', 'danger');
@@ -113,23 +113,23 @@ function show(facts, state, arm) {
   arm.textContent = lost ? 'Reconnect' : state.armed ? 'Disarm' : 'Arm';
   arm.disabled = !live.last.rights?.may || !(ready || lost) || state.arming || !!state.replay;
   alerts(state.alerts);
+  const pace = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
+  facts.time(`${number(state.t, 1)} s${pace}`, state.running ? '' : 'warn');
   if (!state.eta) return;
-  facts.phase(state.reason ? `${state.phase}: ${state.reason}` : state.phase, LOUD[state.phase] || '');
+  facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'not told', LOUD[state.phase] || '');
   facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
   const charge = lowest(state.sensors.battery);
   facts.battery(Number.isFinite(charge) ? `${Math.round(100 * charge)} %` : 'not told',
     charge < 0.1 ? 'danger' : charge < 0.25 ? 'warn' : '');
   const leak = state.sensors.leak?.value;
   facts.leak(leak ? (leak[0] > 0.5 ? 'LEAK' : 'dry') : 'not told', leak?.[0] > 0.5 ? 'danger' : '');
-  const [a, b, c] = [state.ellipse[0][0], state.ellipse[0][1], state.ellipse[1][1]];
+  const [[a, b], [, c]] = state.ellipse ?? [[NaN, NaN], [NaN, NaN]];
   const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
   const age = state.sensors.position?.age;
   facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
   facts.nis(...worst(state.nis));
   facts.progress(state.count ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
-  const pace = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
-  facts.time(`${number(state.t, 1)} s${pace}`, state.running ? '' : 'warn');
 }
 
 let shown = '';

@@ -193,6 +193,10 @@ live.on('state', state => {
   if (state.eta) track.add({t: state.t, x: state.eta[0], y: state.eta[1]});
   shown?.surface.redraw();
 });
+live.on('track', states => {
+  track.know(states.filter(s => s.eta).map(({t, eta: [x, y]}) => ({t, x, y})));
+  shown?.surface.redraw();
+});
 live.on('setup', setup => {
   model.setup = setup;
   shown?.surface.redraw();

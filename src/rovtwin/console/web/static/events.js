@@ -9,6 +9,17 @@ const kept = []; // the newest last
 let count = 0; // of all events that ever came
 const seen = new Set(); // what they are: after a lost connection the server sends the last ones again
 let view = null;
+let now = Infinity; // time up to which events are shown [s]: in a replay that of the state
+
+const isPast = event => (event.t ?? 0) <= now + 1e-6;
+// How many of the events, oldest first, have happened by now: only a change of that is worth a look at the list.
+const happened = () => kept.reduce((sum, event) => sum + isPast(event), 0);
+live.on('state', state => {
+  if (!state.replay) return;
+  const before = happened();
+  now = state.t;
+  if (happened() !== before) view?.until();
+});
 
 live.on('event', event => {
   const what = JSON.stringify([event.t, event.clock, event.level, event.text]);
@@ -55,9 +66,16 @@ class View {
     if (!fresh) return;
     const {scrollTop, scrollHeight} = this.list;
     this.list.prepend(...kept.slice(-fresh).map(row).reverse());
+    this.until();
     while (this.list.children.length > MOST) this.list.lastElementChild.remove();
     // Who reads further down stays there.
     if (scrollTop > 0) this.list.scrollTop = scrollTop + this.list.scrollHeight - scrollHeight;
+    this.#tell();
+  }
+
+  /** Hides what has not happened yet. */
+  until() {
+    for (const item of this.list.children) item.hidden = Number(item.dataset.t) > now + 1e-6;
     this.#tell();
   }
 
@@ -72,7 +90,7 @@ class View {
   #tell() {
     let shown = 0;
     for (const level of LEVELS) {
-      const many = kept.filter(event => levelOf(event) === level).length;
+      const many = kept.filter(event => levelOf(event) === level && isPast(event)).length;
       const on = !this.hidden.has(level);
       this.list.classList.toggle(`without-${level}`, !on);
       const button = this.buttons.get(level);
@@ -81,7 +99,7 @@ class View {
       button.setAttribute('aria-label', `${on ? 'Hide' : 'Show'} ${level}: ${many} events`);
       if (on) shown += many;
     }
-    this.none.textContent = kept.length ? 'All events are of levels that are not shown.' : 'Nothing has happened yet.';
+    this.none.textContent = happened().length ? 'All events are of levels that are not shown.' : 'Nothing has happened yet.';
     this.none.hidden = shown > 0;
   }
 }
@@ -90,7 +108,7 @@ const levelOf = event => (LEVELS.includes(event.level) ? event.level : 'info');
 
 function row(event) {
   const level = levelOf(event);
-  return make('li', {class: level}, make('time', {title: `${Number(event.t ?? 0).toFixed(1)} s of the vehicle's time`}, event.clock ?? ''),
+  return make('li', {class: level, 'data-t': event.t ?? 0}, make('time', {title: `${Number(event.t ?? 0).toFixed(1)} s of the vehicle's time`}, event.clock ?? ''),
     make('b', {}, level), make('span', {}, event.text ?? ''));
 }
 

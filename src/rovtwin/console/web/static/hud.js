@@ -20,6 +20,8 @@ export function staleness({state, heard}, now) {
 class Hud {
   #retry = 0;
   #wanted = false;
+  #shot = null; // of the recorded pictures the one that was asked for last
+  #coming = false;
 
   constructor(element) {
     this.element = element;
@@ -43,7 +45,8 @@ class Hud {
   /** Takes pictures where there is a camera and room to show them. */
   watch() {
     const wanted = Boolean(model.setup?.camera) && this.element.clientWidth > 0;
-    this.words.textContent = model.setup && !model.setup.camera ? 'no camera over this link' : '';
+    const none = model.setup?.replay ? 'no pictures were recorded with this run' : 'no camera over this link';
+    this.words.textContent = model.setup && !model.setup.camera ? none : '';
     if (wanted === this.#wanted) return;
     this.#wanted = wanted;
     clearTimeout(this.#retry);
@@ -51,7 +54,21 @@ class Hud {
     else this.#drop();
   }
 
+  /** In a replay: the recorded picture of the state that is shown, as soon as the one before has come. */
+  turn() {
+    const {setup, state} = model;
+    if (!this.#wanted || !setup?.pictures || this.#coming || (state?.shot ?? null) === this.#shot) return;
+    this.#shot = state?.shot ?? null;
+    this.#coming = this.#shot !== null;
+    if (this.#coming) this.picture.src = `${setup.pictures}${this.#shot}`;
+    else this.#drop();
+  }
+
   #ask() {
+    if (model.setup.pictures) {
+      this.turn();
+      return;
+    }
     this.words.textContent = 'waiting for the camera';
     this.picture.src = `/camera.mjpg?${Date.now()}`;
   }
@@ -60,15 +77,25 @@ class Hud {
   #drop() {
     this.picture.removeAttribute('src');
     this.picture.hidden = true;
+    this.#shot = null;
+    this.#coming = false;
   }
 
   #came() {
     this.picture.hidden = false;
     this.words.textContent = '';
+    this.#coming = false;
+    this.turn();
   }
 
   #lost() {
     if (!this.#wanted) return;
+    if (model.setup?.pictures) {
+      this.picture.hidden = true;
+      this.words.textContent = 'this picture cannot be read';
+      this.#coming = false;
+      return;
+    }
     this.#drop();
     this.words.textContent = 'no picture from the camera; trying again';
     clearTimeout(this.#retry);
@@ -101,6 +128,7 @@ mount('hud', element => {
 
 live.on('state', state => {
   Object.assign(model, {state, heard: performance.now()});
+  shown?.turn();
   shown?.surface.redraw();
 });
 live.on('setup', setup => {

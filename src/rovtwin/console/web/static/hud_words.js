@@ -15,7 +15,7 @@ export function depthUnder(state, setup) {
 export function hudLines(state) {
   const left = [thrust(state)];
   const note = state.note ? `: ${state.note}` : '';
-  if (state.stage !== 'ready') left.push({text: `${state.stage}${note}`, level: 'hud-warn'});
+  if (state.stage !== 'ready' && state.stage !== 'replay') left.push({text: `${state.stage}${note}`, level: 'hud-warn'});
   else if (state.phase) {
     const reason = state.reason ? `: ${state.reason}` : '';
     left.push({text: `${state.phase.toUpperCase()}${reason}`, level: GRAVE.has(state.phase) ? 'hud-danger' : 'hud'});

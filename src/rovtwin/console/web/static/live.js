@@ -27,6 +27,12 @@ export const live = {
     return () => handlers.get(kind).delete(handler);
   },
 
+  /** Hands a message to who asked for its kind, as if the server had sent it. */
+  emit(kind, message) {
+    live.last[kind] = message;
+    for (const handler of handlers.get(kind) || []) handler(message);
+  },
+
   /** Gives an order; resolves with the answer, rejects with an Error whose message is for people. */
   send(order) {
     if (socket?.readyState !== WebSocket.OPEN) return Promise.reject(new Error('the console is not connected'));
@@ -55,15 +61,10 @@ function settle(answer) {
   else reject(new Error(answer.error));
 }
 
-function emit(kind, message) {
-  live.last[kind] = message;
-  for (const handler of handlers.get(kind) || []) handler(message);
-}
-
 function take(message) {
   if (message.kind === 'reply') settle(message);
   else if (message.kind === 'history') {
-    if (!live.last.history) message.events.forEach(event => emit('event', event));
+    if (!live.last.history) message.events.forEach(event => live.emit('event', event));
     live.last.history = message;
   } else {
     if (message.kind === 'state') {
@@ -76,19 +77,20 @@ function take(message) {
       name = live.name = message.you;
       sessionStorage.setItem('rovtwin-name', name);
     }
-    emit(message.kind, message);
+    live.emit(message.kind, message);
   }
 }
 
 function connect() {
-  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
-  socket = new WebSocket(`${scheme}://${location.host}/live?name=${name}`);
-  socket.onopen = () => { live.connected = true; emit('connection', {connected: true}); };
+  const address = new URL(path, location.href.replace(/^http/, 'ws'));
+  address.searchParams.set('name', name);
+  socket = new WebSocket(address);
+  socket.onopen = () => { live.connected = true; live.emit('connection', {connected: true}); };
   socket.onmessage = event => take(JSON.parse(event.data));
   socket.onclose = () => {
     live.connected = false;
     [...waiting.keys()].forEach(id => settle({id, ok: false, error: 'the connection was lost'}));
-    emit('connection', {connected: false});
+    live.emit('connection', {connected: false});
     setTimeout(connect, RETRY);
   };
 }
@@ -109,6 +111,8 @@ export function stop() {
   return Promise.race([heard, late]);
 }
 
+// A page that shows something else than the flight, a replay, says where that is told; one that shows nothing, nowhere.
+const path = document.querySelector('meta[name=rovtwin-live]')?.content ?? '/live';
 setInterval(() => live.tell({do: 'alive'}), ALIVE);
-connect();
+if (path) connect();
 window.rovtwin = live;

@@ -51,7 +51,7 @@ document.addEventListener('click', event => {
 });
 
 document.addEventListener('keydown', event => {
-  if (event.key === 'Escape') {
+  if (event.key === 'Escape' && document.getElementById('stop')) { // where nothing flies there is none
     pressStop();
     event.preventDefault();
     return;

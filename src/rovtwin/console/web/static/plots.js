@@ -13,14 +13,22 @@ const store = new Store(); // outlives the element: a change of tab loses nothin
 const known = new Map(); // channels by id, all that ever came
 let view = null;
 
+/** Learns of channels that a state has; whether there are new ones. */
+function learn(state) {
+  const before = known.size;
+  for (const channel of channels(live.last.setup, state)) if (!known.has(channel.id)) known.set(channel.id, channel);
+  return known.size > before;
+}
+
+live.on('track', states => {
+  if (states.length && learn(states.at(-1))) view?.listed();
+  store.know(states, [...known.values()]);
+  if (live.last.state) store.add(live.last.state, known.values());
+  view?.ask(true);
+});
 live.on('state', state => {
-  let fresh = false;
-  for (const channel of channels(live.last.setup, state)) {
-    if (known.has(channel.id)) continue;
-    known.set(channel.id, channel);
-    fresh = true;
-  }
-  if (store.add(state, known.values())) view?.ask();
+  const fresh = learn(state);
+  if (store.add(state, known.values())) view?.ask(state.replay); // a hand that scrubs wants to see it at once
   if (fresh) view?.listed();
 });
 

@@ -41,16 +41,16 @@ function fixed() {
   const add = (id, group, name, unit, lines, more = {}) => made.push({id, group, name, unit, lines, ...more});
   AXES.forEach((axis, i) => add(axis, 'Pose', POSE[i], unit(i), s => {
     const value = shown(i, s.eta[i]);
-    const half = s.sd && EVEN * scale(i) * s.sd[i];
+    const half = EVEN * scale(i) * (s.sd?.[i] ?? NaN);
     return {value, low: value - half, high: value + half, reference: s.reference && shown(i, s.reference[i]), truth: s.truth && shown(i, s.truth[i])};
   }, {turns: i === 5 ? 360 : 0, down: i === 2}));
   SPEEDS.forEach((name, i) => add('uvwpqr'[i], 'Velocity', name, i < 3 ? 'm/s' : '°/s',
-    s => ({value: scale(i) * s.nu[i], reference: s.reference_rate && scale(i) * wanted(s, i)})));
+    s => ({value: scale(i) * (s.nu?.[i] ?? NaN), reference: s.reference_rate && scale(i) * wanted(s, i)})));
   add('error', 'Errors', 'Distance from reference', 'm', s => ({value: s.reference && Math.hypot(...[0, 1, 2].map(i => s.eta[i] - s.reference[i]))}));
   AXES.forEach((axis, i) => add(`error_${axis}`, 'Errors', `${POSE[i]} less reference`, unit(i),
     s => ({value: s.reference && scale(i) * less(i, s.eta, s.reference)})));
   AXES.forEach((axis, i) => add(`estimate_${axis}`, 'Errors', `${POSE[i]} less truth`, unit(i), s => {
-    const half = s.sd && EVEN * scale(i) * s.sd[i];
+    const half = EVEN * scale(i) * (s.sd?.[i] ?? NaN);
     return {value: s.truth && scale(i) * less(i, s.eta, s.truth), low: -half, high: half};
   }, {expected: true}));
   AXES.forEach((axis, i) => add(`sd_${axis}`, 'Standard deviations', `${POSE[i]}, standard deviation`, unit(i), s => ({value: s.sd && scale(i) * s.sd[i]})));
@@ -59,7 +59,7 @@ function fixed() {
   add('link_age', 'Timing', 'Link age', 's', s => ({value: s.link_age}));
   add('operator_age', 'Timing', 'Operator age', 's', s => ({value: s.operator_age}));
   add('pace', 'Timing', 'Pace of time', 'x', s => ({value: s.speed}));
-  add('progress', 'Mission', 'Progress', '%', s => ({value: 100 * s.progress}));
+  add('progress', 'Mission', 'Progress', '%', s => ({value: 100 * (s.progress ?? NaN)}));
   add('to_go', 'Mission', 'Distance to go', 'm', s => ({value: s.to_go}));
   ['north', 'east', 'down'].forEach((name, i) => add(`current_${name}`, 'Water', `Current ${name}`, 'm/s', s => ({value: s.current?.[i]})));
   ['north', 'east', 'down'].forEach((name, i) => add(`wave_${name}`, 'Water', `Wave motion ${name}`, 'm', s => ({value: s.wave?.[i]})));

@@ -82,7 +82,9 @@ function limits(channel, read, first, last) {
  * `span`: {from, to, cursor: time under the pointer or null} [s]. Returns from a place on the canvas to a time.
  */
 export function drawPlot(context, width, height, store, channel, span) {
-  const [first, last] = [Math.max(store.from(span.from) - 1, store.first), Math.min(store.from(span.to + 1e-6) + 1, store.count)];
+  // In a replay the store has what comes after, too.
+  const past = store.known ? 0 : 1;
+  const [first, last] = [Math.max(store.from(span.from) - 1, store.first), Math.min(store.from(span.to + 1e-6) + past, store.count)];
   const read = readers(store, channel, first, last);
   const [low, high] = limits(channel, read, first, last);
   const [w, h] = [width - LEFT - 8, height - BELOW - 6];

@@ -10,9 +10,23 @@ export class Store {
   t = new Float64Array(ROOM);
   columns = new Map(); // of a channel: {value: Float32Array, ...}, only lines that have ever been there
 
+  known = false; // all of a run, as a replay has it; `now` is the time that is shown [s]
+  now = 0;
+
+  /** Takes all of a run: from now on `add` says which of its times is shown. */
+  know(states, channels) {
+    Object.assign(this, {known: false, count: 0, end: 0});
+    for (const state of states) this.add(state, channels);
+    Object.assign(this, {known: true, now: this.count ? this.at(0) : 0});
+  }
+
   /** Keeps a state's channels; time that goes back (a replay rewound, a twin started anew) takes away what came after. */
   add(state, channels) {
     if (!Number.isFinite(state.t) || !Array.isArray(state.eta)) return false;
+    if (this.known) {
+      this.now = state.t;
+      return true;
+    }
     while (this.count && this.at(this.count - 1) > state.t) this.count--;
     if (this.count < this.first) this.count = 0;
     if (this.count && state.t < this.at(this.count - 1) + 0.98 * STEP) return false;
@@ -47,6 +61,7 @@ export class Store {
   }
 
   get newest() {
+    if (this.known) return this.now;
     return this.count ? this.at(this.count - 1) : 0;
   }
 

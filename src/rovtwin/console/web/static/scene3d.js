@@ -16,6 +16,10 @@ let view = null;
 const world = new World(() => view?.ask()); // outlives the element: a change of tab loses no track
 live.on('setup', setup => { world.setSetup(setup); view?.begin(); });
 live.on('plan', plan => { world.setPlan(plan); view?.begin(); });
+live.on('track', states => {
+  world.trail.know(states.filter(s => s.eta).map(s => [s.t, s.eta]));
+  view?.ask();
+});
 live.on('state', state => { if (world.setState(state)) view?.moved(); });
 
 class View {

@@ -81,7 +81,31 @@ export class Trail {
     this.line.renderOrder = 3;
   }
 
+  /** Takes all of a run, [[t, [x, y, z]], ...]: from now on `add` shows what lies before its time. */
+  know(points) {
+    this.known = null;
+    this.count = 0;
+    for (const [t, place] of points) this.add(t, place);
+    this.known = {t: this.t.slice(0, this.count), at: this.at.array.slice(0, 3 * this.count)};
+    this.tip = 0;
+  }
+
+  #show(t, place) {
+    const {known, tip} = this;
+    this.at.array.set(known.at.subarray(3 * tip, 3 * tip + 3), 3 * tip); // where the vehicle stood in for it
+    const later = known.t.findIndex(at => at > t);
+    this.tip = Math.min(later < 0 ? known.t.length : later, MOST - 1);
+    this.at.setXYZ(this.tip, ...place);
+    this.at.needsUpdate = true;
+    this.count = this.tip + 1;
+    this.line.geometry.setDrawRange(0, this.count);
+  }
+
   add(t, [x, y, z]) {
+    if (this.known) {
+      this.#show(t, [x, y, z]);
+      return;
+    }
     while (this.count && this.t[this.count - 1] > t) this.count--;
     const tip = this.count - 1;
     // The newest point follows the vehicle; it stays where it is far enough from the one before it.

@@ -8,11 +8,23 @@ export class Track {
     Object.assign(this, {span, step, most, points: []});
   }
 
+  /** Takes all of a run, [{t, x, y}]: from now on `add` shows what lies before its time. */
+  know(readings) {
+    const all = new Track({span: Infinity, step: this.step, most: this.most});
+    readings.forEach(reading => all.add(reading));
+    this.known = all.points;
+  }
+
   /**
    * Adds where the vehicle is, {t, x, y}. Time that goes back (a replay rewound, a twin started anew) takes away what
    * had come after. The newest reading is always the last point, whether it will be kept or not.
    */
   add({t, x, y}) {
+    if (this.known) {
+      this.points = this.known.slice(0, later(this.known, t));
+      this.points.push({t, x, y, gap: !this.points.length});
+      return;
+    }
     const points = this.points;
     while (points.length && points.at(-1).t > t) points.pop();
     const [last, before] = [points.at(-1), points.at(-2)];
@@ -34,4 +46,15 @@ export class Track {
       return stays;
     });
   }
+}
+
+/** Number of the first of things {t} in the order of time that is later than a time. */
+function later(things, t) {
+  let [low, high] = [0, things.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (things[middle].t <= t) low = middle + 1;
+    else high = middle;
+  }
+  return low;
 }

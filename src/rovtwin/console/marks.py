@@ -1,0 +1,78 @@
+"""What happened during a run, when: for the event log of a replay and the marks on its slider."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from rovtwin.console.replay import Recording
+from rovtwin.core.flow import PHASES
+from rovtwin.scenario.decisions import courses, losses
+
+OWN = ("idle", "dive", "turn", "go", "hold", "finished")  # phases of the mission's own course
+MOST = 400  # that are told
+
+
+def marks_of(recording: Recording) -> list[dict[str, Any]]:
+    """Each an event with its time t [s], in order of time.
+
+    `mark` says what it is: note, start, waypoint, phase, decision, fault, manoeuvre or end.
+    """
+    start = f"{recording.name} begins"
+    found = [_mark(recording.start, "start", "info", start)]
+    found += [_mark(recording.start, "note", "warning", note) for note in recording.notes]
+    found += [*_course(recording), *_decisions(recording), *_planned(recording), *_end(recording)]
+    found.sort(key=lambda mark: mark["t"])
+    if len(found) > MOST:  # phases matter least
+        found = [mark for mark in found if mark["mark"] != "phase"][:MOST]
+    return found
+
+
+def _mark(t: float, mark: str, level: str, text: str) -> dict[str, Any]:
+    clock = f"{int(t) // 60}:{int(t) % 60:02d}"
+    return {"kind": "event", "t": float(t), "clock": clock, "level": level, "text": text, "mark": mark}
+
+
+def _course(recording: Recording) -> list[dict[str, Any]]:
+    """Phases of the mission, and way-points that were reached."""
+    if "mode" not in recording.tape:
+        return []
+    t, mode = recording.tape["mode"].t, recording.tape["mode"].values
+    phase, waypoint = mode[:, 0].astype(int), mode[:, 2].astype(int)
+    found = []
+    for k in np.flatnonzero(np.diff(waypoint) > 0) + 1:
+        found.append(_mark(t[k], "waypoint", "info", f"way-point {waypoint[k]} of {recording.count} reached"))
+    for k in np.flatnonzero(np.diff(phase)) + 1:
+        if PHASES[phase[k]] in OWN and PHASES[phase[k - 1]] in OWN:
+            found.append(_mark(t[k], "phase", "info", PHASES[phase[k]]))
+    return found
+
+
+def _decisions(recording: Recording) -> list[dict[str, Any]]:
+    found = []
+    if (mode := recording.tape.get("mode")) is not None:
+        found += courses(mode.t, mode.values[:, 0].astype(int), mode.values[:, 1].astype(int))
+    if (health := recording.tape.get("health")) is not None:
+        found += losses(health.t, health.values, recording.thrusters)
+    return [_mark(one["t"], "decision", "danger", f"{one['what']}: {one['cause']}") for one in found]
+
+
+def _planned(recording: Recording) -> list[dict[str, Any]]:
+    """What the scenario had planned to happen: faults, and the manoeuvres of a test."""
+    found, metadata = [], recording.log.metadata
+    for fault in json.loads(metadata.get("faults") or "[]"):
+        found.append(_mark(fault["start"], "fault", "warning", f"fault: {fault['what']}"))
+        if fault["end"] is not None:
+            found.append(_mark(fault["end"], "fault", "info", f"over: {fault['what']}"))
+    for span in json.loads(metadata.get("test") or "[]"):
+        found.append(_mark(span["start"], "manoeuvre", "info", span["what"]))
+    return [mark for mark in found if recording.start <= mark["t"] <= recording.end]
+
+
+def _end(recording: Recording) -> list[dict[str, Any]]:
+    summary = json.loads(recording.log.metadata.get("summary") or "{}")
+    if not summary:
+        return [_mark(recording.end, "end", "warning", "the log ends; it does not say how the run ended")]
+    if summary.get("completed"):
+        return [_mark(recording.end, "end", "info", "completed")]
+    return [_mark(recording.end, "end", "danger", f"not completed: {summary.get('reason') or summary.get('phase')}")]

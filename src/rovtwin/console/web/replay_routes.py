@@ -1,0 +1,75 @@
+"""Addresses of replays: the page, its live socket, and what it fetches once."""
+
+import asyncio
+from collections.abc import Callable
+
+from fastapi import Response, WebSocket
+from nicegui import app, ui
+
+from rovtwin.console.reading import Reader
+from rovtwin.console.replay import Recording
+from rovtwin.console.shelf import Shelf
+from rovtwin.console.web.gate import Gate
+from rovtwin.console.web.replay_page import refused, replay_page
+from rovtwin.console.web.replaying import Library, Replaying, Stop
+from rovtwin.console.web.sockets import serve
+from rovtwin.core.errors import RovtwinError
+
+OPENING = 60.0  # longest wait for a run [s]
+
+
+def add_replay(shelf: Shelf, gate: Gate, given: Recording | None = None, stop: Stop | None = None) -> None:
+    """Serve replays of a shelf's runs, and of the one that is given; `stop` stops what flies beside."""
+    reader = Reader()
+    library = Library(shelf, reader.read, given, stop)
+    app.on_shutdown(reader.close)
+
+    @ui.page("/replay", title="rovtwin replay", response_timeout=OPENING)
+    async def page(run: str = "") -> None:
+        try:
+            replaying = await library.open(run)
+        except RovtwinError as error:
+            refused(str(error))
+        else:
+            replay_page(replaying.recording, run, library.flies)
+
+    @app.websocket("/replay/live")
+    async def live(socket: WebSocket) -> None:
+        if not gate.admits(socket.headers, socket.cookies, socket.query_params):
+            await socket.close(1008)
+            return
+        try:
+            replaying = await library.open(socket.query_params.get("run", ""))
+        except RovtwinError:
+            await socket.close(1008)  # its page says why
+            return
+        await serve(replaying, socket)
+
+    @app.get("/replay/runs")
+    async def runs() -> dict[str, object]:
+        reader.warm()
+        return {"folder": str(shelf.folder), "runs": await asyncio.to_thread(shelf.runs)}
+
+    @app.get("/replay/history")
+    async def history(run: str = "") -> Response:
+        return await _answered(library, run, lambda one: one.history, "application/octet-stream")
+
+    @app.get("/replay/picture")
+    async def picture(n: int, run: str = "") -> Response:
+        def taken(one: Replaying) -> bytes | None:
+            return None if one.recording.album is None else one.recording.album.picture(n)
+
+        return await _answered(library, run, taken, "image/jpeg")
+
+    @app.get("/replay/vehicle.glb")
+    async def looks(run: str = "") -> Response:
+        return await _answered(library, run, lambda one: one.looks, "model/gltf-binary")
+
+
+async def _answered(library: Library, run: str, find: Callable[[Replaying], bytes | None], kind: str) -> Response:
+    """What a run has, found in a thread of its own: flying goes on meanwhile."""
+    try:
+        found = await asyncio.to_thread(find, await library.open(run))
+    except RovtwinError as error:
+        return Response(str(error), 404)
+    return Response("the run has none", 404) if found is None else Response(found, media_type=kind)

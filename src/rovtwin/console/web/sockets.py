@@ -1,0 +1,70 @@
+"""The live socket of a page: what a hub has to say goes out, what the browser asks comes in."""
+
+import asyncio
+import contextlib
+import logging
+import secrets
+from typing import Protocol
+
+from fastapi import WebSocket, WebSocketDisconnect
+
+from rovtwin.console.web.browser import Browser
+
+logger = logging.getLogger(__name__)
+
+CLOSING = 1.0  # longest wait for a page to be closed [s]
+
+
+class Speaks(Protocol):
+    """What a socket is served by: the hub of a flight, or a replay."""
+
+    def come(self, name: str, /) -> Browser:
+        """A page that opens, with all that it has to know."""
+        ...
+
+    def leave(self, browser: Browser, /) -> None:
+        """A page that closes."""
+        ...
+
+    async def obey(self, browser: Browser, text: str, /) -> None:
+        """Do what a message of a browser asks."""
+        ...
+
+
+async def serve(hub: Speaks, socket: WebSocket) -> None:
+    """Until the page is closed, or takes nothing any more."""
+    await socket.accept()
+    browser = hub.come(_name(socket.query_params.get("name", "")))
+    work = (_send(socket, browser), _receive(hub, socket, browser), browser.given_up())
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        hub.leave(browser)
+        for task in tasks:
+            task.cancel()
+        for ended in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect | RuntimeError):
+                logger.error("page %s: %s: %s", browser.name, type(ended).__name__, ended)
+    with contextlib.suppress(RuntimeError, TimeoutError):  # of a page that is closed, or does not listen
+        await asyncio.wait_for(socket.close(1013), CLOSING)
+
+
+def _name(wished: str) -> str:
+    """A browser's name for itself, if it is one."""
+    return wished if wished.isalnum() and len(wished) <= 12 else f"b{secrets.token_hex(2)}"
+
+
+async def _send(socket: WebSocket, browser: Browser) -> None:
+    while True:
+        await socket.send_text(await browser.next())
+
+
+async def _receive(hub: Speaks, socket: WebSocket, browser: Browser) -> None:
+    obeying: set[asyncio.Task[None]] = set()
+    while True:
+        text = await socket.receive_text()
+        # STOP must not wait behind a plan that is being laid out.
+        task = asyncio.create_task(hub.obey(browser, text))
+        obeying.add(task)
+        task.add_done_callback(obeying.discard)
