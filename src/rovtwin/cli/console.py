@@ -45,7 +45,8 @@ def console(
     from rovtwin.scenario.files import load_scenario
 
     try:
-        from rovtwin.console.web.app import LOOPBACK, Gate, build, run
+        from rovtwin.console.web.app import build, run
+        from rovtwin.console.web.gate import LOOPBACK, Gate
     except ImportError as error:
         raise ConfigError(
             f"the console needs {error.name}, which is not installed: pip install 'rovtwin[console]'"

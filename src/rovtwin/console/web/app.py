@@ -7,12 +7,13 @@ import secrets
 from pathlib import Path
 from typing import Any
 
-from fastapi import Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
 from nicegui import app, ui
 
 from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
+from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
@@ -24,36 +25,8 @@ from rovtwin.scenario.schema import Scenario
 logger = logging.getLogger(__name__)
 
 STATIC = Path(__file__).parent / "static"
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-COOKIE = "rovtwin_token"
 LARGEST = 2_000_000  # message of a browser [bytes]
 CLOSING = 1.0  # longest wait for a page to be closed [s]
-
-
-class Gate:
-    """Who may come in: pages of this server only, and from elsewhere only who has the token.
-
-    A page of another site that is open in the operator's browser may send requests here, too: they name another host
-    or another origin.
-    """
-
-    def __init__(self, host: str, token: str | None):
-        self._hosts = LOOPBACK if host in LOOPBACK else None
-        self.token = token
-
-    def admits(self, headers: Any, cookies: Any, query: Any) -> bool:
-        """Whether a request with these may come in."""
-        host = headers.get("host", "")
-        name = host.rsplit(":", 1)[0].strip("[]")
-        if self._hosts is not None and name not in self._hosts:
-            return False
-        origin = headers.get("origin")
-        if origin is not None and origin.split("://", 1)[-1] != host:
-            return False
-        if self.token is None:
-            return True
-        given = query.get("token") or cookies.get(COOKIE) or ""
-        return secrets.compare_digest(given, self.token)
 
 
 def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
@@ -63,20 +36,10 @@ def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
     looks = vehicle_glb(vehicle)
     app.add_static_files("/static", STATIC, max_cache_age=0)
 
-    @app.middleware("http")
-    async def guard(request: Request, go_on: Any) -> Response:
-        if not gate.admits(request.headers, request.cookies, request.query_params):
-            return Response("rovtwin console: open the address with its ?token=... as the terminal shows it", 403)
-        response = await go_on(request)
-        if gate.token is not None and request.query_params.get("token"):
-            response.set_cookie(COOKIE, gate.token, httponly=True, samesite="strict")
-        return response
+    app.add_middleware(Guard, gate=gate)
 
     @app.websocket("/live")
     async def live(socket: WebSocket) -> None:
-        if not gate.admits(socket.headers, socket.cookies, socket.query_params):
-            await socket.close(1008)
-            return
         await socket.accept()
         await _serve(hub, socket, _name(socket.query_params.get("name", "")))
 
