@@ -40,7 +40,7 @@ def console(
     The autopilot runs in a process of its own: closing this one by Ctrl-C ends it in order, killing it does not, and
     `rovtwin console` finds it again. Nothing is loaded from the network.
     """
-    from rovtwin.console.launch import end, running, start
+    from rovtwin.console.launch import end, require_free, running, start
     from rovtwin.console.wire import Place
     from rovtwin.scenario.files import load_scenario
 
@@ -58,6 +58,7 @@ def console(
     wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
     if wanted.test is not None:
         raise ConfigError(f"{wanted.name}: a test has no way-points; choose a scenario with a mission")
+    require_free(host, port)  # or a second console that cannot begin would end the autopilot of the first
     found = running(place)
     if found is None:
         start(place, wanted, link, sensor or [], speed, runs)
@@ -74,12 +75,12 @@ def console(
     if token:
         screen.print(f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False)
     screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-    build(place, Gate(host, token), wanted)
-    if browser:
-        import threading
-
-        threading.Timer(1.5, webbrowser.open, args=(address,)).start()
     try:
+        build(place, Gate(host, token), wanted)
+        if browser:
+            import threading
+
+            threading.Timer(1.5, webbrowser.open, args=(address,)).start()
         run(host, port)
     finally:
         end(place)
