@@ -11,7 +11,7 @@ from nicegui import app, ui
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
-from rovtwin.console.web.gate import Gate
+from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
@@ -39,13 +39,10 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
     stream = Stream(scenario, vehicle, place.news, hub.send)
     looks = vehicle_glb(vehicle)
     open_to(gate)
-    add_replay(Shelf(runs), gate, stop=hub.client.stop)
+    add_replay(Shelf(runs), stop=hub.client.stop)
 
     @app.websocket("/live")
     async def live(socket: WebSocket) -> None:
-        if not gate.admits(socket.headers, socket.cookies, socket.query_params):
-            await socket.close(1008)
-            return
         await serve(hub, socket)
 
     @app.post("/stop")
@@ -83,7 +80,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
 def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
     """The pages and sockets of a console that flies nothing: a recording, and the runs of a folder."""
     open_to(gate)
-    add_replay(Shelf(runs), gate, recording)
+    add_replay(Shelf(runs), recording)
 
     @app.get("/")
     def index() -> Response:
@@ -93,7 +90,7 @@ def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
 def open_to(gate: Gate) -> None:
     """What all servers have: the files of the pages, and the gate before everything."""
     app.add_static_files("/static", STATIC, max_cache_age=0)
-    gate.guard()
+    app.add_middleware(Guard, gate=gate)
 
 
 def run(host: str, port: int) -> None:
