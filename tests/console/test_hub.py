@@ -11,7 +11,7 @@ pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'r
 
 from starlette.websockets import WebSocketDisconnect
 
-from rovtwin.console.web import app, browser, drafting, hub
+from rovtwin.console.web import browser, drafting, hub, sockets
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import LinkError
 from rovtwin.scenario.files import load_scenario
@@ -192,7 +192,10 @@ class FakeSocket:
 
     def __init__(self, takes=True, closes=False):
         self._takes, self._closes = takes, closes
-        self.closed = None
+        self.closed, self.query_params = None, {"name": "b1"}
+
+    async def accept(self):
+        pass
 
     async def send_text(self, text):
         if not self._takes:
@@ -212,7 +215,7 @@ def serve(desk, socket, meanwhile=lambda: None):
     """Serve a page until it ends; how many of its tasks are left."""
 
     async def run():
-        serving = asyncio.create_task(app._serve(desk, socket, "b1"))
+        serving = asyncio.create_task(sockets.serve(desk, socket))
         await asyncio.sleep(0.01)
         meanwhile()
         await asyncio.wait_for(serving, 1.0)

@@ -348,7 +348,12 @@ def test_stop_reaches_what_flies_beside(recording, replaying):
         return (await told(one, one.come("a"), do="stop"))["reply"]
 
     pressed = []
-    assert asyncio.run(look(Replaying(recording, "", lambda: pressed.append(1) or True)))["said"] == "thrusters off"
+
+    async def stop():
+        pressed.append(1)
+        return True
+
+    assert asyncio.run(look(Replaying(recording, "", stop)))["said"] == "thrusters off"
     assert pressed == [1]
     assert "nothing flies" in asyncio.run(look(replaying))["error"]
 
