@@ -1,5 +1,6 @@
 """The loop: a tick of the autopilot each control period, twenty states a second, and orders as they come."""
 
+import logging
 import os
 import time
 from collections.abc import Callable
@@ -9,21 +10,23 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.alerts import alerts, alerts_of_link
-from rovtwin.console.engine.flights import FlightLog
+from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.setup import setup_of
-from rovtwin.console.engine.state import Consistency, Hearing, flown
+from rovtwin.console.engine.state import Changes, Consistency, Hearing, flown, plan_told
 from rovtwin.console.engine.telling import Teller
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
-from rovtwin.scenario.flight import run_folder
 from rovtwin.scenario.pace import SLIP, Pace
 from rovtwin.scenario.realtime import NO_WISH
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 
+logger = logging.getLogger(__name__)
+
 WISH_LIFE = 0.3  # of a pilot's sticks [s]
 SOON = 1e-3  # wait for a world that is computed [s]
 CATCH_UP = 20  # ticks at most before orders are heard again
+AGAIN = 0.05  # until the next turn of a loop that failed [s]
 
 
 class Engine:
@@ -39,7 +42,7 @@ class Engine:
 
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
         """Publishes at the address `news`; logs of flights go into the folder `runs`."""
-        self._wanted, self._runs = wanted, Path(runs)
+        self._wanted = wanted
         self._dt = wanted.scenario.control_dt
         self._teller = Teller(news)
         self._stage, self._note = "connecting", ""
@@ -47,30 +50,39 @@ class Engine:
         self._running = True
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
-        self._flight: FlightLog | None = None
+        self._logbook = Logbook(Path(runs), self.event)
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
         self._wish, self._wished_at = NO_WISH, -np.inf
         self._asked_at = -np.inf  # when arming was asked for
         self._k, self._began, self._pace = 0, 0.0, Pace()
-        self._before = ("", "")
+        self._changes = Changes()
 
     def run(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Until `over`; `obey` gives orders that came, `wait` waits for more, so many seconds at most."""
         self._yard.begin()
         try:
             while not self.over:
-                obey()
-                self._take_over(self._yard.ready())
-                for _ in range(CATCH_UP):
-                    if self._rests() > 0.0 or not self._tick():
-                        break
-                self._tell()
-                wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
+                try:
+                    self._turn(obey, wait)
+                except Exception as error:  # a mistake of ours, too: no thrust then, and whoever looks is told
+                    self._fail(error)
+                    time.sleep(AGAIN)
         finally:
             self._let_go("ended")
             self._teller.close()
+
+    def _turn(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
+        obey()
+        self._take_over(self._yard.ready())
+        if self._vessel is not None and not self._running:
+            self._listen()
+        for _ in range(CATCH_UP):
+            if self._rests() > 0.0 or not self._tick():
+                break
+        self._tell()
+        wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
 
     # The vehicle
 
@@ -101,21 +113,22 @@ class Engine:
     def disarm(self) -> None:
         """Thrusters off, the log closed."""
         self.vessel.link.stop()
-        self.vessel.helm.idle()
         was, self.armed, self.arming = self.armed, False, False
+        self.vessel.helm.idle()
         if was:
             self.event("info", "disarmed: thrusters off")
-        self._close_flight("disarmed")
+        self._logbook.close("disarmed")
 
     def stop(self) -> None:
         """The operator's STOP, which the link's host may have obeyed before we hear of it."""
         if self._vessel is not None:
             self._vessel.link.stop()
-            self._vessel.helm.idle()
         if not self.stopped or self.armed or self.arming:
             self.event("danger", "STOP: thrusters off")
         self.armed, self.arming, self.stopped = False, False, True
-        self._close_flight("stopped by the operator")
+        if self._vessel is not None:
+            self._vessel.helm.idle()
+        self._logbook.close("stopped by the operator")
 
     def reconnect(self) -> None:
         """Let go of the vehicle and look for it anew."""
@@ -165,15 +178,24 @@ class Engine:
             return np.inf
         return (self._began + self._k * self._dt - self._yard.clock()) / self._yard.clock.speed
 
-    def _tick(self) -> bool:
-        """One tick; False where the world has not come so far, or the vehicle is lost."""
-        vessel, clock = self.vessel, self._yard.clock
+    def _listen(self) -> bool:
+        """Hear the vehicle, also while its time stands still; False where it is lost."""
+        vessel = self.vessel
         try:
             self._hearing.hear(vessel.ears.read())
         except LinkError as error:
-            self.event("danger", f"link lost: {error}")
-            self._let_go(f"link lost: {error}")
-            self._say("lost", str(error))
+            self._fail(error)
+            return False
+        if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
+            self.stop()
+        if self.arming and (refused := vessel.link.refused) is not None:
+            self._armed_or_not(vessel, refused)
+        return True
+
+    def _tick(self) -> bool:
+        """One tick; False where the world has not come so far, or the vehicle is lost."""
+        vessel, clock = self.vessel, self._yard.clock
+        if not self._listen():
             return False
         fast, t = clock.speed > 1.0, self._k * self._dt
         if fast:  # in step with the world: neither outruns the other
@@ -184,8 +206,6 @@ class Engine:
         late = self._pace.wait(self._began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
             vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
-        if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
-            self.stop()
         now = time.monotonic()
         # Ages by our own time; faster than real time nothing is too late.
         ages = vessel.link.age, now - self._heard_operator, 0.0 if fast else late / self._dt
@@ -193,12 +213,9 @@ class Engine:
         if self.armed:
             vessel.link.send(command)
         self._consistency.take(t, vessel.helm.output)
-        if self._flight is not None:
-            self._flight.add(1e3 * late, vessel.link.age)
+        self._logbook.add(1e3 * late, vessel.link.age)
         self._late = max(self._late, late)
         self._k += 1
-        if self.arming and (refused := vessel.link.refused) is not None:
-            self._armed_or_not(vessel, refused)
         return True
 
     def _take_over(self, vessel: Vessel | None) -> None:
@@ -217,28 +234,39 @@ class Engine:
         self.event("info", f"heard {self._wanted.link}{f'; flying without {missing}' if missing else ''}")
         self._teller.publish(self._setup_told())
 
+    def _fail(self, error: Exception) -> None:
+        """Let go of a vehicle that is lost, or that we cannot fly, and say why."""
+        known = isinstance(error, RovtwinError)
+        text = str(error) if known else f"{type(error).__name__}: {error}"
+        if not known:
+            logger.error("the autopilot failed", exc_info=error)
+        self.event("danger", f"link lost: {text}" if known else f"the autopilot failed, thrusters off: {text}")
+        self._let_go(text)
+        self._say("lost", text)
+
     def _let_go(self, ending: str) -> None:
-        self._close_flight(ending)
+        vessel, self._vessel = self._vessel, None
         self.armed = self.arming = False
-        if self._vessel is not None:
-            self._vessel.close()
-            self._vessel = None
+        try:
+            if vessel is not None:
+                vessel.close()  # before the log, which takes its time: thrusters off
+        except Exception:
+            logger.exception("letting go of the vehicle")
+        self._logbook.close(ending)
 
     def _armed_or_not(self, vessel: Vessel, refused: str) -> None:
         self.arming = False
+        try:
+            if not refused:
+                self._logbook.begin(self.scenario_with(self.plan), vessel.composed, vessel.helm)
+        except (RovtwinError, OSError) as error:
+            vessel.link.stop()
+            refused = f"the flight cannot be logged: {error}"
         if refused:
             self.event("danger", f"not armed: {refused}")
             return
         self.armed, self.stopped = True, False
-        folder = run_folder(self._wanted.scenario.name, self._runs)
-        self._flight = FlightLog(self.scenario_with(self.plan), vessel.composed, vessel.helm, folder)
-        self.event("info", f"armed; logged in {folder}")
-
-    def _close_flight(self, ending: str) -> None:
-        if self._flight is not None:
-            flight, self._flight = self._flight, None
-            flight.close(ending)
-            self.event("info", f"log closed: {flight.folder}")
+        self.event("info", f"armed; logged in {self._logbook.folder}")
 
     # What is told
 
@@ -272,39 +300,23 @@ class Engine:
             "stopped": self.stopped,
             "operator_age": now - self._heard_operator,
             "submitted": self.submitted,
-            "folder": "" if self._flight is None else str(self._flight.folder),
+            "folder": self._logbook.folder,
         }
         vessel = self._vessel
         if vessel is None or self._k == 0:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
-        t, truth = (self._k - 1) * self._dt, self._hearing.truth
-        state |= flown(vessel.helm.output, self.count) | {
-            "t": t,
-            "sensors": self._hearing.told(t),
-            "nis": self._consistency.told(t),
-            "link_age": vessel.link.age,
-            "late_ms": 1e3 * self._late,
-            "truth": None if truth is None else truth[:6],
-            "current": None if truth is None else truth[6:9],
-        }
+        t = (self._k - 1) * self._dt
+        state |= flown(vessel.helm.output, self.count) | self._hearing.told(t)
+        state |= {"t": t, "nis": self._consistency.told(t), "link_age": vessel.link.age, "late_ms": 1e3 * self._late}
         self._late = 0.0
         if vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
-        self._note_changes(state)
+        if (news := self._changes.of(state["phase"], state["reason"])) is not None:
+            self.event(*news)
         return state | {"alerts": alerts(state, vessel.composed.thruster_names)}
 
-    def _note_changes(self, state: dict[str, Any]) -> None:
-        """An event for each reason of the supervisor, and for the end of a mission."""
-        phase, reason = now = (state["phase"], state["reason"])
-        if reason and reason != self._before[1]:
-            self.event("danger", f"{phase}: {reason}")
-        elif phase != self._before[0] and phase in ("finished", "returned", "surfaced"):
-            self.event("info", phase)
-        self._before = now
-
     def _plan_told(self) -> dict[str, Any]:
-        waypoints = [waypoint.model_dump(exclude_none=True) for waypoint in self.plan]
-        return {"kind": "flown", "submitted": self.submitted, "waypoints": waypoints}
+        return plan_told(self.plan, self.submitted, self._wanted.scenario.origin)
 
     def _setup_told(self) -> dict[str, Any]:
         return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness)
