@@ -1,6 +1,7 @@
 """The bridge: what each order does, and why it is refused."""
 
 import json
+import logging
 import time
 from typing import Any
 
@@ -19,6 +20,8 @@ from rovtwin.core.numerics import as_array
 from rovtwin.gnc.rules import inside
 from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.schema import Scenario, Waypoint
+
+logger = logging.getLogger(__name__)
 
 ANY_AGE = ("stop", "disarm", "abort", "quit")  # orders that are right however long they waited
 
@@ -55,17 +58,23 @@ class Bridge:
         try:
             message = json.loads(text)
             order = orders.parse(message)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             return {"id": None, "ok": False, "error": f"not understood: {error}"}
-        number, sent = message.get("id"), message.get("sent")
-        timed = isinstance(sent, int | float)
-        self._sent = float(sent) if timed else time.monotonic()
-        if (not timed or time.monotonic() - sent > FRESH) and order.do not in ANY_AGE:
+        number, now = message.get("id"), time.monotonic()
+        try:
+            sent = float(message.get("sent", "nan"))
+        except (TypeError, ValueError, OverflowError):
+            sent = float("nan")
+        self._sent = min(sent, now)
+        if not abs(now - sent) <= FRESH and order.do not in ANY_AGE:
             return {"id": number, "ok": False, "error": "too old: the autopilot was busy. Ask again"}
         try:
             found = getattr(self, f"_{order.do}")(order) or {}
         except RovtwinError as error:
             return {"id": number, "ok": False, "error": str(error)}
+        except Exception as error:  # a mistake of ours: the vehicle is flown on, and whoever asked is told
+            logger.exception("order %s", order.do)
+            return {"id": number, "ok": False, "error": f"{order.do}: failed ({type(error).__name__}: {error})"}
         return None if number is None else {"id": number, "ok": True} | found
 
     def _for_missions(self, vessel: Vessel) -> Helm:

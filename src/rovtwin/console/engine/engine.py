@@ -1,9 +1,9 @@
 """The loop: a tick of the autopilot each control period, twenty states a second, and orders as they come."""
 
+import logging
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -11,25 +11,27 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.alerts import alerts, alerts_of_link
-from rovtwin.console.engine.flights import FlightLog
+from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
-from rovtwin.console.engine.state import Consistency, Hearing, flown
+from rovtwin.console.engine.state import Changes, Consistency, Hearing, flown, plan_told
 from rovtwin.console.engine.telling import Teller
 from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
-from rovtwin.scenario.flight import run_folder
 from rovtwin.scenario.pace import SLIP, Pace
 from rovtwin.scenario.realtime import NO_WISH
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 
+logger = logging.getLogger(__name__)
+
 WISH_LIFE = 0.3  # of a pilot's sticks [s]
 SOON = 1e-3  # wait for a world that is computed [s]
 CATCH_UP = 20  # ticks at most before orders are heard again
+AGAIN = 0.05  # until the next turn of a loop that failed [s]
 
 
 class Engine:
@@ -46,7 +48,7 @@ class Engine:
 
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
         """Publishes at the address `news`; logs of flights go into the folder `runs`."""
-        self._wanted, self._runs = wanted, Path(runs)
+        self._wanted = wanted
         self._dt = wanted.scenario.control_dt
         self._teller = Teller(news)
         self._stage, self._note = "connecting", ""
@@ -54,18 +56,15 @@ class Engine:
         self._running = True
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
-        self._flight: FlightLog | None = None
-        self._opening: Future[FlightLog | None] | None = None
-        self._ready: FlightLog | None = None
-        self._beside = ThreadPoolExecutor(1)
+        self._logbook = Logbook(Path(runs), self.event)
         self.test = Manoeuvres(wanted.scenario) if wanted.scenario.test else None
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
         self._wish, self._wished_at = NO_WISH, -np.inf
-        self._asked_at = -np.inf  # when arming was asked for
+        self._asked, self._asked_at = False, -np.inf  # whether the vehicle was asked to arm, and when the operator did
         self._k, self._began, self._pace = 0, 0.0, Pace()
-        self._before = ("", "")
+        self._changes = Changes()
         self._urgent = ExitStack()
 
     def run(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
@@ -74,17 +73,26 @@ class Engine:
         self._keep_time()
         try:
             while not self.over:
-                obey()
-                self._take_over(self._yard.ready())
-                for _ in range(CATCH_UP):
-                    if self._rests() > 0.0 or not self._tick():
-                        break
-                self._tell()
-                wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
+                try:
+                    self._turn(obey, wait)
+                except Exception as error:  # a mistake of ours, too: no thrust then, and whoever looks is told
+                    self._fail(error)
+                    time.sleep(AGAIN)
         finally:
             self._urgent.close()
             self._let_go("ended")
             self._teller.close()
+
+    def _turn(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
+        obey()
+        self._take_over(self._yard.ready())
+        if self._vessel is not None and not self._running:
+            self._listen()
+        for _ in range(CATCH_UP):
+            if self._rests() > 0.0 or not self._tick():
+                break
+        self._tell()
+        wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
 
     # The vehicle
 
@@ -109,28 +117,29 @@ class Engine:
         vessel = self.vessel
         self.operator_heard()
         vessel.helm.idle()
-        # It takes some tenths of a second, in which ticks go on. A test has one of its own each time.
-        self._opening = self._beside.submit(self._new_flight if self.test is None else lambda: None)
-        self.arming, self._asked_at = True, asked_at
+        if self.test is None:  # a test has a log of its own each time
+            self._logbook.open(self.scenario_with(self.plan), vessel.composed, vessel.helm)
+        self.arming, self._asked, self._asked_at = True, False, asked_at
 
     def disarm(self) -> None:
         """Thrusters off, the log closed."""
         self.vessel.link.stop()
-        self.vessel.helm.idle()
         was, self.armed, self.arming = self.armed, False, False
+        self.vessel.helm.idle()
         if was:
             self.event("info", "disarmed: thrusters off")
-        self._close_flight("disarmed")
+        self._end_flight("disarmed")
 
     def stop(self) -> None:
         """The operator's STOP, which the link's host may have obeyed before we hear of it."""
         if self._vessel is not None:
             self._vessel.link.stop()
-            self._vessel.helm.idle()
         if not self.stopped or self.armed or self.arming:
             self.event("danger", "STOP: thrusters off")
         self.armed, self.arming, self.stopped = False, False, True
-        self._close_flight("stopped by the operator")
+        if self._vessel is not None:
+            self._vessel.helm.idle()
+        self._end_flight("stopped by the operator")
 
     def reconnect(self) -> None:
         """Let go of the vehicle and look for it anew."""
@@ -144,7 +153,9 @@ class Engine:
 
     def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
-        self._begin_flight(self._new_flight())
+        self._logbook.open(self.scenario_with(self.plan), self.vessel.composed, helm)
+        self._logbook.begin(self._k * self._dt)
+        self.event("info", f"logged in {self._logbook.folder}")
         helm.start()
         test.begin()
         self.count = test.count
@@ -196,15 +207,24 @@ class Engine:
             return np.inf
         return (self._began + self._k * self._dt - self._yard.clock()) / self._yard.clock.speed
 
-    def _tick(self) -> bool:
-        """One tick; False where the world has not come so far, or the vehicle is lost."""
-        vessel, clock = self.vessel, self._yard.clock
+    def _listen(self) -> bool:
+        """Hear the vehicle, also while its time stands still; False where it is lost."""
+        vessel = self.vessel
         try:
             self._hearing.hear(vessel.ears.read())
         except LinkError as error:
-            self.event("danger", f"link lost: {error}")
-            self._let_go(f"link lost: {error}")
-            self._say("lost", str(error))
+            self._fail(error)
+            return False
+        if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
+            self.stop()
+        if self.arming:
+            self._go_on_arming(vessel)
+        return True
+
+    def _tick(self) -> bool:
+        """One tick; False where the world has not come so far, or the vehicle is lost."""
+        vessel, clock = self.vessel, self._yard.clock
+        if not self._listen():
             return False
         fast, t = clock.speed > 1.0, self._k * self._dt
         if fast:  # in step with the world: neither outruns the other
@@ -215,8 +235,6 @@ class Engine:
         late = self._pace.wait(self._began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
             vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
-        if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
-            self.stop()
         now = time.monotonic()
         # Ages by our own time; faster than real time nothing is too late.
         ages = vessel.link.age, now - self._heard_operator, 0.0 if fast else late / self._dt
@@ -224,21 +242,19 @@ class Engine:
         if self.armed:
             vessel.link.send(command)
         self._consistency.take(t, vessel.helm.output)
-        if self.armed and self._flight is not None:
-            self._flight.add(1e3 * late, vessel.link.age)
+        if self.armed:
+            self._logbook.add(1e3 * late, vessel.link.age)
         if self.test is not None and self.test.running:
             self._go_on(self.test, vessel)
         self._late = max(self._late, late)
         self._k += 1
-        if self.arming:
-            self._go_on_arming(vessel)
         return True
 
     def _go_on(self, test: Manoeuvres, vessel: Vessel) -> None:
         """What the test's own time brings, and its end."""
         if vessel.helm.is_over:
             done = flown(vessel.helm.output, 0)
-            self._close_flight(done["reason"] or done["phase"])
+            self._end_flight(done["reason"] or done["phase"])
             return
         for cue in test.tick():
             if not cue.text.isdigit():
@@ -260,68 +276,61 @@ class Engine:
         self.event("info", f"heard {self._wanted.link}{f'; flying without {missing}' if missing else ''}")
         self._teller.publish(self._setup_told())
 
+    def _fail(self, error: Exception) -> None:
+        """Let go of a vehicle that is lost, or that we cannot fly, and say why."""
+        known = isinstance(error, RovtwinError)
+        text = str(error) if known else f"{type(error).__name__}: {error}"
+        if not known:
+            logger.error("the autopilot failed", exc_info=error)
+        self.event("danger", f"link lost: {text}" if known else f"the autopilot failed, thrusters off: {text}")
+        self._let_go(text)
+        self._say("lost", text)
+
     def _let_go(self, ending: str) -> None:
-        self._close_flight(ending)
+        vessel, self._vessel = self._vessel, None
         self.armed = self.arming = False
-        if self._vessel is not None:
-            self._vessel.close()
-            self._vessel = None
+        try:
+            if vessel is not None:
+                vessel.close()  # before the log, which takes its time: thrusters off
+        except Exception:
+            logger.exception("letting go of the vehicle")
+        self._end_flight(ending)
 
     def _go_on_arming(self, vessel: Vessel) -> None:
-        """First the log is opened, then the vehicle is asked; what came of it is an event."""
-        if self._opening is not None:
-            if not self._opening.done():
-                return
-            opening, self._opening = self._opening, None
-            try:
-                self._ready = opening.result()
-            except RovtwinError as error:
-                self._refuse(f"no log: {error}")
-                return
+        """First the log is opened, then the vehicle is asked, then the log begins."""
+        if self._logbook.is_opening:
+            return
+        if not self._asked:
+            self._asked = True
             vessel.link.begin_arming(self._asked_at)
-        elif (refused := vessel.link.refused) is not None:
-            if refused:
-                self._refuse(refused)
-                return
-            self.armed, self.arming, self.stopped = True, False, False
-            self.event("info", "armed")
-            if self._ready is not None:
-                self._begin_flight(self._ready)
-
-    def _refuse(self, why: str) -> None:
+            return
+        if (refused := vessel.link.refused) is None:
+            return
         self.arming = False
-        self.event("danger", f"not armed: {why}")
-        self._close_flight("not armed")
+        try:
+            if not refused:
+                self._logbook.begin(self._k * self._dt)
+        except (RovtwinError, OSError) as error:
+            vessel.link.stop()
+            refused = f"the flight cannot be logged: {error}"
+        if refused:
+            self.event("danger", f"not armed: {refused}")
+            self._logbook.close("not armed")
+            return
+        self.armed, self.stopped = True, False
+        self.event("info", f"armed; logged in {self._logbook.folder}" if self._logbook.folder else "armed")
 
-    def _new_flight(self) -> FlightLog:
-        folder = run_folder(self._wanted.scenario.name, self._runs)
-        return FlightLog(self.scenario_with(self.plan), self.vessel.composed, self.vessel.helm, folder)
-
-    def _begin_flight(self, flight: FlightLog) -> None:
-        """From now on it is written."""
-        flight.began = self._k * self._dt
-        self._flight, self._ready = flight, None
-        self.event("info", f"logged in {flight.folder}")
+    def _end_flight(self, ending: str) -> None:
+        """Of a test and of the log."""
+        if self.test is not None and self.test.running:
+            self.test.end(ending)
+            self._tell_hand(np.inf)
+        self._logbook.close(ending)
 
     def _tell_hand(self, began: float) -> None:
         """Tell a simulated hand when the test began [s]; inf: it does not."""
         if self.is_twin and self._vessel is not None:
             self._vessel.link.tell(("test", began))
-
-    def _close_flight(self, ending: str) -> None:
-        if self._opening is not None:
-            opening, self._opening = self._opening, None
-            opening.add_done_callback(lambda done: _close(done, ending))
-        if self._ready is not None:
-            ready, self._ready = self._ready, None
-            ready.close(ending)
-        if self.test is not None and self.test.running:
-            self.test.end(ending)
-            self._tell_hand(np.inf)
-        if self._flight is not None:
-            flight, self._flight = self._flight, None
-            flight.close(ending)
-            self.event("info", f"log closed: {flight.folder}")
 
     # What is told
 
@@ -355,47 +364,25 @@ class Engine:
             "stopped": self.stopped,
             "operator_age": now - self._heard_operator,
             "submitted": self.submitted,
-            "folder": "" if self._flight is None else str(self._flight.folder),
+            "folder": self._logbook.folder,
         }
         vessel = self._vessel
         if vessel is None or self._k == 0:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
-        t, truth = (self._k - 1) * self._dt, self._hearing.truth
-        state |= flown(vessel.helm.output, self.count) | {
-            "t": t,
-            "sensors": self._hearing.told(t),
-            "nis": self._consistency.told(t),
-            "link_age": vessel.link.age,
-            "late_ms": 1e3 * self._late,
-            "truth": None if truth is None else truth[:6],
-            "current": None if truth is None else truth[6:9],
-        }
+        t = (self._k - 1) * self._dt
+        state |= flown(vessel.helm.output, self.count) | self._hearing.told(t)
+        state |= {"t": t, "nis": self._consistency.told(t), "link_age": vessel.link.age, "late_ms": 1e3 * self._late}
         self._late = 0.0
         if self.test is not None:
             state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
-        self._note_changes(state)
+        if (news := self._changes.of(state["phase"], state["reason"])) is not None:
+            self.event(*news)
         return state | {"alerts": alerts(state, vessel.composed.thruster_names)}
 
-    def _note_changes(self, state: dict[str, Any]) -> None:
-        """An event for each reason of the supervisor, and for the end of a mission."""
-        phase, reason = now = (state["phase"], state["reason"])
-        if reason and reason != self._before[1]:
-            self.event("danger", f"{phase}: {reason}")
-        elif phase != self._before[0] and phase in ("finished", "returned", "surfaced"):
-            self.event("info", phase)
-        self._before = now
-
     def _plan_told(self) -> dict[str, Any]:
-        waypoints = [waypoint.model_dump(exclude_none=True) for waypoint in self.plan]
-        return {"kind": "flown", "submitted": self.submitted, "waypoints": waypoints}
+        return plan_told(self.plan, self.submitted, self._wanted.scenario.origin)
 
     def _setup_told(self) -> dict[str, Any]:
         return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())
-
-
-def _close(opening: Future[FlightLog | None], ending: str) -> None:
-    """A log that was opened for nothing."""
-    if opening.exception() is None and (flight := opening.result()) is not None:
-        flight.close(ending)

@@ -1,5 +1,8 @@
 """The log of a flight, from arming to disarming: the same files as `rovtwin fly --link` leaves."""
 
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +14,16 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
-from rovtwin.scenario.flight import new_folder
+from rovtwin.scenario.flight import new_folder, run_folder
 from rovtwin.scenario.live.flight import metadata_of
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
 from rovtwin.scenario.schema import Scenario
 
+logger = logging.getLogger(__name__)
+
 CHUNK = 1.0  # written as often [s]
+
+Event = Callable[[str, str], None]  # level, text
 
 
 class FlightLog:
@@ -46,10 +53,12 @@ class FlightLog:
 
     def close(self, ending: str) -> dict[str, Any]:
         """Write what is left and how it ended; the summary."""
-        self._flush()
-        summary = self._summary(ending)
-        self._log.annotate({"summary": to_json(summary)})
-        self._log.close()
+        try:
+            self._flush()
+            summary = self._summary(ending)
+            self._log.annotate({"summary": to_json(summary)})
+        finally:
+            self._log.close()
         (self.folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
         return summary
 
@@ -74,3 +83,70 @@ class FlightLog:
 def _on_own_clock(measurements: Measurements, began: float) -> Measurements:
     """The same readings, timed since a flight began, as its ticks are."""
     return {name: Slot(slot.value, slot.valid, slot.t_valid - began) for name, slot in measurements.items()}
+
+
+class Logbook:
+    """The log of the flight under way, if there is one. A log that fails, as on a full disk, ends no flight."""
+
+    def __init__(self, runs: Path, event: Event):
+        """Flights become folders in `runs`; what happens to their logs is told to `event`."""
+        self._runs, self._event = runs, event
+        self._flight: FlightLog | None = None
+        self._opening: Future[FlightLog] | None = None
+        self._beside = ThreadPoolExecutor(1)
+
+    @property
+    def folder(self) -> str:
+        """Of the flight under way, "" if there is none."""
+        return "" if self._flight is None else str(self._flight.folder)
+
+    def open(self, scenario: Scenario, composed: Composed, helm: Steering) -> None:
+        """Open the log of a flight to come, beside the loop: it takes some tenths of a second."""
+        folder = run_folder(scenario.name, self._runs)
+        self._opening = self._beside.submit(FlightLog, scenario, composed, helm, folder)
+
+    @property
+    def is_opening(self) -> bool:
+        return self._opening is not None and not self._opening.done()
+
+    def begin(self, now: float) -> None:
+        """From now on [s] the log that was opened is written.
+
+        Raises:
+            RovtwinError, OSError: It could not be opened.
+        """
+        if self._opening is not None:
+            opening, self._opening = self._opening, None
+            self._flight = opening.result()
+            self._flight.began = now
+
+    def add(self, late_ms: float, link_age: float) -> None:
+        """The last tick of the flight under way."""
+        try:
+            if self._flight is not None:
+                self._flight.add(late_ms, link_age)
+        except Exception as error:
+            self._event("danger", f"flying on without a log: {error}")
+            self.close("the log failed")
+
+    def close(self, ending: str) -> None:
+        """Close the log of a flight that is over, or does not come."""
+        flight, self._flight = self._flight, None
+        if self._opening is not None:
+            opening, self._opening = self._opening, None
+            opening.add_done_callback(lambda done: _close_unused(done, ending))
+        if flight is None:
+            return
+        try:
+            flight.close(ending)
+        except Exception as error:
+            logger.error("closing a log", exc_info=error)
+            self._event("danger", f"{flight.folder}: the log is not complete: {error}")
+        else:
+            self._event("info", f"log closed: {flight.folder}")
+
+
+def _close_unused(opening: Future[FlightLog], ending: str) -> None:
+    """A log that was opened for a flight that did not come."""
+    if opening.exception() is None:
+        opening.result().close(ending)

@@ -8,7 +8,9 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from rovtwin.console.engine.world import TRUTH
+from rovtwin.core.datum import Datum
 from rovtwin.core.flow import PHASES, REASONS, AutopilotOutput, Measurement
+from rovtwin.scenario.schema import Waypoint
 
 WINDOW = 10.0  # over which innovations are compared with what the filter says of itself [s]
 TOLD = ("position", "pressure", "attitude", "dvl", "altimeter", "battery", "leak")  # sensors whose values are shown
@@ -50,12 +52,29 @@ class Hearing:
         return news
 
     def told(self, t: float) -> dict[str, Any]:
-        """Age [s] of every sensor, and values of those that people look at."""
-        found = {}
+        """Age [s] of every sensor and values of those that people look at; the truth and the water's velocity."""
+        sensors = {}
         for name, (heard, value) in self._last.items():
             shown = value if name in TOLD else None
-            found[name] = {"age": t - heard if value is not None else None, "value": shown}
-        return found
+            sensors[name] = {"age": t - heard if value is not None else None, "value": shown}
+        truth, current = (None, None) if self.truth is None else (self.truth[:6], self.truth[6:9])
+        return {"sensors": sensors, "truth": truth, "current": current}
+
+
+class Changes:
+    """What of the supervisor's phase and reason is worth an event."""
+
+    def __init__(self) -> None:
+        self._before = ("", "")
+
+    def of(self, phase: str, reason: str) -> tuple[str, str] | None:
+        """Level and text for each new reason, and for the end of a mission."""
+        before, self._before = self._before, (phase, reason)
+        if reason and reason != before[1]:
+            return "danger", f"{phase}: {reason}"
+        if phase != before[0] and phase in ("finished", "returned", "surfaced"):
+            return "info", phase
+        return None
 
 
 class Consistency:
@@ -146,3 +165,12 @@ def progress(phase: str, waypoint: int, waypoints: int, to_go: float, length: fl
         return 0.0
     along = min(max(1.0 - to_go / length, 0.0), 1.0) if length > 0.0 else 0.0
     return min((waypoint + along) / waypoints, 1.0)
+
+
+def plan_told(waypoints: list[Waypoint], submitted: bool, datum: Datum) -> dict[str, Any]:
+    """The message that tells of a plan; places on the map are told in metres, too."""
+    rows = [
+        waypoint.model_dump(exclude_none=True, exclude={"geodetic"}) | {"position": waypoint.placed(datum)}
+        for waypoint in waypoints
+    ]
+    return {"kind": "flown", "submitted": submitted, "waypoints": rows}

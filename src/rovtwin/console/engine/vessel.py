@@ -93,8 +93,8 @@ class Shipyard:
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
-        """Start to make one, unless one is being made."""
-        if self._thread is None or not self._thread.is_alive():
+        """Start to make one, unless one is being made, or is made and nobody has taken it."""
+        if self._made is None and (self._thread is None or not self._thread.is_alive()):
             self._thread = threading.Thread(target=self._make, daemon=True, name="making ready")
             self._thread.start()
 
@@ -126,7 +126,8 @@ class Shipyard:
             link = opening.result()
         sources: list[Source] = []
         try:
-            sources += [source(url, self.clock) for url in wanted.sensors]
+            for url in wanted.sensors:
+                sources.append(source(url, self.clock))
             if wanted.is_twin:
                 link.tell(("pace", *self.clock.run(self.speed)))
             ears = Ears(link, sources)
@@ -135,7 +136,8 @@ class Shipyard:
             needed = needed_by(wanted.scenario)
             readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed, needed=needed)
         except BaseException:
-            link.close()
+            for one in (link, *sources):
+                one.close()
             raise
         return Vessel(link, sources, ears, readiness, helm, composed, limits)
 

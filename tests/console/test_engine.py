@@ -1,0 +1,334 @@
+"""The engine's loop with a vehicle that is not there: what fails ends thrust and is said, and the loop goes on."""
+
+import json
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
+
+from rovtwin.console.engine import engine as module
+from rovtwin.console.engine import flights, vessel
+from rovtwin.console.engine.bridge import Bridge
+from rovtwin.console.engine.state import plan_told
+from rovtwin.core.datum import Datum
+from rovtwin.core.errors import LinkError, LogError
+from rovtwin.core.flow import Command
+from rovtwin.scenario.pace import Clock
+from rovtwin.scenario.schema import Waypoint
+
+
+class FakeLink:
+    def __init__(self, told):
+        self._told, self.age, self.stopped, self.refused, self.stopped_at = told, 0.0, False, None, -np.inf
+        self.sent = 0
+
+    def begin_arming(self, asked_at):
+        self.refused = ""
+
+    def send(self, command):
+        self.sent += 1
+
+    def stop(self):
+        self._told.append("stop")
+
+    def tell(self, order):
+        pass
+
+    def close(self):
+        self._told.append("close")
+
+
+class FakeHelm:
+    is_idle, row, output = True, (None, None), None
+
+    def __init__(self):
+        self.breaks = None
+
+    def tick(self, *_):
+        if self.breaks is not None:
+            raise self.breaks
+        return Command(np.zeros(3))
+
+    def idle(self):
+        pass
+
+    def restart(self, start):
+        pass
+
+
+class FakeYard:
+    """Has a vehicle ready as often as it is asked to begin."""
+
+    def __init__(self, wanted, speed, say):
+        self.clock, self.speed, self.told = Clock(speed), speed, []
+        self._made = None
+
+    def begin(self):
+        link, ears = FakeLink(self.told), SimpleNamespace(read=list, drain=lambda: None, zero=0.0)
+        composed = SimpleNamespace(sensor_names=["position"], thruster_names=["port"])
+        readiness = SimpleNamespace(start=None, missing=())
+        self._made = SimpleNamespace(
+            link=link, ears=ears, composed=composed, readiness=readiness, helm=FakeHelm(), close=link.close
+        )
+
+    def ready(self):
+        made, self._made = self._made, None
+        return made
+
+
+class FakeTeller:
+    def __init__(self, address):
+        self.events, self.states = [], []
+
+    def publish(self, message):
+        self.states.append(message)
+
+    def event(self, level, text, t):
+        self.events.append((level, text))
+
+    def state_rests(self):
+        return 0.0
+
+    def state_due(self):
+        return True
+
+    def all_due(self):
+        return False
+
+    def close(self):
+        pass
+
+
+class FakeFlight:
+    def __init__(self, *_):
+        self.folder, self.breaks, self.endings = "runs/1", None, []
+
+    def add(self, *_):
+        if self.breaks is not None:
+            raise self.breaks
+
+    def close(self, ending):
+        self.endings.append(ending)
+        if self.breaks is not None:
+            raise self.breaks
+
+
+@pytest.fixture
+def engine(monkeypatch):
+    """An engine with a vehicle that was heard, not armed."""
+    monkeypatch.setattr(module, "Shipyard", FakeYard)
+    monkeypatch.setattr(module, "Teller", FakeTeller)
+    monkeypatch.setattr(module, "setup_of", lambda *_: {})
+    monkeypatch.setattr(module, "flown", lambda *_: {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0]})
+    monkeypatch.setattr(module.Consistency, "take", lambda *_: None)
+    monkeypatch.setattr(module, "AGAIN", 0.0)
+    monkeypatch.setattr(flights, "FlightLog", FakeFlight)
+    scenario = SimpleNamespace(name="calm", control_dt=0.02, waypoints=[], origin=Datum(63.4, 10.4))
+    wanted = SimpleNamespace(scenario=scenario, is_twin=True, link="twin://", sensors=(), stop_at=None)
+    made = module.Engine(wanted, "ipc://nowhere")
+    monkeypatch.setattr(made, "scenario_with", lambda waypoints: scenario)
+    made._yard.begin()
+    turn(made)
+    return made
+
+
+def turn(engine, seconds=0.025, obey=lambda: None):
+    """Let a tick pass by."""
+    time.sleep(seconds)
+    engine._turn(obey, lambda seconds: None)
+
+
+def armed(engine):
+    engine.arm(time.monotonic())
+    turn(engine)
+    assert engine.armed and engine._logbook.folder == "runs/1"
+    return engine
+
+
+def run(engine, turns):
+    """The loop itself, for so many turns."""
+    left = [turns]
+
+    def wait(seconds):
+        left[0] -= 1
+        engine.over = left[0] <= 0
+        time.sleep(0.005)
+
+    engine.run(lambda: None, wait)
+
+
+def said(engine, text):
+    return [level for level, found in engine._teller.events if text in found]
+
+
+def test_a_mistake_of_ours_ends_thrust_and_is_said_and_the_loop_goes_on(engine):
+    armed(engine)._vessel.helm.breaks = TypeError("a mistake of ours")
+    link, begin = engine._vessel.link, engine._yard.begin
+    engine._yard.begin = lambda: None  # the loop would make a vehicle anew
+    run(engine, 8)
+    assert engine._yard.told[-1] == "close" and link.sent == 1
+    assert not engine.armed and said(engine, "TypeError: a mistake of ours") == ["danger"]
+    last = engine._teller.states[-1]
+    assert last["stage"] == "lost" and "a mistake of ours" in last["alerts"][0]["cause"]
+    begin()
+    engine.over = False
+    turn(engine)
+    assert engine._stage == "ready"  # once the operator presses Reconnect
+
+
+def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
+    flight = armed(engine)._logbook._flight
+    order = engine._yard.told
+    flight.close = lambda ending: order.append("log")
+
+    def lost():
+        raise LinkError("no word from it")
+
+    engine._vessel.ears.read = lost
+    turn(engine)
+    assert order[-2:] == ["close", "log"] and engine._stage == "lost"
+    assert said(engine, "link lost: no word from it") == ["danger"]
+
+
+@pytest.mark.parametrize("error", [LogError("disk full"), OSError(28, "No space left"), ValueError("a mistake")])
+def test_a_log_that_fails_in_flight_ends_no_flight(engine, error):
+    flight = armed(engine)._logbook._flight
+    flight.breaks = error
+    sent = engine._vessel.link.sent
+    turn(engine)
+    turn(engine)
+    assert engine.armed and engine._vessel.link.sent >= sent + 2
+    assert said(engine, "flying on without a log") == ["danger"] and flight.endings == ["the log failed"]
+    engine.stop()
+    assert not engine.armed and engine.stopped
+
+
+def test_without_room_for_a_log_nothing_is_armed(engine, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(flights, "FlightLog", full)
+    engine.arm(time.monotonic())
+    turn(engine)
+    assert not engine.armed and not engine.arming and engine._yard.told[-1] == "stop"
+    assert said(engine, "not armed: the flight cannot be logged") == ["danger"]
+
+
+def test_a_stop_that_went_past_us_is_noticed_while_time_stands_still(engine):
+    armed(engine).run_at(None, False)
+    engine._vessel.link.stopped_at = time.monotonic()
+    turn(engine)
+    assert engine.stopped and not engine.armed and said(engine, "STOP") == ["danger"]
+
+
+def test_arming_comes_to_an_end_while_time_stands_still(engine):
+    engine.run_at(None, False)
+    engine.arm(time.monotonic())
+    turn(engine)
+    assert engine.armed and engine._vessel.link.sent == 0
+
+
+def test_a_vehicle_that_cannot_be_closed_keeps_nobody_from_ending(engine):
+    def broken():
+        raise OSError("its socket broke")
+
+    flight = armed(engine)._logbook._flight
+    engine._vessel.close = broken
+    engine.over = True
+    engine.run(lambda: None, lambda seconds: None)
+    assert flight.endings == ["ended"]
+
+
+def test_a_yard_makes_no_second_vessel_while_one_waits_to_be_taken(monkeypatch):
+    """Two would steer one vehicle, and STOP would reach the newer one only."""
+    made = []
+    monkeypatch.setattr(vessel.Shipyard, "_vessel", lambda self: made.append(1) or f"vessel {len(made)}")
+    yard = vessel.Shipyard(SimpleNamespace(), 1.0, lambda stage, note: None)
+    for _ in range(2):
+        yard.begin()
+        yard._thread.join(2.0)
+    assert made == [1] and yard.ready() == "vessel 1" and yard.ready() is None
+    yard.begin()
+    yard._thread.join(2.0)
+    assert yard.ready() == "vessel 2"
+
+
+def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
+    closed, fine = [], SimpleNamespace(close=lambda: closed.append("source"))
+
+    def source(url, clock):
+        if url == "bad":
+            raise LinkError("port in use")
+        return fine
+
+    yard = vessel.Shipyard(SimpleNamespace(is_twin=False, link="x", sensors=("good", "bad")), 1.0, lambda *_: None)
+    yard._helm = (None, None, None)
+    monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: closed.append("link")))
+    monkeypatch.setattr(vessel, "source", source)
+    with pytest.raises(LinkError):
+        yard._vessel()
+    assert closed == ["link", "source"]
+
+
+def test_way_points_on_the_map_are_told_in_metres():
+    """A console that took them for (0, 0, 0) would fly there once they are submitted."""
+    datum = Datum(63.4, 10.4)
+    told = plan_told([Waypoint(geodetic=[63.401, 10.4, 3.0]), Waypoint(position=[1.0, 2.0, 3.0])], True, datum)
+    (north, east, down), metres = (row["position"] for row in told["waypoints"])
+    assert north == pytest.approx(111.5, abs=1.0) and abs(east) < 0.1 and down == pytest.approx(3.0, abs=0.01)
+    assert metres == [1.0, 2.0, 3.0] and "geodetic" not in told["waypoints"][0]
+
+
+class Plain:
+    """An engine that only keeps what it was asked."""
+
+    def __init__(self):
+        self.asked, self.vessel, self.armed, self.arming, self.may_arm, self.is_twin = (
+            [],
+            None,
+            False,
+            False,
+            True,
+            True,
+        )
+
+    def stop(self):
+        self.asked.append("stop")
+
+    def arm(self, asked_at):
+        self.asked.append(asked_at)
+
+    def operator_heard(self):
+        raise TypeError("a mistake of ours")
+
+
+@pytest.fixture
+def bridge(tmp_path):
+    made = Bridge(Plain(), f"ipc://{tmp_path / 'orders'}")
+    yield made
+    made.close()
+
+
+def answer(bridge, do, sent, **what):
+    return bridge.answer(json.dumps({"do": do, "sent": sent, "id": 1} | what).encode())
+
+
+def test_stale_and_undated_orders_are_refused_but_stop(bridge):
+    now = time.monotonic()
+    for sent in (now - 2.0, now + 60.0, float("nan"), float("inf"), None, "now", [now], 10**400):
+        assert "too old" in answer(bridge, "arm", sent)["error"]
+        assert answer(bridge, "stop", sent)["ok"]
+    assert set(bridge._engine.asked) == {"stop"}
+    assert answer(bridge, "arm", now)["ok"] and bridge._engine.asked[-1] == now
+
+
+def test_a_mistake_of_ours_in_an_order_is_answered(bridge):
+    assert "TypeError" in answer(bridge, "alive", time.monotonic())["error"]
+
+
+def test_a_message_that_is_nested_too_deep_is_not_understood(bridge):
+    for text in (b"[" * 100_000, b'{"do":' * 5000, b"\xff", b"null", b"{}"):
+        assert "not understood" in bridge.answer(text)["error"]
