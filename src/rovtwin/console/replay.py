@@ -117,7 +117,7 @@ class Recording:
             "stage": "replay",
             "note": "",
             "scenario": self.name,
-            "link": f"replay of {self.name}",
+            "link": self.name,
             "t": t,
             "armed": thrust > 0.5,
             "arming": False,
