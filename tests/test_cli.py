@@ -248,6 +248,10 @@ BAD = [
     (("log", "export", "not.mcap", "out.xyz"), "expected .nc"),
     (("log", "repair", "empty.mcap"), "empty.mcap"),
     (("report", "not.mcap"), "not an MCAP"),
+    (
+        ("record", "square", "--link", "blueye://192.168.1.101", "--out", "x.mcap", "--speed", "2"),
+        "may be a real vehicle",
+    ),
     (("flyy",), "flyy"),
 ]
 

@@ -76,5 +76,12 @@ def test_in_one_piece_gives_what_jit_gives():
         np.testing.assert_allclose(a, b, rtol=1e-14)
 
 
+def test_what_cannot_be_in_one_piece_is_compiled_as_it_is(caplog):
+    with caplog.at_level("DEBUG", "rovtwin"):
+        one = in_one_piece(jnp.linalg.cholesky)(4.0 * jnp.eye(3))
+    np.testing.assert_allclose(one, 2.0 * np.eye(3))
+    assert "not in one piece" in caplog.text
+
+
 def test_arrays_of_other_types():
     assert as_array([True, False], bool).dtype == bool and as_array(3, int).dtype == jnp.int64

@@ -301,10 +301,28 @@ def cable_out(*names: str, watchdog: float) -> Callable[[Bench, Process], Outcom
         mended = time.monotonic()
         made.mend()
         time.sleep(watchdog + 1.5)
-        again = made.thrust_share(mended, time.monotonic()) * (time.monotonic() - mended)
-        assert made.resting() and again <= watchdog + BUSY, f"thrust for {again:.2f} s of what came late"
-        late = f"commands of a dead client that come late turn thrusters for {again:.1f} s more" if again else ""
-        return Outcome(rest, f"thrusters rest by the watchdog; {late or 'what comes late turns nothing'}")
+        again = made.thrust_share(mended, time.monotonic())
+        assert again == 0.0, "what came late of a dead client turned the thrusters"
+        return Outcome(rest, "thrusters rest by the watchdog; what comes late turns nothing")
+
+    return run
+
+
+def cable_back(*names: str, within: float) -> Callable[[Bench, Process], Outcome]:
+    """Nothing passes for longer than the watchdog, then all that was held back comes: a client that lives goes on."""
+
+    def run(made: Bench, pilot: Process) -> Outcome:
+        onset = time.monotonic()
+        holed(*names)(made, pilot)
+        wait(made.resting, LONG, "the thrusters rest")
+        rest = made.first_rest(onset) or 0.0
+        mended = time.monotonic()
+        made.mend()
+        wait(made.turning, LONG, "the thrusters turn again")
+        late = made.commands()[-1][0] - mended
+        if late > within:
+            raise Slow(f"the client controls again after {late:.2f} s, expected {within:.2f} s")
+        return Outcome(rest, f"thrusters rest by the watchdog; the client controls again {late:.1f} s after the end")
 
     return run
 

@@ -16,6 +16,7 @@ from tests.links.fault_cases import (
     TWO,
     Case,
     another,
+    cable_back,
     cable_out,
     cut,
     given_up,
@@ -38,7 +39,7 @@ LOSS, REORDER = Fault(loss=0.2), Fault(held=0.3, hold=0.2)
 CUT, GARBAGE, TWICE, TENFOLD = Fault(cut=0.2), Fault(garbage=0.2), Fault(twice=0.5, held=0.2), Fault(copies=10)
 TORN, NOISE = Fault(cut=0.02), Fault(garbage=0.02)  # of a stream: each breaks its connection
 LOST = 3.0  # silence after which links give up, BlueyeLink.LOST_AFTER and MavlinkLink.STALE_MODE [s]
-PAUSE = 2.0  # a command may have to wait for a new connection or for a watchdog that got lost [s]
+PAUSE = 3.0  # a command may have to wait for a new connection, or for two watchdogs after some got lost [s]
 
 
 def _blueye() -> list[Case]:
@@ -77,6 +78,7 @@ def _blueye() -> list[Case]:
             cut(holed("starboard", up=False), "the link commands neither"),
         ),
         case("cable out, client killed, late data", "link", ONE, watchdog, cable_out("port", watchdog=BLUEYE_WATCHDOG)),
+        case("cable out and back", "sdk", SDK, watchdog, cable_back("port", within=PAUSE)),
         case("client killed -9 (link's process)", "link", ONE, watchdog, cut(killed("host"))),
         case(
             *("client killed -9 (autopilot)", "link", TWO, LIFE + BUSY),

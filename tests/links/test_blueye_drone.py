@@ -58,7 +58,44 @@ def test_watchdog_stops_everything_and_all_has_to_be_asked_for_again(flown):
     assert "silent" in flown.look(2.01)
     assert still(flown) and flown.wish().lights == 0.0
     flown.obey(Watchdog(1), HERE, 3.0)
+    flown.obey(Watchdog(1), HERE, 4.0)
     assert flown.wish().armed and not any(flown.wish().motion) and not flown.wish().hold_depth
+
+
+@pytest.mark.parametrize("looked", [True, False], ids=["looked at meanwhile", "backlog first"])
+def test_backlog_of_a_dead_client_turns_nothing(flown, looked):
+    """The line was down for three seconds; what was sent meanwhile comes within a moment, then nothing more."""
+    if looked:
+        flown.look(2.5)
+    for k in range(60):
+        flown.obey(AHEAD, HERE, 3.0 + 1e-3 * k)
+        if k % 20 == 0:
+            flown.obey(Watchdog(1), HERE, 3.0 + 1e-3 * k)
+        assert still(flown)
+    flown.look(20.0)
+    flown.connect(Client(), HERE, 20.0)
+    flown.obey(Watchdog(2), HERE, 20.1)
+    assert flown.wish().armed and not any(flown.wish().motion), "what the dead one wished is forgotten"
+
+
+def test_living_client_goes_on_by_itself_after_an_outage(flown):
+    flown.look(2.5)
+    for k in range(3):
+        flown.obey(AHEAD, HERE, 3.0 + 1e-3 * k)
+        flown.obey(Watchdog(1), HERE, 3.0 + 1e-3 * k)
+    flown.obey(Watchdog(1), HERE, 3.4)
+    assert still(flown)
+    flown.obey(Watchdog(1), HERE, 4.4)
+    assert flown.wish().armed and flown.wish().motion == AHEAD.share
+    flown.obey(Watchdog(1), HERE, 5.4)
+    assert flown.wish().armed
+
+
+def test_two_backlogs_apart_are_no_life(flown):
+    """Pieces that come further apart than the watchdog each begin anew."""
+    for t in (3.0, 5.5, 8.0):
+        flown.obey(Watchdog(1), HERE, t)
+        assert still(flown)
 
 
 def test_observers_watchdog_feeds_nobody_else(flown):

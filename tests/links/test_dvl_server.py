@@ -140,7 +140,7 @@ def test_bottom_lock_is_lost_when_the_vehicle_dies(rig):
         (DvlServer(), [("altimeter", math.inf)], -1.0),
         (DvlServer(floor=10.0), [("pressure", 4.0)], 6.0),
         (DvlServer(floor=10.0), [("pressure", 4.0), ("altimeter", 5.5)], 5.5),
-        (DvlServer(nominal_altitude=7.0), [("pressure", 4.0)], 7.0),
+        (DvlServer(), [("pressure", 4.0)], -1.0),
     ],
 )
 def test_altitude(server, others, expected):
@@ -150,8 +150,11 @@ def test_altitude(server, others, expected):
         client.ask("get_config")
         batch = [reading(name, 0.0, value) for name, value in others]
         served.feed(0.0, [*batch, reading("dvl", 0.0, 0.1, 0.0, 0.0)])
-        assert client.next("velocity")["altitude"] == expected
-        assert any("altitude is told as 7 m" in text for text in served.said) == (server.nominal_altitude == 7.0)
+        report = client.next("velocity")
+        assert report["altitude"] == expected and report["velocity_valid"] is True
+        assert all((beam["distance"] > 0) == (expected > 0) for beam in report["transducers"])
+        unknown = server.floor is None and others[0][0] == "pressure"
+        assert any("altitude is told as -1" in text for text in served.said) == unknown
         client.close()
 
 

@@ -2,16 +2,18 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.links.vehicles import Opener, ThreadHosted, last_told, moving, resting
+from tests.links.vehicles import Opener, PlainLink, ThreadHosted, last_told, moving, resting
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
@@ -56,12 +58,13 @@ FLIES = """
         signal.signal(signal.SIGINT, signal.default_int_handler)
         for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
-        with HostedLink(Opener(Path(sys.argv[1])), 3) as link:
+        told = Path(sys.argv[1])
+        with HostedLink(Opener(told), 3, told.with_name("stop")) as link:
             while True:
                 link.send(Command(np.full(3, 0.5)))
                 link.read()
                 time.sleep(0.01)
-                if len(sys.argv) > 2 and Path(sys.argv[1]).exists() and time.monotonic() > float(sys.argv[2]):
+                if len(sys.argv) > 2 and told.exists() and time.monotonic() > float(sys.argv[2]):
                     1 / 0
 """
 
@@ -178,3 +181,115 @@ def test_age_grows_while_the_host_is_silent(tmp_path):
         before = link.age
         time.sleep(0.1)
         assert link.age >= before + 0.09
+
+
+STOP_WITHIN = 0.1  # from the click at the server until the thrusters are told zero [s]
+
+
+def press_stop(folder, patience=2.0):
+    """Send STOP to the host, as the console does; what it sends back."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as red:
+        red.bind(str(folder / "confirmed"))
+        try:
+            red.settimeout(patience)
+            red.sendto(b"stop 1", str(folder / "stop"))
+            return red.recv(64)
+        finally:
+            (folder / "confirmed").unlink()
+
+
+def test_stop_leads_past_an_autopilot_that_hangs(tmp_path):
+    """Its process is stopped in mid-flight; the vehicle's host is told directly, and answers when thrusters are off."""
+    told = tmp_path / "told"
+    process = flying(tmp_path)
+    try:
+        wait_for(lambda: moving(told), 30.0)
+        process.send_signal(signal.SIGSTOP)
+        pressed = time.monotonic()
+        assert press_stop(tmp_path) == b"stop 1"
+        confirmed = time.monotonic()
+        assert resting(told)
+        took = last_told(told)[0] - pressed
+        print(
+            f"STOP: thrusters told zero after {1e3 * took:.2f} ms, confirmed after {1e3 * (confirmed - pressed):.2f} ms"
+        )
+        assert took < STOP_WITHIN and confirmed - pressed < STOP_WITHIN
+        process.send_signal(signal.SIGCONT)  # it goes on sending thrust, which is not obeyed
+        time.sleep(0.2)
+        assert resting(told)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@dataclass(frozen=True)
+class Armable(Opener):
+    """Opens a vehicle that takes its time to arm, and may be armed again after a stop, as the twin."""
+
+    takes: float = 0.0
+    stop_fails: bool = False
+
+    def __call__(self):
+        opener = self
+
+        class Link(PlainLink):
+            def arm(self):
+                time.sleep(opener.takes)
+                self.stopped = False
+
+            def stop(self):
+                if opener.stop_fails and not self.stopped:
+                    raise ValueError("the driver broke")
+                super().stop()
+
+        return Link(self.told)
+
+
+def fly_on(link, seconds):
+    """Send thrust for a while, as an autopilot does that has not heard of a stop."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        link.send(Command(np.full(3, 0.5)))
+        link.read()
+        time.sleep(0.01)
+
+
+def test_stop_while_arming_wins(tmp_path):
+    told = tmp_path / "told"
+    with ThreadHosted(Armable(told, takes=0.3), 3, tmp_path / "stop") as link:
+        link.begin_arming()
+        time.sleep(0.1)
+        press_stop(tmp_path)
+        wait_for(lambda: link.refused is not None)
+        assert "stopped while it was being armed" in link.refused
+        fly_on(link, 0.1)
+        assert resting(told)
+
+
+def test_arming_that_was_asked_for_before_a_stop_is_refused(tmp_path):
+    told = tmp_path / "told"
+    with ThreadHosted(Armable(told), 3, tmp_path / "stop") as link:
+        asked_at = time.monotonic()
+        press_stop(tmp_path)
+        link.begin_arming(asked_at)
+        wait_for(lambda: link.refused is not None)
+        assert "stopped since" in link.refused
+        fly_on(link, 0.1)
+        assert resting(told)
+        link.arm()  # asked for after it
+        fly_on(link, 0.1)
+        assert moving(told)
+
+
+def test_stop_holds_though_the_driver_fails_at_it_and_is_heard_again(tmp_path):
+    """Zeros go out by the other way; the thread that listens lives on."""
+    told = tmp_path / "told"
+    with ThreadHosted(Armable(told, stop_fails=True), 3, tmp_path / "stop") as link:
+        fly_on(link, 0.1)
+        assert moving(told)
+        for _ in range(2):
+            with pytest.raises(TimeoutError):  # nothing to confirm
+                press_stop(tmp_path, 0.1)
+        fly_on(link, 0.1)
+        assert resting(told)
+        assert link.stopped_at > time.monotonic() - 0.5

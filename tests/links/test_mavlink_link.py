@@ -262,13 +262,23 @@ def test_server_gone_is_heard():
     link.close()
 
 
-def test_boot_clock_takes_the_shortest_delay():
-    clock, rng = BootClock(), np.random.default_rng(3)
-    delays = 0.01 + rng.exponential(0.02, 1000)
-    times = np.array([clock.host_time(k * 0.02, 500.0 + k * 0.02 + delay) for k, delay in enumerate(delays)])
+@pytest.mark.parametrize("speed", [1.0, 20.0])
+def test_boot_clock_takes_the_shortest_delay(speed):
+    clock, rng = BootClock(speed), np.random.default_rng(3)
+    boots = np.arange(1000) * 0.02
+    arrivals = 500.0 + boots + 0.01 + rng.exponential(0.02, 1000)
+    times = np.array([clock.host_time(*pair) for pair in zip(speed * boots, speed * arrivals, strict=True)]) / speed
     assert np.all(np.diff(times) > 0)
-    late = times[200:] - (500.0 + np.arange(200, 1000) * 0.02)
+    late = times[200:] - (500.0 + boots[200:])
     assert 0.009 < late.min() and late.max() < 0.015
+
+
+def test_boot_clock_puts_nothing_after_its_arrival():
+    """The first message took half a second, the others none: the offset comes down slowly."""
+    clock = BootClock()
+    clock.host_time(100.0, 0.5)
+    arrivals = 0.52 + 0.02 * np.arange(20)
+    assert all(clock.host_time(100.0 + arrival, arrival) == arrival for arrival in arrivals)
 
 
 @pytest.mark.parametrize("jump", [-3000.0, 3000.0])
@@ -293,6 +303,8 @@ def test_boot_clock_follows_drift():
     assert max(map(abs, errors)) < 0.005
 
 
-def test_late_and_repeated_readings_are_dropped():
-    order = Order()
-    assert [order.forward("gyro", t, 0.0) for t in (1.0, 1.02, 1.02, 1.01, 1.04)] == [True, True, False, False, True]
+@pytest.mark.parametrize("speed", [1.0, 20.0])
+def test_late_and_repeated_readings_are_dropped(speed):
+    order = Order(speed)
+    times = [speed * t for t in (1.0, 1.2, 1.2, 1.0, 1.4)]
+    assert [order.forward("gyro", t, 0.0) for t in times] == [True, True, False, False, True]

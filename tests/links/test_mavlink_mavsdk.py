@@ -2,8 +2,12 @@
 
 import json
 import math
+import re
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -133,6 +137,30 @@ def test_offboard_set_points(armed):
     assert moving and going
     np.testing.assert_allclose(velocities[-1], [0.2, 0, 0.2, 0, 0, 0.3], atol=1e-3)
     np.testing.assert_allclose(target, [1, 2, 3, math.pi / 2], atol=1e-6)
+
+
+def test_the_script_of_the_docs_steers():
+    page = (Path(__file__).parents[2] / "docs" / "links_mavlink.md").read_text()
+    (script,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    server = endpoint()
+    with serving(server) as served:
+        assert soon(lambda: bool(served.said))
+        script = script.replace("127.0.0.1:14550", server.ground_station)
+        # A process of its own, as a user has it, which does not share MAVSDK's state with the tests above.
+        command = [sys.executable, "-c", script]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        k = 0
+        while process.poll() is None and k < 1000:
+            k += 1
+            served.feed(k * 0.05, measured(k * 0.05, estimate=True))
+            time.sleep(0.05)
+        process.kill()
+        printed, complaints = process.communicate()
+        assert process.returncode == 0, complaints
+        yaw, altitude = map(float, printed.split()[-2:])
+        assert yaw == pytest.approx(math.degrees(ATTITUDE[2]), abs=1e-3) and altitude == -PLACE[2]
+        assert any(wish.armed and wish.motion[0] == pytest.approx(0.3) for wish in served.wishes)
+        assert soon(lambda: not served.wishes[-1].armed)
 
 
 def test_modes_that_mavsdk_cannot_ask_for(flying):

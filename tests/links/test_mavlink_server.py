@@ -15,6 +15,7 @@ from tests.links.serving import serving
 
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.flow import Measurement
+from rovtwin.links.mavlink.peers import MOST, SILENT, Peer, Peers
 from rovtwin.links.mavlink.server import MavlinkServer
 from rovtwin.links.mavlink.telemetry import RATES
 from rovtwin.links.server import require_loopback
@@ -275,6 +276,18 @@ def test_too_many_peers_are_not_served():
             one.close()
         assert soon(lambda: sum("disconnected" in text for text in served.said) == 6)
         assert client.command(176, 1, 0) == 0
+
+
+def test_the_longest_silent_peer_gives_its_place():
+    closed = []
+    peers = Peers(lambda name, write: Peer(name, write, None, None, heard_at=0.0))
+    for k in range(MOST):
+        peers.get(k, str(k), None, 0.0).heard_at = 10.0 - 0.1 * k
+    peers.by_address[7].called = True  # at 9.3: the longest silent, but the vehicle's own ground station
+    peers.by_address[6].close = lambda: closed.append(6)  # at 9.4, over TCP
+    assert peers.get("new", "new", None, 9.4 + SILENT) is None, "all of them live"
+    assert peers.get("new", "new", None, 9.41 + SILENT).name == "new" and closed == [6]
+    assert set(peers.by_address) == {0, 1, 2, 3, 4, 5, 7, "new"}
 
 
 def test_ending_disarms():

@@ -159,6 +159,8 @@ class SilentLine:
 def test_any_message_at_the_link(examples, monkeypatch):
     monkeypatch.setattr(link_module, "Line", SilentLine)
     monkeypatch.setattr(MavlinkLink, "_await_vehicle", lambda self, url: None)
+    monkeypatch.setattr(link_module, "LOST_AFTER", math.inf)  # no heartbeat comes here, and 100,000 take minutes
+    monkeypatch.setattr(MavlinkLink, "_await_vehicle", lambda self, url: None)
     link = MavlinkLink("silent", np.eye(6), target=1, readings=Readings(position=True))
     found = 0
 

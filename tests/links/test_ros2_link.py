@@ -54,7 +54,13 @@ def test_a_stamp_of_zero_is_now_and_a_delay_is_kept(vehicle):
     assert [r.t_valid for r in vehicle.link.read()] == pytest.approx([vehicle.now - 0.5, vehicle.now - 0.3])
 
 
+def test_nothing_is_valid_after_it_came(vehicle):
+    vehicle.transport.deliver("/rov/imu", convert.imu(vehicle.now + 0.2, gyro=[0.1, 0.2, 0.3]))
+    assert [r.t_valid for r in vehicle.link.read()] == [vehicle.now]
+
+
 def test_repeats_and_overtaken_readings_are_left_out(vehicle):
+    vehicle.now += 0.05
     for t in (100.0, 100.02, 100.02, 100.01, 100.04):
         vehicle.transport.deliver("/rov/imu", convert.imu(t, gyro=[0.1, 0.2, 0.3]))
     assert [r.t_valid for r in vehicle.link.read()] == [100.0, 100.02, 100.04]
@@ -76,6 +82,7 @@ def test_nonsense_gives_no_reading(vehicle, topic, message):
 
 
 def test_readings_that_nobody_takes_do_not_pile_up(vehicle):
+    vehicle.now += 0.2
     for k in range(BACKLOG + 500):
         vehicle.transport.deliver("/rov/imu", convert.imu(100.0 + 1e-5 * k, gyro=[0.1, 0.2, 0.3]))
     assert len(vehicle.link.read()) == BACKLOG

@@ -146,6 +146,7 @@ def test_our_link_flies_our_server_and_readings_come_back_as_they_were():
             assert served.wishes[-1].motion == pytest.approx((0.5, 0.0, -0.25, 0.0, 0.0, 0.1))
             link.stop()
             until(lambda: not served.wishes[-1].armed)
+            until(lambda: [x for x in served.said if x.endswith("armed")] == ["ROS 2: armed", "ROS 2: disarmed"])
             assert not link.problems, link.problems
 
 
@@ -208,6 +209,7 @@ def test_garbage_moves_nothing_and_the_server_goes_on():
         until(lambda: any(w.motion[0] == pytest.approx(0.1) for w in served.wishes), lambda: send(good))
         way = convert.pose(feed.t, [1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
         until(lambda: not served.wishes[-1].armed)
+        until(lambda: served.said[-1] == "ROS 2: its client is silent: disarmed")
 
         def go():
             feed()

@@ -11,7 +11,7 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.log import Channel, Log
 from rovtwin.report import write_comparison, write_report
 from rovtwin.report.flight import Flight
-from rovtwin.report.tables import mission_table
+from rovtwin.report.tables import mission_table, sensor_table
 from rovtwin.report.vehicle import vehicle_tables
 from rovtwin.report.verdict import scores, verdict
 
@@ -137,6 +137,13 @@ def test_rates_are_counted(page):
     # acoustic: 1 Hz; its nominal rate is the same, its delay 50 ms
     assert re.search(r"position north, east \[m\] \d+ 1 1 1 50\.0", page.text)
     assert re.search(r"pressure depth \[m\] \d+ 42 42 0\.0238 0\.0", page.text)
+
+
+def test_delays_over_a_link_are_not_known():
+    log = synthetic(dt=2.0)
+    log.metadata["live"] = "true"
+    table = sensor_table(Flight(log))
+    assert table is not None and {row[-1] for row in table.rows} == {"not known"} and "Over a link" in table.note
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rovtwin.scenario.live.connect as connecting
+from rovtwin.core import numerics
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link, Source
@@ -21,6 +22,7 @@ from rovtwin.scenario.pace import Clock, Pace
 from rovtwin.scenario.realtime import HostAutopilot
 
 SPEED = 10.0
+IN_PIECES: list[tuple] = []  # what was told of a tick that could not be compiled in one piece
 
 
 class Fake(Link):
@@ -257,7 +259,9 @@ def once():
 
     def made(*arguments):
         if not autopilot:
-            autopilot.append(HostAutopilot(*arguments))
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(numerics.logger, "debug", lambda *told: IN_PIECES.append(told))
+                autopilot.append(HostAutopilot(*arguments))
         return autopilot[0]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -292,6 +296,11 @@ def test_a_flight_over_a_link_is_logged_without_truth(flight):
     assert depth["depth"][0] < 0.6 < 1.5 < depth["depth"][-1]
     assert np.abs(log["autopilot/eta"]["z"][-1] - depth["depth"][-1]) < 0.02
     assert link.read() == [], "the link is closed"
+
+
+def test_a_tick_is_compiled_in_one_piece(flight):
+    """Else it takes two and a half times as long, and XLA prints a warning on every flight."""
+    assert IN_PIECES == []
 
 
 def test_who_does_not_arm_moves_nothing(tmp_path, scenario):

@@ -39,19 +39,19 @@ def console(
     seed: Seed = None,
     overrides: Overrides = None,
 ) -> None:
-    """Watch, plan and fly from a browser.
+    """Watch, plan and fly from a browser; fly identification tests where the scenario is one (`test_mixed`).
 
     The autopilot runs in a process of its own: closing this one by Ctrl-C ends it in order, killing it does not, and
     `rovtwin console` finds it again. Nothing is loaded from the network.
     """
     try:
-        from rovtwin.console.web.app import Gate, build, build_replay
-        from rovtwin.console.web.gate import LOOPBACK
+        from rovtwin.console.web.app import build, build_replay
+        from rovtwin.console.web.gate import LOOPBACK, Gate
     except ImportError as error:
         raise ConfigError(
             f"the console needs {error.name}, which is not installed: pip install 'rovtwin[console]'"
         ) from None
-    from rovtwin.console.launch import end, running, start
+    from rovtwin.console.launch import end, require_free, running, start
     from rovtwin.console.wire import Place
     from rovtwin.scenario.files import load_scenario
 
@@ -70,8 +70,7 @@ def console(
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
     wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
-    if wanted.test is not None:
-        raise ConfigError(f"{wanted.name}: a test has no way-points; choose a scenario with a mission")
+    require_free(host, port)  # or a second console that cannot begin would end the autopilot of the first
     found = running(place)
     if found is None:
         start(place, wanted, link, sensor or [], speed, runs)
@@ -83,11 +82,12 @@ def console(
             style="yellow",
             markup=False,
         )
+        wanted = load_scenario(str(place.folder / "scenario.yaml"), (), None)  # as that one was given it
     if token:
         screen.print(f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False)
     screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-    build(place, Gate(host, token), wanted, runs)
     try:
+        build(place, Gate(host, token), wanted, runs)
         _serve(host, port, address if browser else "")
     finally:
         end(place)

@@ -13,6 +13,7 @@ from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from rovtwin.scenario.pace import Clock
     from rovtwin.scenario.schema import Scenario
 
 Link = Annotated[
@@ -47,18 +48,12 @@ def fly_link(
     from contextlib import ExitStack
 
     from rovtwin.scenario.flight import run_folder
-    from rovtwin.scenario.live.connect import connect, described, on_this_machine, source
+    from rovtwin.scenario.live.connect import connect, described, source
     from rovtwin.scenario.live.flight import fly_live
-    from rovtwin.scenario.pace import Clock
 
     if not armed and not sys.stdin.isatty():
         raise ConfigError("fly --link: found no terminal to ask on before thrusters may turn; add --arm if they may")
-    if speed != 1.0 and not on_this_machine(link):
-        raise ConfigError(
-            f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours; it is for a twin that is "
-            "served on this machine (an address of 127.0.0.x, or twin://, replay://, ros2://)"
-        )
-    clock = Clock(speed)
+    clock = _clock(speed, link)
     with ExitStack() as stack:
         with progress_bar("") as bar:
             bar.add_task(f"connecting to {link}", total=None)
@@ -89,6 +84,23 @@ def fly_link(
             say=lambda text: bar.update(task, description=text),
             tell=lambda cue: _tell(cue, bar.console),
         )
+
+
+def _clock(speed: float, link: str) -> "Clock":
+    """The clock of a vehicle's time.
+
+    Raises:
+        ConfigError: It shall run at another speed than real time, and the vehicle may be a real one.
+    """
+    from rovtwin.scenario.live.connect import on_this_machine
+    from rovtwin.scenario.pace import Clock
+
+    if speed != 1.0 and not on_this_machine(link):
+        raise ConfigError(
+            f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours; it is for a twin that is "
+            "served on this machine (an address of 127.0.0.x, or twin://, replay://, ros2://)"
+        )
+    return Clock(speed)
 
 
 TOO_OFTEN = 150.0  # no vehicle that is known here tells its rates of turn more often [Hz]
@@ -141,7 +153,10 @@ def record(
     link: Annotated[str, typer.Option(metavar="URL", help="The vehicle; see `rovtwin fly --help`.")],
     out: Annotated[Path, typer.Option(help="New MCAP file.")],
     sensor: Sensors = None,
-    duration: Annotated[float | None, typer.Option(min=0.0, help="Seconds; else until Ctrl-C.")] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Seconds of the vehicle's time; else until Ctrl-C.")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.01, max=50.0, help="Of a served twin's time.")] = 1.0,
     seed: Seed = None,
     overrides: Overrides = None,
     as_json: AsJson = False,
@@ -152,9 +167,8 @@ def record(
     from rovtwin.scenario.files import load_scenario
     from rovtwin.scenario.live.connect import connect, source
     from rovtwin.scenario.live.record import record as record_it
-    from rovtwin.scenario.pace import Clock
 
-    screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), Clock()
+    screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), _clock(speed, link)
     if out.exists():
         raise ConfigError(f"--out {out}: exists already; a log never overwrites another. Choose another name")
     with ExitStack() as stack:

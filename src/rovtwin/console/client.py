@@ -3,6 +3,8 @@
 import asyncio
 import itertools
 import json
+import logging
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -14,7 +16,10 @@ import zmq.asyncio
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import LinkError
 
+logger = logging.getLogger(__name__)
+
 PATIENCE = 2.5  # for an answer [s]
+CONFIRMED = 0.5  # longest wait until the link's host says that thrusters are off [s]
 HUNG = 1.0  # an engine that was not heard for so long hangs, or is gone [s]
 
 News = Callable[[str, bytes], None]  # kind and text of a message
@@ -31,8 +36,8 @@ class Client:
     def __init__(self, place: Place, news: News):
         """Calls `news` in the event loop for every message."""
         self._place, self._news = place, news
-        context = zmq.asyncio.Context.instance()
-        self._ear, self._mouth = context.socket(zmq.SUB), context.socket(zmq.DEALER)
+        self._ear = zmq.asyncio.Context.instance().socket(zmq.SUB)
+        self._mouth = zmq.asyncio.Context.instance().socket(zmq.DEALER)
         self._ear.setsockopt(zmq.RCVHWM, 40)
         self._ear.setsockopt(zmq.SUBSCRIBE, b"")
         self._ear.connect(place.news)
@@ -42,38 +47,68 @@ class Client:
         self._mouth.connect(place.orders)
         self._red = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._red.setblocking(False)
+        self._red_at = place.folder / f"stopped-{os.getpid()}"  # where the link's host answers
+        self._red_at.unlink(missing_ok=True)
+        self._red.bind(str(self._red_at))
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._stopping: dict[bytes, asyncio.Future[None]] = {}
         self.last: dict[str, dict[str, Any]] = {}
         self.heard_at = -1e9
 
     async def listen(self) -> None:
         """Until cancelled."""
-        await asyncio.gather(self._hear_news(), self._hear_answers())
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._red, self._hear_stopped)
+        try:
+            await asyncio.gather(self._hear_news(), self._hear_answers())
+        finally:
+            loop.remove_reader(self._red)
 
     @property
     def hung(self) -> bool:
         """Whether the engine has not been heard for a while."""
         return time.monotonic() - self.heard_at > HUNG
 
-    def stop(self) -> bool:
-        """Thrusters off, past the engine; whether the link's host was there to hear it."""
-        try:
-            self._red.sendto(b"stop", str(self._place.stop))
-            heard = True
-        except OSError:  # no vehicle is held
-            heard = False
-        self.tell("stop")
-        return heard
+    async def stop(self) -> bool:
+        """Thrusters off, past the engine; False where there is no vehicle to stop.
 
-    def tell(self, do: str, **what: Any) -> None:
-        """An order that nobody waits for."""
+        Raises:
+            LinkError: The link's host is there, and does not say that thrusters are off; the text is for people.
+        """
+        text = f"stop {next(self._numbers)}".encode()
+        confirmed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._stopping[text] = confirmed
         try:
-            self._mouth.send(encode({"do": do, "sent": time.monotonic()} | what), zmq.NOBLOCK)
-        except zmq.Again:
-            pass
+            there = self._press(text)
+            self.tell("stop")
+            if there:
+                await asyncio.wait_for(confirmed, CONFIRMED)
+        except TimeoutError:
+            raise LinkError(
+                "the vehicle's process does not confirm that thrusters are off. Cut the vehicle's power"
+            ) from None
+        finally:
+            self._stopping.pop(text, None)
+        return there
 
-    async def ask(self, do: str, **what: Any) -> dict[str, Any]:
+    def _press(self, text: bytes) -> bool:
+        """Tell the link's host to stop; whether there is one."""
+        try:
+            self._red.sendto(text, str(self._place.stop))
+        except BlockingIOError:  # one that does not listen; what waits there will stop it when it does
+            return True
+        except OSError:  # the socket is not there, or of a host that is gone
+            return False
+        return True
+
+    def tell(self, do: str, /, **what: Any) -> None:
+        """An order that nobody waits for: it is said at once or not at all."""
+        # Through the socket of the event loop: to send past it may swallow the sign that an answer has come.
+        said: Any = self._mouth.send(encode(what | {"do": do, "sent": time.monotonic()}), zmq.NOBLOCK)
+        said.exception()  # an engine that takes no more orders hangs, and is known to
+
+    async def ask(self, do: str, /, **what: Any) -> dict[str, Any]:
         """An order; what the engine answers.
 
         Raises:
@@ -83,7 +118,7 @@ class Client:
         answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         try:
-            self.tell(do, id=number, **what)
+            self.tell(do, **what | {"id": number})
             found = await asyncio.wait_for(answer, PATIENCE)
         except TimeoutError:
             raise LinkError("the autopilot does not answer. STOP works all the same") from None
@@ -97,14 +132,18 @@ class Client:
         """Let go of the sockets; the engine goes on."""
         for one in (self._ear, self._mouth, self._red):
             one.close()
+        self._red_at.unlink(missing_ok=True)
 
     async def _hear_news(self) -> None:
         while True:
             text = await self._ear.recv()
             self.heard_at = time.monotonic()
-            message = json.loads(text)
-            self.last[message["kind"]] = message
-            self._news(message["kind"], text)
+            try:
+                message = json.loads(text)
+                self.last[message["kind"]] = message
+                self._news(message["kind"], text)
+            except Exception:  # one message that nobody understands must not deafen the console
+                logger.exception("news of the autopilot: %.200r", text)
 
     async def _hear_answers(self) -> None:
         while True:
@@ -112,3 +151,12 @@ class Client:
             waiting = self._waiting.get(message.get("id"))
             if waiting is not None and not waiting.done():
                 waiting.set_result(message)
+
+    def _hear_stopped(self) -> None:
+        """The link's host says that it obeyed a STOP."""
+        try:
+            waiting = self._stopping.get(self._red.recv(64))
+        except OSError:  # nothing after all
+            return
+        if waiting is not None and not waiting.done():
+            waiting.set_result(None)

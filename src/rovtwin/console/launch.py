@@ -1,8 +1,10 @@
 """Starting an engine, or finding the one that flies already."""
 
+import fcntl
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -27,21 +29,48 @@ class Running:
     link: str
 
 
+def alive(place: Place) -> bool:
+    """Whether an engine is at a place, be it just beginning or ending."""
+    try:
+        with place.lock.open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # there never was one
+        return False
+    return False
+
+
 def running(place: Place) -> Running | None:
-    """The engine at a place, if one is alive."""
+    """The engine at a place, if one is alive: not another process that has the number of one that was killed."""
+    if not alive(place):
+        return None
     try:
         note: dict[str, Any] = json.loads(place.note.read_text(encoding="utf-8"))
-        os.kill(note["pid"], 0)
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError):  # it is just beginning, or ending
         return None
     return Running(note["pid"], note.get("scenario", "?"), note.get("link", "?"))
+
+
+def require_free(host: str, port: int) -> None:
+    """Raise ConfigError where a page cannot be served at an address, as where another console is there."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((host, port))
+        except OSError as error:
+            raise ConfigError(
+                f"{host}:{port}: cannot be served at ({error.strerror}). Is a console there already? Open its page, or "
+                "choose another --port"
+            ) from None
 
 
 def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed: float, runs: Path) -> int:
     """Start an engine in a session of its own, so that it outlives this process and its terminal; its process number.
 
     Raises:
-        ConfigError: It ended at once; the text is what it said.
+        ConfigError: It ended at once, or never began; the text is what it said.
     """
     file = place.folder / "scenario.yaml"
     file.write_text(dump_scenario(scenario), encoding="utf-8")
@@ -60,8 +89,9 @@ def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed
     until = time.monotonic() + 60.0
     while running(place) is None:
         if process.poll() is not None or time.monotonic() > until:
+            process.kill()
             lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise ConfigError(f"the autopilot's process ended at once: {lines[-1] if lines else 'it said nothing'}")
+            raise ConfigError(f"the autopilot's process did not begin: {lines[-1] if lines else 'it said nothing'}")
         time.sleep(0.05)
     return process.pid
 
@@ -73,11 +103,7 @@ def end(place: Place) -> None:
         return
     os.kill(found.pid, signal.SIGTERM)
     until = time.monotonic() + ENDING
-    while running(place) is not None and time.monotonic() < until:
-        try:
-            os.waitpid(found.pid, os.WNOHANG)  # a child of ours must be waited for, or it never goes
-        except ChildProcessError:
-            pass
+    while alive(place) and time.monotonic() < until:
         time.sleep(0.05)
-    if running(place) is not None:
+    if alive(place):
         os.kill(found.pid, signal.SIGKILL)

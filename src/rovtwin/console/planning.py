@@ -91,20 +91,6 @@ class Draft:
         data = {"name": name, "waypoints": [waypoint_of(row) for row in self.rows]}
         return yaml.safe_dump(data, sort_keys=False)
 
-    def read_yaml(self, text: str) -> None:
-        """Take the way-points of a mission file.
-
-        Raises:
-            ConfigError: It is none; every mistake is named.
-        """
-        data = parse_yaml(text, "the file")
-        if isinstance(data, dict) and isinstance(data.get("mission"), dict):  # a scenario
-            data = data["mission"]
-        mission = parse(MissionSection, data, "the file")
-        if any(waypoint.geodetic for waypoint in mission.waypoints):
-            raise ConfigError("the file: found geodetic way-points, expected position: [north, east, down] in metres")
-        self._change([row_of(waypoint) for waypoint in mission.waypoints])
-
     def length(self) -> float:
         """From the first to the last [m]."""
         places = [(row["x"], row["y"], row["depth"]) for row in self.rows]
@@ -125,7 +111,7 @@ class Draft:
         if len(rows) > MOST:
             raise ConfigError(f"the plan: found {len(rows)} way-points, expected at most {MOST}")
         checked = [row_of(parse(Waypoint, waypoint_of(row), f"way-point {i + 1}")) for i, row in enumerate(rows)]
-        self._past = [*self._past[-DEPTHS:], self.rows]
+        self._past = [*self._past[1 - DEPTHS :], self.rows]
         self._future = []
         self.rows = checked
 
@@ -162,6 +148,21 @@ def waypoint_of(row: dict[str, Any]) -> dict[str, Any]:
         raise ConfigError(f"way-point: found {unknown[0]!r}, expected one of x, y, depth, {', '.join(KEYS)}")
     place = [row.get(key, default) for key, default in (("x", None), ("y", None), ("depth", 1.0))]
     return {"position": place} | {key: row[key] for key in KEYS if row.get(key) is not None}
+
+
+def rows_of(text: str) -> list[dict[str, Any]]:
+    """The way-points of a mission file, or of a scenario.
+
+    Raises:
+        ConfigError: It is none; every mistake is named.
+    """
+    data = parse_yaml(text, "the file")
+    if isinstance(data, dict) and isinstance(data.get("mission"), dict):  # a scenario
+        data = data["mission"]
+    mission = parse(MissionSection, data, "the file")
+    if any(waypoint.geodetic for waypoint in mission.waypoints):
+        raise ConfigError("the file: found geodetic way-points, expected position: [north, east, down] in metres")
+    return [row_of(waypoint) for waypoint in mission.waypoints]
 
 
 def square(x: float, y: float, side: float, depth: float, speed: float) -> list[dict[str, Any]]:

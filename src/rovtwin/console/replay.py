@@ -144,7 +144,8 @@ class Recording:
         for name, held in self.readings.items():
             if (last := held.last(t)) >= 0:
                 at = float(held.t[last])
-                hearing.take([Measurement(name, held.values[last], at)], at)
+                hearing.hear([Measurement(name, held.values[last], at)])
+                hearing.news(at)
         return hearing.told(t)
 
     def setup(self) -> dict[str, Any]:

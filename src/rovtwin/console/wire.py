@@ -4,9 +4,11 @@ Sockets lie in a folder that only its owner may enter, so that nobody else of th
 can reach the autopilot. The engine publishes JSON texts with a "kind" and answers orders, JSON texts with a "do".
 """
 
+import contextlib
 import json
 import math
 import os
+import stat
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 
 FRESH = 1.0  # an order older than this is not obeyed: it waited for an autopilot that hung [s]
+LONGEST = 85  # path of a folder in which sockets have room; theirs may have 107 [bytes]
 
 
 @dataclass(frozen=True)
@@ -30,13 +33,16 @@ class Place:
         """The place of the console on a port; made where it is not there.
 
         Raises:
-            ConfigError: It belongs to somebody else.
+            ConfigError: It belongs to somebody else, or its path is too long for sockets.
         """
         folder = Path(tempfile.gettempdir()) / f"rovtwin-{os.getuid()}-{port}"
-        folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.stat()
-        if found.st_uid != os.getuid() or found.st_mode & 0o077:
-            raise ConfigError(f"{folder}: found it open to others, expected it to be yours alone; remove it")
+        if len(os.fsencode(folder)) > LONGEST:
+            raise ConfigError(f"{folder}: found a path too long for sockets, expected {LONGEST} bytes: set TMPDIR=/tmp")
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()  # others of this machine may have laid a link here, to a folder of ours
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+            raise ConfigError(f"{folder}: expected a folder that is yours alone; remove it")
         return cls(folder)
 
     @property
@@ -53,6 +59,11 @@ class Place:
     def stop(self) -> Path:
         """Socket of the link's host at which any message stops the thrusters."""
         return self.folder / "stop"
+
+    @property
+    def lock(self) -> Path:
+        """File that an engine has locked as long as it lives."""
+        return self.folder / "lock"
 
     @property
     def note(self) -> Path:

@@ -3,6 +3,7 @@
 Import `jnp` and `Array` from here, never configure JAX elsewhere: XLA reads its flags when it starts.
 """
 
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -37,6 +38,8 @@ from jax.core import Tracer  # noqa: E402
 from jax.experimental.xla_metadata import set_xla_metadata  # noqa: E402
 
 Array = jax.Array
+
+logger = logging.getLogger(__name__)
 
 
 def cache_folder() -> Path:
@@ -75,6 +78,10 @@ def in_one_piece(function: Callable[..., Any]) -> Callable[..., Any]:
 
     On a processor, XLA starts the hundreds of small operations of such a function one by one. Told that it is small,
     it compiles them into one piece, as it does with the bodies of loops: the autopilot's tick takes half as long.
+
+    XLA cannot do that with all operations: not with products of larger matrices, scatters by indices, sorting or
+    LAPACK. A function that has one is compiled as it is, which is told at level DEBUG; XLA then writes a line of its
+    own to standard error, so that a function for users should have none of them.
     """
     compiled = jax.jit(function)
     if jax.default_backend() != "cpu":
@@ -92,10 +99,9 @@ def in_one_piece(function: Callable[..., Any]) -> Callable[..., Any]:
             try:
                 whole.lower(*arguments).compile()
                 chosen.append(whole)
-            except jax.errors.JaxRuntimeError as error:
-                if "UNIMPLEMENTED" not in str(error):
-                    raise
-                chosen.append(compiled)  # some operations XLA cannot put into such a piece
+            except jax.errors.JaxRuntimeError as error:  # an error of the function itself comes again below
+                logger.debug("not in one piece: %s", error)
+                chosen.append(compiled)
         return chosen[0](*arguments)
 
     return call

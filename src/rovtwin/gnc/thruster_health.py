@@ -147,7 +147,8 @@ class ThrusterHealth(Block):
         baseline = memory.baseline + dt / self.memory * (residual - memory.baseline)
 
         x = residual - baseline
-        s = -(self.lost * memory.health * seen) @ self.signed.T
+        # A sum, for XLA puts no product of such matrices into one piece with the rest of a tick (`in_one_piece`).
+        s = -jnp.sum((self.lost * memory.health * seen)[:, None, :] * self.signed, axis=2)
         fade = dt / self.window
         weighed = s * self.weight
         energy = memory.energy + fade * (jnp.sum(weighed * s, axis=1) - memory.energy)

@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
+from rovtwin.core.urgent import urgent
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.wish import Wish
@@ -128,7 +129,8 @@ def _main(pipe: Connection, servers: list[Server], drones: tuple[str, ...], spee
     os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        asyncio.run(_serve(pipe, servers, drones, speed))
+        with urgent(speed <= 1.0):
+            asyncio.run(_serve(pipe, servers, drones, speed))
     except LinkError as error:
         _tell(pipe, "failed", str(error))
     except Exception as error:  # a mistake of ours: said there, where a user looks

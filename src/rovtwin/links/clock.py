@@ -1,6 +1,12 @@
 """ClockMap: when, on our clock, was what a device stamped with its own. Due: what comes at a rate of simulated time."""
 
 import math
+from collections.abc import Callable
+
+
+def speed_of(clock: Callable[[], float]) -> float:
+    """How fast a clock runs [its seconds a real one]: it says so by an attribute `speed` where that is not 1."""
+    return float(getattr(clock, "speed", 1.0))
 
 
 class ClockMap:
@@ -28,6 +34,12 @@ class ClockMap:
         self.window, self.jump, self.confirm = window, jump, confirm
         self.jumps = 0
         self._restart()
+
+    @classmethod
+    def to(cls, clock: Callable[[], float]) -> "ClockMap":
+        """For times on a clock: where that runs faster than real, so does the device, but the way takes real time."""
+        speed = speed_of(clock)
+        return cls(30.0 * speed, 0.25 * speed, speed)
 
     def _restart(self) -> None:
         self._least = [math.inf, math.inf]  # of this half window and of the one before

@@ -24,6 +24,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE, Link
+from rovtwin.core.urgent import urgent
 
 logger = logging.getLogger(__name__)
 
@@ -55,7 +56,8 @@ def host(pipe: Connection, opener: Opener, thrusters: int, stop_at: Path | None 
         pipe: To the autopilot.
         opener: Opens the link.
         thrusters: How many it has.
-        stop_at: Where to make a socket at which any message stops the thrusters, whatever it says.
+        stop_at: Where to make a socket at which any message stops the thrusters, whatever it says; it goes back to its
+            sender once they are.
     """
     try:
         with opener() as link:
@@ -63,7 +65,8 @@ def host(pipe: Connection, opener: Opener, thrusters: int, stop_at: Path | None 
             if stop_at is not None:
                 _listen_for_stop(stop_at, minding.stop)
             pipe.send(("open", None))
-            minding.mind()
+            with urgent():
+                minding.mind()
     except LinkError as error:
         _last_words(pipe, str(error))
     except Exception as error:  # a driver's mistake: said where a user looks
@@ -86,6 +89,7 @@ class _Host:
         self._answers: SimpleQueue[str] = SimpleQueue()
         self._busy = False
         self._stopped_at = -np.inf  # when it was last told to stop; arming that was asked for before counts no more
+        self._armed_for = -np.inf  # when arming was asked for that it last began
 
     def mind(self) -> None:
         """Until the autopilot is gone.
@@ -128,11 +132,20 @@ class _Host:
 
     def _arm(self, asked_at: float) -> None:
         """Arm the link, unless it was told to stop since that was asked for; why it refused, or nothing, is said."""
-        answer = "it was stopped since arming was asked for" if asked_at < self._stopped_at else _arm(self._link)
-        if not answer and asked_at < self._stopped_at:  # while it armed
+        if asked_at < self._stopped_at:
+            self._answers.put("it was stopped since arming was asked for")
+            return
+        self._armed_for = asked_at
+        answer = _arm(self._link)
+        if not answer and self._halted:  # while it armed
             self._link.stop()
             answer = "stopped while it was being armed"
         self._answers.put(answer)
+
+    @property
+    def _halted(self) -> bool:
+        """Whether it was told to stop and has not been armed since: then zeros go to the link, even if that broke."""
+        return self._stopped_at > self._armed_for
 
     def _obey(self, newest: tuple[float, np.ndarray] | None) -> None:
         if (nap := _asleep() - self._slept) > NAP:
@@ -141,10 +154,10 @@ class _Host:
         now = time.monotonic()
         if newest is not None:
             self._came, u = newest  # one that waited in the pipe is as old as when it was decided
-            if now - self._came <= COMMAND_LIFE:
+            if now - self._came <= COMMAND_LIFE and not self._halted:
                 self._link.send(Command(u))  # type: ignore[arg-type]  (NumPy: it goes to a link)
                 self._live = True
-        if self._live and now - self._came > COMMAND_LIFE:
+        if self._live and (self._halted or now - self._came > COMMAND_LIFE):
             self._link.send(Command(self._off))  # type: ignore[arg-type]  (NumPy, as above)
             self._live = False
 
@@ -161,15 +174,21 @@ class _Host:
 
 
 def _listen_for_stop(path: Path, stop: Callable[[], None]) -> None:
-    """A thread that calls `stop` for every message to a socket of this machine."""
+    """A thread that calls `stop` for every message to a socket of this machine, and then sends it back."""
     path.unlink(missing_ok=True)
     ear = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     ear.bind(str(path))
 
     def listen() -> None:
-        while True:
-            ear.recv(64)
-            stop()
+        with urgent():
+            while True:
+                text, sender = ear.recvfrom(64)
+                try:
+                    stop()
+                    if sender:
+                        ear.sendto(text, socket.MSG_DONTWAIT, sender)
+                except Exception as error:  # a driver's, or a sender is gone: the next STOP must be heard all the same
+                    logger.warning("STOP: %s: %s", type(error).__name__, error)
 
     threading.Thread(target=listen, daemon=True, name="stop").start()
 

@@ -23,12 +23,20 @@ class Table:
 
 def sensor_table(flight: Flight) -> Table | None:
     """What each sensor delivered; None when there was no sensor."""
-    rows = [_sensor_row(name, series) for name, series in flight.sensors.items()]
+    live = flight.log.metadata.get("live") == "true"
+    rows = [_sensor_row(name, series, live) for name, series in flight.sensors.items()]
     head = ["Sensor", "Measures", "Readings", "Rate [Hz]", "Nominal [Hz]", "Longest gap [s]", "Mean delay [ms]"]
-    return Table("Sensors", head, rows) if rows else None
+    return Table("Sensors", head, rows, _OWN_CLOCK if live else "") if rows else None
 
 
-def _sensor_row(name: str, series: Series) -> list[str]:
+# What is left of a time stamp then is the lateness of ticks and the variation of the way, of either sign.
+_OWN_CLOCK = (
+    "Over a link the delay is not known: readings are stamped when they come, or by a clock whose difference to ours "
+    "is known only but for the shortest time under way."
+)
+
+
+def _sensor_row(name: str, series: Series, live: bool) -> list[str]:
     channel, t = series.channel, series.t
     units = dict(zip(channel.fields, channel.units, strict=True))
     values = [f for f in channel.fields if f not in ("t_valid", "valid")]
@@ -36,6 +44,7 @@ def _sensor_row(name: str, series: Series) -> list[str]:
     rate = f"{(len(t) - 1) / span:.3g}" if span > 0 else "-"
     gap = f"{np.diff(t).max():.3g}" if len(t) > 1 else "-"
     delay = f"{1000 * np.nanmean(t - series['t_valid']):.1f}" if "t_valid" in channel.fields else "-"
+    delay = "not known" if live else delay
     unit = sorted({units[f] for f in values})
     return [name, f"{', '.join(values)} [{', '.join(unit)}]", str(len(t)), rate,
             f"{channel.rate:g}" if channel.rate else "-", gap, delay]  # fmt: skip

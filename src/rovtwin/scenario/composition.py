@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from rovtwin.core.block import Start
@@ -58,6 +59,7 @@ class Composed:
     faults: list[dict[str, Any]]
     scenario: Scenario
 
+    @cached_property
     def vehicle_table(self) -> dict[str, Any]:
         """Parameters of the vehicle and what follows from them, for the report; longer to compute than to compose."""
         return summary(self.vehicle)

@@ -30,7 +30,7 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "python": platform.python_version(),
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
-        "vehicle_table": to_json(composed.vehicle_table()),
+        "vehicle_table": to_json(composed.vehicle_table),
         "sensors": to_json({name: _datasheet(sensor) for name, sensor in composed.loop.twin.sensors.items()}),
         "water_density": str(water.kg_per_m3 if (water := scenario.world.water) else composed.vehicle.assembly.density),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",

@@ -69,12 +69,12 @@ class HostAutopilot:
     def change(self, autopilot: Block, memory: Any) -> None:
         """Go on with other parameters and another memory of the same shapes; what the last tick gave stays."""
         self._parameters = self._flat_parameters(autopilot)
-        self._after = self._flat((self._gives.unflatten(self._after)[0], memory))
+        self._after = self._flat((self._gives.unflatten(np.asarray(self._after))[0], memory))
 
     @property
     def memory(self) -> Any:
-        """After the last tick."""
-        return self._gives.unflatten(self._after)[1]
+        """After the last tick, NumPy."""
+        return self._gives.unflatten(np.asarray(self._after))[1]
 
     @property
     def output(self) -> AutopilotOutput:

@@ -7,9 +7,12 @@ import logging
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 from rovtwin.console.wire import Place
+
+TRIES = 10  # to lock a place
 
 
 def main() -> None:
@@ -24,10 +27,7 @@ def main() -> None:
     given = parser.parse_args()
     place = Place(given.place)
     logging.basicConfig(level=logging.WARNING)
-    lock = (place.folder / "lock").open("w")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    if not _lock(place):
         sys.exit(f"{place.folder}: an engine is there already")
     note = {"pid": os.getpid(), "link": given.link}
     place.note.write_text(json.dumps(note), encoding="utf-8")
@@ -54,6 +54,19 @@ def main() -> None:
     finally:
         bridge.close()
         place.note.unlink(missing_ok=True)
+
+
+def _lock(place: Place) -> bool:
+    """Lock a place until this process is gone; False where another engine has it."""
+    lock = os.open(place.lock, os.O_RDWR | os.O_CREAT, 0o600)  # never closed: ending may take a while
+    for _ in range(TRIES):
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except OSError:  # of an engine, or for a moment of somebody who looks whether there is one
+            time.sleep(0.05)
+    os.close(lock)
+    return False
 
 
 if __name__ == "__main__":

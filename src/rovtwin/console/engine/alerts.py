@@ -65,6 +65,8 @@ def _of_supervisor(state: dict[str, Any]) -> list[Alert]:
     if not reason or reason not in REMEDIES:
         return []
     cause, remedy = REMEDIES[reason]
+    if state.get("trial"):  # which knows no Hold
+        remedy = "put right what is wrong, then Start flies the test anew"
     level = "danger" if state["phase"] in (PHASES[i] for i in (7, 11, 12)) else "warning"
     return [Alert(level, f"{state['phase']}: {reason}", cause, remedy)]
 

@@ -9,6 +9,8 @@ import zmq
 
 from rovtwin.console import orders
 from rovtwin.console.engine.engine import Engine
+from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Vessel
 from rovtwin.console.wire import FRESH, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
@@ -66,6 +68,15 @@ class Bridge:
             return {"id": number, "ok": False, "error": str(error)}
         return None if number is None else {"id": number, "ok": True} | found
 
+    def _for_missions(self, vessel: Vessel) -> Helm:
+        """The helm; ConfigError where a test is flown."""
+        if isinstance(vessel.helm, Helm):
+            return vessel.helm
+        raise ConfigError(
+            "a test is flown here, which knows Start and Abort. For way-points and piloting start the console with a "
+            "scenario that has a mission"
+        )
+
     def _underway(self) -> Vessel:
         vessel = self._engine.vessel
         if not self._engine.armed:
@@ -100,26 +111,37 @@ class Bridge:
 
     def _start(self, order: Any) -> None:
         vessel = self._underway()
+        if isinstance(vessel.helm, TrialHelm):
+            self._start_test(vessel.helm)
+            return
         if not self._engine.submitted:
             raise ConfigError("no plan was submitted: submit one first")
         if vessel.helm.is_running:
             raise ConfigError("a mission is under way already: hold or abort it first")
-        self._engine.fly(self._checked(self._engine.plan), len(self._engine.plan))
+        self._engine.fly(vessel.helm, self._checked(self._engine.plan), len(self._engine.plan))
         self._engine.event("info", f"mission started: {len(self._engine.plan)} way-points")
 
+    def _start_test(self, helm: TrialHelm) -> None:
+        test = self._engine.test
+        assert test is not None
+        if test.running:
+            raise ConfigError("the test is under way already: abort it first")
+        self._engine.fly_test(helm, test)
+        self._engine.event("info", f"test started: {test.count} manoeuvres, {test.duration:.0f} s")
+
     def _goto(self, order: orders.Goto) -> None:
-        vessel = self._underway()
-        depth = max(float(vessel.helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
+        helm = self._for_missions(self._underway())
+        depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
         there = Waypoint(position=[order.x, order.y, depth], speed=order.speed)
-        self._engine.fly(self._checked([there]), 1)
+        self._engine.fly(helm, self._checked([there]), 1)
         self._engine.event("info", f"going to north {order.x:.1f} m, east {order.y:.1f} m, depth {depth:.1f} m")
 
     def _pause(self, order: Any) -> None:
-        self._underway().helm.pause()
+        self._for_missions(self._underway()).pause()
         self._engine.event("info", "paused")
 
     def _resume(self, order: Any) -> None:
-        helm = self._underway().helm
+        helm = self._for_missions(self._underway())
         if helm.is_idle or not self._engine.count:
             raise ConfigError("nothing to resume: start a mission first")
         helm.resume()
@@ -130,11 +152,16 @@ class Bridge:
         self._engine.event("warning", "aborted: thrusters off")
 
     def _hold(self, order: Any) -> None:
-        self._underway().helm.hold()
+        helm = self._underway().helm
+        if isinstance(helm, TrialHelm):
+            helm.abort()
+            self._engine.event("warning", "test ended: thrusters off")
+            return
+        helm.hold()
         self._engine.event("info", "holding station")
 
     def _pilot(self, order: orders.Pilot) -> None:
-        helm = self._underway().helm
+        helm = self._for_missions(self._underway())
         if not helm.is_piloted:
             helm.pilot()
             self._engine.event("info", "piloted by hand")
@@ -142,7 +169,7 @@ class Bridge:
         self._engine.wish(sticks * helm.fastest)
 
     def _submit(self, order: orders.Submit) -> None:
-        if self._engine.vessel.helm.is_running:
+        if self._for_missions(self._engine.vessel).is_running:
             raise ConfigError("a mission is under way: hold or abort it before you submit another")
         self._checked(order.waypoints)
         self._engine.submit(order.waypoints)
@@ -169,16 +196,17 @@ class Bridge:
         Raises:
             ConfigError: It leads out of the tank or the fence, too deep, or needs an altimeter that there is not.
         """
-        vessel, scenario = self._engine.vessel, self._engine.scenario_with(waypoints)
+        vessel = self._engine.vessel
+        helm, scenario = self._for_missions(vessel), self._engine.scenario_with(waypoints)
         limit = scenario.autopilot.supervisor.deepest
         for i, waypoint in enumerate(scenario.waypoints):
             if waypoint.depth >= limit:
                 raise ConfigError(f"way-point {i + 1}: found {waypoint.depth:g} m deep, expected less than {limit:g} m")
-            if waypoint.altitude and not vessel.helm.has_terrain:
+            if waypoint.altitude and not helm.has_terrain:
                 raise ConfigError(f"way-point {i + 1}: has an altitude, but there is no altimeter on board")
         require_inside(scenario, vessel.composed.model)
         require_fenced(scenario)
-        return vessel.helm.mission_of(scenario)
+        return helm.mission_of(scenario)
 
     def _pace(self, order: orders.Pace) -> None:
         if not self._engine.is_twin:

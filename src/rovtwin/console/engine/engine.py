@@ -3,6 +3,8 @@
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,16 @@ import numpy as np
 
 from rovtwin.console.engine.alerts import alerts, alerts_of_link
 from rovtwin.console.engine.flights import FlightLog
+from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
 from rovtwin.console.engine.state import Consistency, Hearing, flown
 from rovtwin.console.engine.telling import Teller
+from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
+from rovtwin.core.urgent import urgent
 from rovtwin.scenario.flight import run_folder
 from rovtwin.scenario.pace import SLIP, Pace
 from rovtwin.scenario.realtime import NO_WISH
@@ -35,6 +41,7 @@ class Engine:
         plan, submitted: Way-points that a start flies, and whether an operator gave them.
         count: Way-points of the mission that was started.
         over: Whether to end.
+        test: That is flown in place of a mission, or None.
     """
 
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
@@ -44,10 +51,14 @@ class Engine:
         self._teller = Teller(news)
         self._stage, self._note = "connecting", ""
         self._yard = Shipyard(wanted, speed, self._say)
-        self._speed, self._running = speed, True
+        self._running = True
         self._vessel: Vessel | None = None
         self.armed = self.arming = self.stopped = self.over = False
         self._flight: FlightLog | None = None
+        self._opening: Future[FlightLog | None] | None = None
+        self._ready: FlightLog | None = None
+        self._beside = ThreadPoolExecutor(1)
+        self.test = Manoeuvres(wanted.scenario) if wanted.scenario.test else None
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
@@ -55,10 +66,12 @@ class Engine:
         self._asked_at = -np.inf  # when arming was asked for
         self._k, self._began, self._pace = 0, 0.0, Pace()
         self._before = ("", "")
+        self._urgent = ExitStack()
 
     def run(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         """Until `over`; `obey` gives orders that came, `wait` waits for more, so many seconds at most."""
         self._yard.begin()
+        self._keep_time()
         try:
             while not self.over:
                 obey()
@@ -69,6 +82,7 @@ class Engine:
                 self._tell()
                 wait(min(self._teller.state_rests(), max(self._rests(), SOON)))
         finally:
+            self._urgent.close()
             self._let_go("ended")
             self._teller.close()
 
@@ -95,7 +109,8 @@ class Engine:
         vessel = self.vessel
         self.operator_heard()
         vessel.helm.idle()
-        vessel.link.begin_arming(asked_at)
+        # It takes some tenths of a second, in which ticks go on. A test has one of its own each time.
+        self._opening = self._beside.submit(self._new_flight if self.test is None else lambda: None)
         self.arming, self._asked_at = True, asked_at
 
     def disarm(self) -> None:
@@ -122,10 +137,18 @@ class Engine:
         self._let_go("reconnecting")
         self._yard.begin()
 
-    def fly(self, mission: Mission, count: int) -> None:
+    def fly(self, helm: Helm, mission: Mission, count: int) -> None:
         """Start a mission of so many way-points."""
-        self.vessel.helm.start(mission)
+        helm.start(mission)
         self.count = count
+
+    def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
+        """Start the test; its log begins with it, so that their times are the same."""
+        self._begin_flight(self._new_flight())
+        helm.start()
+        test.begin()
+        self.count = test.count
+        self._tell_hand(self._began + self._k * self._dt)
 
     def submit(self, waypoints: list[Waypoint]) -> None:
         """What the next start flies."""
@@ -134,7 +157,9 @@ class Engine:
         self.event("info", f"plan submitted: {len(self.plan)} way-points")
 
     def scenario_with(self, waypoints: list[Waypoint]) -> Scenario:
-        """The scenario, with these way-points for its mission."""
+        """The scenario, with these way-points for its mission; a test's as it is."""
+        if self.test is not None:
+            return self._wanted.scenario
         return self._wanted.scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
 
     def wish(self, velocity: np.ndarray) -> None:
@@ -149,9 +174,15 @@ class Engine:
     def run_at(self, speed: float | None, running: bool | None) -> None:
         """Let simulated time run so fast, or stand; None leaves it as it is."""
         vessel = self.vessel
-        self._speed = speed or self._speed
+        self._yard.speed = speed or self._yard.speed
         self._running = self._running if running is None else running
-        vessel.link.tell(("pace", *self._yard.clock.run(self._speed if self._running else 0.0)))
+        vessel.link.tell(("pace", *self._yard.clock.run(self._yard.speed if self._running else 0.0)))
+        self._keep_time()
+
+    def _keep_time(self) -> None:
+        """Run before others where time is real; faster simulation takes what is left."""
+        self._urgent.close()
+        self._urgent.enter_context(urgent(self._yard.speed <= 1.0))
 
     def event(self, level: str, text: str) -> None:
         """Tell that something happened; `level` is info, warning or danger."""
@@ -169,17 +200,19 @@ class Engine:
         """One tick; False where the world has not come so far, or the vehicle is lost."""
         vessel, clock = self.vessel, self._yard.clock
         try:
-            self._hearing.take(vessel.ears.read(), self._k * self._dt)
+            self._hearing.hear(vessel.ears.read())
         except LinkError as error:
             self.event("danger", f"link lost: {error}")
             self._let_go(f"link lost: {error}")
             self._say("lost", str(error))
             return False
-        fast = clock.speed > 1.0
-        if fast and self._hearing.truth_at < self._k * self._dt - 0.5 * self._dt:
-            return False
-        readings = self._hearing.news()
-        late = self._pace.wait(self._began + self._k * self._dt, clock, clock.speed)
+        fast, t = clock.speed > 1.0, self._k * self._dt
+        if fast:  # in step with the world: neither outruns the other
+            vessel.link.tell(("reached", self._began + t))
+            if self._hearing.told_until < t - 0.5 * self._dt:
+                return False
+        readings = self._hearing.news(t, t + 0.5 * self._dt if fast else np.inf)
+        late = self._pace.wait(self._began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
             vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
         if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
@@ -190,20 +223,32 @@ class Engine:
         command = vessel.helm.tick(readings, ages, self._wish if now - self._wished_at < WISH_LIFE else NO_WISH)
         if self.armed:
             vessel.link.send(command)
-        self._consistency.take(self._k * self._dt, vessel.helm.output)
-        if self._flight is not None:
+        self._consistency.take(t, vessel.helm.output)
+        if self.armed and self._flight is not None:
             self._flight.add(1e3 * late, vessel.link.age)
+        if self.test is not None and self.test.running:
+            self._go_on(self.test, vessel)
         self._late = max(self._late, late)
         self._k += 1
-        if self.arming and (refused := vessel.link.refused) is not None:
-            self._armed_or_not(vessel, refused)
+        if self.arming:
+            self._go_on_arming(vessel)
         return True
+
+    def _go_on(self, test: Manoeuvres, vessel: Vessel) -> None:
+        """What the test's own time brings, and its end."""
+        if vessel.helm.is_over:
+            done = flown(vessel.helm.output, 0)
+            self._close_flight(done["reason"] or done["phase"])
+            return
+        for cue in test.tick():
+            if not cue.text.isdigit():
+                self.event("warning" if cue.hand else "info", cue.text)
 
     def _take_over(self, vessel: Vessel | None) -> None:
         """Begin to tick with a vehicle that is heard."""
         if vessel is None:
             return
-        self._vessel = vessel
+        self._vessel, self._running = vessel, True
         vessel.ears.drain()
         vessel.helm.restart(vessel.readiness.start)
         self._k, self._began, self._pace, self._late = 0, self._yard.clock(), Pace(), 0.0
@@ -222,17 +267,57 @@ class Engine:
             self._vessel.close()
             self._vessel = None
 
-    def _armed_or_not(self, vessel: Vessel, refused: str) -> None:
+    def _go_on_arming(self, vessel: Vessel) -> None:
+        """First the log is opened, then the vehicle is asked; what came of it is an event."""
+        if self._opening is not None:
+            if not self._opening.done():
+                return
+            opening, self._opening = self._opening, None
+            try:
+                self._ready = opening.result()
+            except RovtwinError as error:
+                self._refuse(f"no log: {error}")
+                return
+            vessel.link.begin_arming(self._asked_at)
+        elif (refused := vessel.link.refused) is not None:
+            if refused:
+                self._refuse(refused)
+                return
+            self.armed, self.arming, self.stopped = True, False, False
+            self.event("info", "armed")
+            if self._ready is not None:
+                self._begin_flight(self._ready)
+
+    def _refuse(self, why: str) -> None:
         self.arming = False
-        if refused:
-            self.event("danger", f"not armed: {refused}")
-            return
-        self.armed, self.stopped = True, False
+        self.event("danger", f"not armed: {why}")
+        self._close_flight("not armed")
+
+    def _new_flight(self) -> FlightLog:
         folder = run_folder(self._wanted.scenario.name, self._runs)
-        self._flight = FlightLog(self.scenario_with(self.plan), vessel.composed, vessel.helm, folder)
-        self.event("info", f"armed; logged in {folder}")
+        return FlightLog(self.scenario_with(self.plan), self.vessel.composed, self.vessel.helm, folder)
+
+    def _begin_flight(self, flight: FlightLog) -> None:
+        """From now on it is written."""
+        flight.began = self._k * self._dt
+        self._flight, self._ready = flight, None
+        self.event("info", f"logged in {flight.folder}")
+
+    def _tell_hand(self, began: float) -> None:
+        """Tell a simulated hand when the test began [s]; inf: it does not."""
+        if self.is_twin and self._vessel is not None:
+            self._vessel.link.tell(("test", began))
 
     def _close_flight(self, ending: str) -> None:
+        if self._opening is not None:
+            opening, self._opening = self._opening, None
+            opening.add_done_callback(lambda done: _close(done, ending))
+        if self._ready is not None:
+            ready, self._ready = self._ready, None
+            ready.close(ending)
+        if self.test is not None and self.test.running:
+            self.test.end(ending)
+            self._tell_hand(np.inf)
         if self._flight is not None:
             flight, self._flight = self._flight, None
             flight.close(ending)
@@ -263,7 +348,7 @@ class Engine:
             "note": self._note,
             "scenario": self._wanted.scenario.name,
             "link": self._wanted.link,
-            "speed": self._speed,
+            "speed": self._yard.speed,
             "running": self._running,
             "armed": self.armed,
             "arming": self.arming,
@@ -286,6 +371,8 @@ class Engine:
             "current": None if truth is None else truth[6:9],
         }
         self._late = 0.0
+        if self.test is not None:
+            state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         self._note_changes(state)
@@ -305,4 +392,10 @@ class Engine:
         return {"kind": "flown", "submitted": self.submitted, "waypoints": waypoints}
 
     def _setup_told(self) -> dict[str, Any]:
-        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness)
+        return setup_of(self._wanted, self.vessel.composed, self.vessel.readiness, self.test and self.test.laid_out())
+
+
+def _close(opening: Future[FlightLog | None], ending: str) -> None:
+    """A log that was opened for nothing."""
+    if opening.exception() is None and (flight := opening.result()) is not None:
+        flight.close(ending)

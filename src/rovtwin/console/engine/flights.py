@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.steering import Steering
+from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
-from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.flight import new_folder
+from rovtwin.scenario.live.flight import metadata_of
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
-from rovtwin.scenario.provenance import provenance, scenario_to_replay
 from rovtwin.scenario.schema import Scenario
 
 CHUNK = 1.0  # written as often [s]
@@ -24,15 +24,14 @@ class FlightLog:
 
     Attributes:
         folder: Where it lies.
+        began: Time at which it starts, by the clock of the helm's readings [s].
     """
 
-    def __init__(self, scenario: Scenario, composed: Composed, helm: Helm, folder: Path):
+    def __init__(self, scenario: Scenario, composed: Composed, helm: Steering, folder: Path):
         """Raises ConfigError or LogError where the folder cannot be written."""
-        self.folder = new_folder(folder)
+        self.folder, self.began = new_folder(folder), 0.0
         self._composed, self._helm = composed, helm
-        text = dump_scenario(scenario_to_replay(scenario, composed, self.folder))
-        metadata = provenance(scenario, composed) | {"live": "true", "thrust": "true", "scenario": text}
-        (self.folder / "scenario.yaml").write_text(text, encoding="utf-8")
+        metadata = metadata_of(scenario, composed, self.folder)
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many)
@@ -58,15 +57,20 @@ class FlightLog:
         if self._rows:
             taken, given, host = zip(*self._rows, strict=True)
             measurements, decided = self._helm.unpacked(taken, given)
-            self._recorder.take(measurements, decided, np.array(host))
+            self._recorder.take(_on_own_clock(measurements, self.began), decided, np.array(host))
             self._rows = []
 
     def _summary(self, ending: str) -> dict[str, Any]:
         if not self._recorder.seconds:
             return {"completed": False, "phase": "idle", "reason": ending, "decisions": []}
         flown = self._recorder.flown()
-        figures = live_figures(flown)
+        figures = live_figures(flown, test=self._composed.scenario.test is not None)
         return figures | {
             "reason": "" if figures["completed"] else figures["reason"] or ending,
             "decisions": decisions(flown, self._composed.thruster_names),
         }
+
+
+def _on_own_clock(measurements: Measurements, began: float) -> Measurements:
+    """The same readings, timed since a flight began, as its ticks are."""
+    return {name: Slot(slot.value, slot.valid, slot.t_valid - began) for name, slot in measurements.items()}

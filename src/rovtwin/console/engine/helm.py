@@ -1,39 +1,23 @@
 """The autopilot as an operator needs it: idle until told, a new mission without compiling, a pilot's wishes."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
+from rovtwin.console.engine.steering import Steering
 from rovtwin.core.block import Start
-from rovtwin.core.flow import (
-    ABORT,
-    ARM,
-    ENDS,
-    NO_REQUEST,
-    PAUSE,
-    PILOT,
-    RESUME,
-    AutopilotOutput,
-    Command,
-    Measurement,
-    Mission,
-    Slot,
-)
-from rovtwin.core.frames import quaternion_from_euler
-from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.core.flow import ABORT, ARM, PAUSE, PILOT, RESUME, Mission
+from rovtwin.core.numerics import jnp
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.supervisor import MODE_PAUSED, MODE_PILOTED, MODE_RUNNING
+from rovtwin.gnc.supervisor import MODE_PAUSED, MODE_PILOTED
 from rovtwin.scenario.composition import Composed, way_points
-from rovtwin.scenario.live.flight import ROOM
-from rovtwin.scenario.realtime import NO_WISH, HostAutopilot
 from rovtwin.scenario.schema import Scenario
 
 MOST = 512  # way-points of a mission: all share one shape, and so one program
 
 
-class Helm:
+class Helm(Steering):
     """An autopilot that ticks for ever.
 
     Attributes:
@@ -49,18 +33,9 @@ class Helm:
         self._scenario, self._model = scenario, composed.model
         self._has_terrain = made.terrain is not None
         self.mission = self.mission_of(scenario)
-        self._autopilot = eqx.tree_at(
-            lambda a: a.mission, made, self.mission, is_leaf=lambda leaf: isinstance(leaf, Mission)
-        )
         self.fastest = np.asarray(made.contingency.fastest)
-        self._key = jax.random.split(composed.key)[0]
-        twin = composed.loop.twin
-        slots = {n: Slot.empty(max(ROOM, s.valid.shape[0]), s.value.shape[1]) for n, s in twin.empty().items()}
-        self._host = HostAutopilot(
-            self._autopilot, self._autopilot.init(self._key, composed.start), slots, scenario.control_dt
-        )
-        self._renewed(composed.start)  # what a start needs is compiled now
-        self._request, self._idle = NO_REQUEST, True
+        ready = eqx.tree_at(lambda a: a.mission, made, self.mission, is_leaf=lambda leaf: isinstance(leaf, Mission))
+        super().__init__(composed, ready, scenario.control_dt)
 
     def mission_of(self, scenario: Scenario) -> Mission:
         """A scenario's way-points in the shape that all missions share here."""
@@ -70,18 +45,6 @@ class Helm:
                 lambda m: m.altitude, mission, jnp.zeros(mission.position.shape[0]), is_leaf=lambda leaf: leaf is None
             )
         return mission
-
-    def restart(self, start: Start) -> None:
-        """Begin anew where the vehicle is; thrusters are off."""
-        self._host.restart(self._autopilot.init(self._key, start))
-        self._idle = True
-
-    def tick(self, readings: Sequence[Measurement], host: Sequence[float], pilot: Sequence[float] = NO_WISH) -> Command:
-        """The command for the readings since the last tick, see HostAutopilot.step."""
-        # An idle autopilot would begin its mission at the first tick that does not ask it to wait.
-        request = PAUSE if self._idle else self._request
-        self._request = NO_REQUEST
-        return self._host.step(readings, request, host, pilot)
 
     def start(self, mission: Mission | None = None) -> None:
         """Fly a mission from its beginning, `mission` or the one submitted."""
@@ -108,20 +71,6 @@ class Helm:
         """Thrusters off."""
         self._ask(ABORT)
 
-    def idle(self) -> None:
-        """Thrusters off, as before the first start."""
-        self._idle = True
-        self._host.change(self._autopilot, self._renewed(self._here()))
-
-    @property
-    def is_idle(self) -> bool:
-        return self._idle
-
-    @property
-    def is_running(self) -> bool:
-        """Whether a mission is under way, and not over."""
-        return not self._idle and self.mode == MODE_RUNNING and int(self.output.setpoint.phase) not in ENDS
-
     @property
     def is_piloted(self) -> bool:
         return not self._idle and (self.mode == MODE_PILOTED or self._request == PILOT)
@@ -131,42 +80,15 @@ class Helm:
         """Whether way-points may have altitudes."""
         return self._has_terrain
 
-    @property
-    def mode(self) -> int:
-        """The supervisor's, one of gnc.supervisor.MODES."""
-        return int(self._host.memory.supervisor.mode.mode)
-
-    @property
-    def output(self) -> AutopilotOutput:
-        """Of the last tick."""
-        return self._host.output
-
-    @property
-    def row(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the last tick took and gave, for `unpacked`."""
-        return self._host.taken, self._host.given
-
-    def unpacked(self, taken: Any, given: Any) -> Any:
-        """See HostAutopilot."""
-        return self._host.unpacked(taken, given)
-
-    def _ask(self, request: int) -> None:
-        self._idle, self._request = False, request
-
     def _begin(self, mission: Mission, request: int) -> None:
         self._autopilot = eqx.tree_at(lambda a: a.mission, self._autopilot, mission)
         self._host.change(self._autopilot, self._renewed(self._here()))
         self._ask(request)
 
     def _renewed(self, start: Start) -> Any:
-        """The memory with all that decides and guides as if it began here; what observes goes on."""
-        fresh, memory = self._autopilot.init(self._key, start), self._host.memory
+        fresh, memory = self._fresh(start), self._host.memory
 
         def parts(m: Any) -> Any:
             return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain)
 
         return eqx.tree_at(parts, memory, parts(fresh), is_leaf=lambda leaf: leaf is None)
-
-    def _here(self) -> Start:
-        eta = np.asarray(self.output.estimate.eta)
-        return Start(as_array(eta[:3]), quaternion_from_euler(as_array([0.0, 0.0, eta[5]])), jnp.zeros(6))

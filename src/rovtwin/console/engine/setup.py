@@ -13,11 +13,14 @@ if TYPE_CHECKING:  # a replay needs none of it, and begins seconds sooner
     from rovtwin.scenario.composition import Composed
     from rovtwin.scenario.live.readiness import Readiness
 
+CORNERS = 64  # of a circle, as browsers draw it
 SIZE = (0.5, 0.5, 0.3)  # shown of a vehicle whose shape nobody gave [m]
 
 
-def setup_of(wanted: "Wanted", composed: "Composed", readiness: "Readiness") -> dict[str, Any]:
-    """The message that tells it."""
+def setup_of(
+    wanted: "Wanted", composed: "Composed", readiness: "Readiness", test: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """The message that tells it; `test` is what Manoeuvres lays out of one."""
     return described(wanted.scenario, composed.vehicle) | {
         "kind": "setup",
         "thrusters": composed.thruster_names,
@@ -27,6 +30,7 @@ def setup_of(wanted: "Wanted", composed: "Composed", readiness: "Readiness") -> 
         "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
         "home": np.asarray(readiness.start.position),
         "missing": list(readiness.missing),
+        "test": test,
     }
 
 
@@ -51,10 +55,20 @@ def _room(scenario: Scenario) -> dict[str, Any]:
 
 
 def _fence(scenario: Scenario) -> dict[str, Any] | None:
+    """Outlines of the fence, a circle and a polygon [m], and how far they reach."""
     fence = scenario.autopilot.supervisor.geofence
-    if fence.limit is None and fence.polygon is None:
+    outlines = []
+    if fence.limit is not None:
+        around = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
+        circle = np.stack([np.cos(around), np.sin(around)], axis=1) * fence.limit
+        outlines.append(circle + np.asarray(scenario.start.position[:2]))
+    if fence.polygon is not None:
+        outlines.append(np.asarray(fence.polygon))
+    if not outlines:
         return None
-    return {"radius": fence.limit, "polygon": fence.polygon}
+    every = np.concatenate(outlines)
+    (north, east), (far_north, far_east) = every.min(axis=0), every.max(axis=0)
+    return {"outlines": outlines, "north": [north, far_north], "east": [east, far_east]}
 
 
 def _waves(scenario: Scenario) -> dict[str, Any] | None:

@@ -15,7 +15,10 @@ TOLD = ("position", "pressure", "attitude", "dvl", "altimeter", "battery", "leak
 
 
 class Hearing:
-    """When each sensor was last heard, and what it said; and the truth of which time, where somebody tells it."""
+    """When each sensor was last heard, and what it said; and the truth of which time, where a twin tells it.
+
+    A twin tells the truth at the end of each of its ticks, so that readings can be told apart by the tick they are of.
+    """
 
     def __init__(self, names: list[str]):
         self._last: dict[str, tuple[float, np.ndarray | None]] = {name: (-np.inf, None) for name in names}
@@ -23,18 +26,27 @@ class Hearing:
         self.truth_at = -np.inf
         self._news: list[Measurement] = []
 
-    def take(self, readings: list[Measurement], t: float) -> None:
-        """What came by the time t."""
+    def hear(self, readings: list[Measurement]) -> None:
+        """What has come."""
         self._news += readings
-        for reading in readings:
+
+    @property
+    def told_until(self) -> float:
+        """Of which time the newest truth is that came [s]."""
+        return max((r.t_valid for r in reversed(self._news) if r.sensor == TRUTH), default=self.truth_at)
+
+    def news(self, t: float, until: float = np.inf) -> list[Measurement]:
+        """What came since this was last asked, for the tick of time t; of a twin only its ticks up to `until`."""
+        count = len(self._news)
+        if until < np.inf:
+            ends = [i for i, r in enumerate(self._news) if r.sensor == TRUTH and r.t_valid <= until]
+            count = ends[-1] + 1 if ends else 0
+        news, self._news = self._news[:count], self._news[count:]
+        for reading in news:
             if reading.sensor == TRUTH:
                 self.truth, self.truth_at = reading.value, reading.t_valid
             elif reading.sensor in self._last:
                 self._last[reading.sensor] = (t, reading.value)
-
-    def news(self) -> list[Measurement]:
-        """What came since this was last asked."""
-        news, self._news = self._news, []
         return news
 
     def told(self, t: float) -> dict[str, Any]:

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
 from rovtwin.links.hosted import CONNECTING, HostedLink
 from rovtwin.scenario.composition import Composed, compose, vehicle_of
 from rovtwin.scenario.live.connect import opener, source
+from rovtwin.scenario.live.flight import needed_by
 from rovtwin.scenario.live.readiness import Ears, Readiness, listen
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import Scenario
@@ -64,7 +66,7 @@ class Vessel:
     sources: list[Source]
     ears: Ears
     readiness: Readiness
-    helm: Helm
+    helm: Helm | TrialHelm
     composed: Composed
     limits: Limits
 
@@ -79,14 +81,15 @@ class Shipyard:
     """Makes vessels in a thread of its own, so that the loop goes on telling and obeying.
 
     Attributes:
-        clock: That readings are stamped with; of a twin it stands until the vessel is ready.
+        clock: That readings are stamped with; of a twin it stands until the world is there.
+        speed: At which it begins to run.
     """
 
     def __init__(self, wanted: Wanted, speed: float, say: Say):
-        self.wanted, self.clock = wanted, Clock(0.0 if wanted.is_twin else speed)
-        self._speed, self._say = speed, say
+        self.wanted, self.speed, self._say = wanted, speed, say
+        self.clock = Clock(speed)
         self._made: Vessel | None = None
-        self._helm: tuple[Composed, Helm, Limits] | None = None
+        self._helm: tuple[Composed, Helm | TrialHelm, Limits] | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
@@ -110,6 +113,7 @@ class Shipyard:
 
     def _vessel(self) -> Vessel:
         wanted = self.wanted
+        self.clock = Clock(0.0 if wanted.is_twin else self.speed)
         self._say("connecting", f"opening {wanted.link}, compiling the autopilot")
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
@@ -124,11 +128,12 @@ class Shipyard:
         try:
             sources += [source(url, self.clock) for url in wanted.sensors]
             if wanted.is_twin:
-                link.tell(("pace", *self.clock.run(self._speed)))
+                link.tell(("pace", *self.clock.run(self.speed)))
             ears = Ears(link, sources)
             self._say("listening", "waiting for the sensors")
             names = composed.sensor_names
-            readiness = listen(ears, names, lambda text: self._say("listening", text), self._speed)
+            needed = needed_by(wanted.scenario)
+            readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed, needed=needed)
         except BaseException:
             link.close()
             raise
@@ -142,6 +147,9 @@ class Shipyard:
             made, patience = opener(wanted.link, wanted.scenario, self.clock), CONNECTING
         return HostedLink(made, len(vehicle_of(wanted.scenario).thruster_names), wanted.stop_at, patience)
 
-    def _compiled(self) -> tuple[Composed, Helm, Limits]:
-        composed = compose(self.wanted.scenario)
-        return composed, Helm(composed, self.wanted.scenario), Limits.of(composed)
+    def _compiled(self) -> tuple[Composed, Helm | TrialHelm, Limits]:
+        scenario = self.wanted.scenario
+        composed = compose(scenario)
+        _ = composed.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
+        kind = TrialHelm if scenario.test else Helm
+        return composed, kind(composed, scenario), Limits.of(composed)

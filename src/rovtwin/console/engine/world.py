@@ -18,15 +18,16 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent
 from rovtwin.simulation.twin import Twin, TwinInput, TwinOutput
 
-LEASH = 0.1  # how far the vehicle goes on without a word from the autopilot [s]
+LEASH = 0.06  # how far the vehicle goes ahead of the autopilot where time runs fast [s]
 TRUTH = "truth"  # a reading that no real vehicle gives: eta (6,), water velocity in n (3,), moving surface's height
 
 
 class WorldLink(TwinLink):
     """A twin that takes orders (`tell`), says the truth beside its readings, and may be armed again after a stop.
 
-    Orders are `(what, *values)`: `("pace", began, before, speed)` from `Clock.run`, `("thruster", number, share)`,
-    `("sensor", name, works)`, `("current", north, east)` [m/s] beside the world's own.
+    Orders are `(what, *values)`: `("pace", began, before, speed)` as `Clock.run` gives it, `("reached", t)` with its
+    own time [s], `("thruster", number, share)`, `("sensor", name, works)`, `("current", north, east)` [m/s] beside the
+    world's own, `("test", t)`: a test with a hand in it begins at its own time t [s], or never, inf.
     """
 
     def __init__(self, composed: Composed, dt: float, clock: Clock):
@@ -34,11 +35,13 @@ class WorldLink(TwinLink):
         self._twin = breakable(composed.loop.twin)
         self._healthy = self._twin.model.thrusters.health
         self._silent: set[str] = set()
+        self._hand = None if self._twin.hand is None else np.asarray(self._twin.hand.spans)
+        self._twin = self._with_hand(np.inf)
         memory = self._twin.init(jax.random.split(composed.key)[1], composed.start)
         self._step = jax.jit(lambda twin, memory, u, k: _moved(twin, memory, u, k, dt))
         self._truth = np.zeros(10)
         super().__init__(self._advance_, memory, self._healthy.shape[0], dt, clock)
-        self._stopped = True  # until it is armed, it waits for nobody
+        self._reached = np.inf  # the autopilot's time, once it tells it [s]
         self._step(self._twin, memory, jnp.zeros_like(self._healthy), 0)  # compiled before anybody waits for it
 
     def _advance_(self, memory: Any, command: Command, k: int) -> Any:
@@ -57,18 +60,29 @@ class WorldLink(TwinLink):
 
     def _leashed(self) -> bool:
         """Whether to wait for the autopilot: faster than real time a vehicle must not outrun it."""
-        return self._clock_.speed > 1.0 and not self._stopped and self._now() - self._sent > LEASH
+        return self._clock_.speed > 1.0 and self._now() - self._reached > LEASH
 
     def arm(self) -> None:
         if self._closed:
             raise LinkError("the twin: closed before it was armed")
-        self._stopped, self._sent = False, self._now()
+        self._stopped = False
+
+    def _with_hand(self, began: float) -> Twin:
+        """The twin whose hand knows when the test began [s]."""
+        if self._hand is None:
+            return self._twin
+        spans = as_array(self._hand + began)
+        return eqx.tree_at(lambda twin: twin.hand.spans, self._twin, spans)
 
     def tell(self, order: tuple[Any, ...]) -> None:
         """Do what an order says; one that there is not is a programming mistake."""
         what, *values = order
-        if what == "pace":
+        if what == "reached":
+            self._reached = values[0]
+        elif what == "pace":
             self._clock_.follow((values[0], values[1], values[2]))
+        elif what == "test":
+            self._twin = self._with_hand(values[0])
         elif what == "thruster":
             health = self._twin.model.thrusters.health.at[values[0]].set(self._healthy[values[0]] * values[1])
             self._twin = eqx.tree_at(lambda twin: twin.model.thrusters.health, self._twin, health)

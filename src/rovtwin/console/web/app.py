@@ -2,6 +2,7 @@
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 from fastapi import Response, WebSocket
 from fastapi.responses import RedirectResponse, StreamingResponse
@@ -10,13 +11,14 @@ from nicegui import app, ui
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
-from rovtwin.console.web.gate import Gate
+from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.web.page import page
 from rovtwin.console.web.replay_routes import add_replay
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.wire import Place
+from rovtwin.core.errors import LinkError
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
@@ -33,22 +35,22 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
         scenario: What it flies.
         runs: Folder of finished runs, which can be replayed.
     """
-    hub, vehicle = Hub(place), vehicle_of(scenario)
+    hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     stream = Stream(scenario, vehicle, place.news, hub.send)
     looks = vehicle_glb(vehicle)
     open_to(gate)
-    add_replay(Shelf(runs), gate, stop=hub.client.stop)
+    add_replay(Shelf(runs), stop=hub.client.stop)
 
     @app.websocket("/live")
     async def live(socket: WebSocket) -> None:
-        if not gate.admits(socket.headers, socket.cookies, socket.query_params):
-            await socket.close(1008)
-            return
         await serve(hub, socket)
 
     @app.post("/stop")
-    async def stop() -> dict[str, bool]:
-        return {"heard": hub.client.stop()}
+    async def stop() -> dict[str, Any]:
+        try:
+            return {"ok": True, "heard": await hub.client.stop()}
+        except LinkError as error:
+            return {"ok": False, "error": str(error)}
 
     @app.get("/camera.mjpg")
     async def camera() -> Response:
@@ -78,7 +80,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
 def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
     """The pages and sockets of a console that flies nothing: a recording, and the runs of a folder."""
     open_to(gate)
-    add_replay(Shelf(runs), gate, recording)
+    add_replay(Shelf(runs), recording)
 
     @app.get("/")
     def index() -> Response:
@@ -88,7 +90,7 @@ def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
 def open_to(gate: Gate) -> None:
     """What all servers have: the files of the pages, and the gate before everything."""
     app.add_static_files("/static", STATIC, max_cache_age=0)
-    gate.guard()
+    app.add_middleware(Guard, gate=gate)
 
 
 def run(host: str, port: int) -> None:

@@ -1,14 +1,15 @@
 """What browsers do to the plan on the table, and what there is to say of it before it is submitted."""
 
 import asyncio
-import math
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
-from rovtwin.console.planning import square, waypoint_of
+from rovtwin.console.planning import MOST, rows_of, square, waypoint_of
+from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("x", "y", "depth", "speed", "acceptance", "hold_time", "heading_deg", "altitude")
 LARGEST = 1_000_000  # file that is taken [characters]
+BEYOND = 1e6  # all that is asked for, in metres
 
 
 class Drafting:
@@ -25,8 +27,8 @@ class Drafting:
         checks: What there is to say of the draft: `level` is ok, warning or error.
     """
 
-    def __init__(self, hub: "Hub"):
-        self._hub = hub
+    def __init__(self, hub: "Hub", sea: SeaCheck):
+        self._hub, self._sea = hub, sea
         self.checks: list[dict[str, str]] = []
 
     async def do(self, what: dict[str, Any]) -> None:
@@ -75,7 +77,7 @@ class Drafting:
         text = what.get("text")
         if not isinstance(text, str) or len(text) > LARGEST:
             raise ConfigError(f"the file: expected text of at most {LARGEST:,} characters")
-        self._hub.draft.read_yaml(text)
+        self._hub.draft.load(await asyncio.to_thread(rows_of, text))  # seconds for a large one: STOP must not wait
 
     async def _template(self, what: dict[str, Any]) -> None:
         depth, speed = _value(what, "depth", 1.0), _value(what, "speed", 0.2)
@@ -100,12 +102,18 @@ class Drafting:
         rows = self._hub.draft.rows
         if not rows:
             self.checks = []
+            self._sea.ask([], self._add_check)
             return
         try:
             found = await self._hub.client.ask("check", waypoints=[waypoint_of(row) for row in rows])
             self.checks = found.get("checks", [])
         except LinkError as error:
             self.checks = [{"level": "error", "what": str(error)}]
+        self._sea.ask(self._hub.draft.waypoints(), self._add_check)
+
+    def _add_check(self, check: dict[str, str]) -> None:
+        self.checks = [*self.checks, check]
+        self._hub.tell_plan()
 
 
 OPERATIONS = (
@@ -127,18 +135,26 @@ def _number(what: dict[str, Any], key: str) -> int:
 
 def _value(what: dict[str, Any], key: str, default: float) -> float:
     found = what.get(key, default)
-    if not isinstance(found, int | float) or isinstance(found, bool) or not math.isfinite(found):
+    if not isinstance(found, int | float) or isinstance(found, bool) or not abs(found) < BEYOND:
         raise ConfigError(f"template.{key}: found {found!r}, expected a number")
     return float(found)
 
 
 def _lawnmower(area: Any, spacing: float, depth: float, speed: float) -> list[dict[str, Any]]:
     """Way-points over an area, by the survey planner."""
+    if not isinstance(area, list) or len(area) < 3:
+        raise ConfigError("lawn-mower: found no area, expected at least three corners [north, east]")
+    try:
+        extent = float(np.ptp(np.asarray(area, dtype=float), axis=0).max())
+    except (TypeError, ValueError, OverflowError):
+        raise ConfigError("lawn-mower: found an area of something else than corners [north, east]") from None
+    if not 0.0 < extent <= 0.5 * MOST * spacing:
+        raise ConfigError(
+            f"lawn-mower: found lines {spacing:g} m apart over {extent:g} m, expected at most {MOST // 2} lines"
+        )
     from rovtwin.scenario.plan_survey import SurveyRequest, lay_out
     from rovtwin.survey.room import Swath
 
-    if not isinstance(area, list) or len(area) < 3:
-        raise ConfigError("lawn-mower: found no area, expected at least three corners [north, east]")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "area.yaml"
         file.write_text(yaml.safe_dump({"outline": area}), encoding="utf-8")

@@ -3,51 +3,33 @@
 import asyncio
 import contextlib
 import json
-from collections import deque
+import logging
+import secrets
+import time
 from collections.abc import Awaitable, Callable
+from datetime import datetime
 from functools import partial
 from typing import Any
 
 from rovtwin.console.client import Client
 from rovtwin.console.control import Rights
 from rovtwin.console.planning import Draft, for_browser, row_from
+from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.drafting import Drafting
+from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import RovtwinError
+from rovtwin.scenario.schema import Scenario
+
+logger = logging.getLogger(__name__)
 
 PULSE = 0.5  # how often browsers hear whether the engine lives [s]
-WAITING = 500  # messages for a browser that does not take them, before it is given up
+LIVING = 0.8  # a page says something more often than this, and looks for a lost server later than this [s]
+LATE = 4.0  # an order given on news older than this is not handed on: it waited in a network that was down [s]
 FREE = ("stop", "take", "give", "refuse", "alive", "hello")  # orders that need no control
 PLAIN = ("arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect")  # as they come, to the engine
 FULL = ("goto", "pace", "inject")
-
-
-class Browser:
-    """A page that is open: what waits to be sent to it. Of states only the newest counts."""
-
-    def __init__(self, name: str):
-        self.name = name
-        self._texts: deque[str] = deque()
-        self._state: str | None = None
-        self._news = asyncio.Event()
-
-    def put(self, text: str, is_state: bool = False) -> None:
-        if is_state:
-            self._state = text
-        elif len(self._texts) < WAITING:
-            self._texts.append(text)
-        self._news.set()
-
-    async def next(self) -> str:
-        """The next text to send."""
-        while True:
-            if self._texts:
-                return self._texts.popleft()
-            if self._state is not None:
-                text, self._state = self._state, None
-                return text
-            self._news.clear()
-            await self._news.wait()
+ANY_AGE = ("disarm", "abort")  # right however long they waited, as STOP is
 
 
 Do = Callable[[str, dict[str, Any]], Awaitable[str]]  # an order and what was said with it -> what to say
@@ -59,15 +41,19 @@ async def answer(browser: Browser, text: str, do: Do) -> None:
         message = json.loads(text)
         if not isinstance(message, dict):
             raise ValueError
-    except ValueError:
+    except (ValueError, RecursionError):
         browser.put(encode({"kind": "reply", "id": None, "ok": False, "error": "not understood"}).decode())
         return
-    number = message.pop("id", None)
+    number, what = message.pop("id", None), message.pop("do", None)
+    what = what[:40] if isinstance(what, str) else "?"
     try:
-        reply: dict[str, Any] = {"ok": True, "said": await do(str(message.pop("do", None)), message)}
+        reply: dict[str, Any] = {"ok": True, "said": await do(what, message)}
     except RovtwinError as error:
         reply = {"ok": False, "error": str(error)}
-    if number is not None:
+    except Exception as error:  # a mistake of ours: whoever gave the order must not be left in doubt
+        logger.exception("order %s", what)
+        reply = {"ok": False, "error": f"{what}: the console failed at it ({type(error).__name__}: {error})"}
+    if isinstance(number, int | float | str):
         browser.put(encode({"kind": "reply", "id": number} | reply).decode())
 
 
@@ -80,10 +66,10 @@ class Hub:
         draft: The plan on the table, which all see and one edits.
     """
 
-    def __init__(self, place: Place):
+    def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
         self.rights, self.draft = Rights(), Draft()
-        self._drafting = Drafting(self)
+        self._drafting = Drafting(self, SeaCheck(scenario))
         self._browsers: list[Browser] = []
         self._seen_plan = False
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -97,15 +83,25 @@ class Hub:
 
     def come(self, name: str) -> Browser:
         """A page that opens, with all that it has to know."""
-        browser = Browser(name)
+        browser = Browser(self._unused(name))
         self._browsers.append(browser)
-        self.rights.come(name)
+        self.rights.come(browser.name)
+        browser.put(self._text(self._pulse_told()))
         for kind in ("setup", "history", "state"):
             if kind in self.client.last:
                 browser.put(encode(self.client.last[kind]).decode())
         browser.put(self._text(self.plan()))
         self.tell_rights()
         return browser
+
+    def _unused(self, wished: str) -> str:
+        """A name that no page has which lives: a tab that was duplicated brings along that of its original."""
+        for other in self._browsers:
+            if other.name == wished:
+                if other.silent < LIVING:
+                    return f"b{secrets.token_hex(2)}"
+                other.give_up()  # its network was lost, and it is the same that comes anew
+        return wished
 
     def leave(self, browser: Browser) -> None:
         """A page that closes."""
@@ -123,8 +119,6 @@ class Hub:
     def say(self, level: str, text: str) -> None:
         """An event of the console's own."""
         state = self.client.last.get("state", {})
-        from datetime import datetime
-
         clock = f"{datetime.now():%H:%M:%S}"
         self.send({"kind": "event", "t": state.get("t", 0.0), "clock": clock, "level": level, "text": text})
 
@@ -157,12 +151,13 @@ class Hub:
 
     async def obey(self, browser: Browser, text: str) -> None:
         """Do what a message of a browser asks, and say what came of it."""
+        browser.spoke()
         await answer(browser, text, partial(self._do, browser))
 
     async def _do(self, browser: Browser, do: str, what: dict[str, Any]) -> str:
-        name = browser.name
+        name, heard = browser.name, what.pop("pulse", None)
         if do == "stop":
-            return "thrusters off" if self.client.stop() else "no vehicle is held"
+            return "thrusters off" if await self.client.stop() else "no vehicle is held"
         if do == "alive":
             if self.rights.holder == name:
                 self.client.tell("alive")
@@ -173,6 +168,8 @@ class Hub:
             return said
         if self.rights.holder != name:
             raise RovtwinError(f"{self.rights.holder or 'nobody'} is in control: ask for it first")
+        if do not in ANY_AGE:
+            _require_new(heard)
         if do == "pilot":
             self.client.tell("pilot", **what)
         elif do == "plan":
@@ -206,12 +203,26 @@ class Hub:
 
     async def _pulse(self) -> None:
         while True:
-            self.send({"kind": "pulse", "hung": self.client.hung})
+            self.send(self._pulse_told())
             await asyncio.sleep(PULSE)
+
+    def _pulse_told(self) -> dict[str, Any]:
+        """Whether the engine lives; pages say with each order of which pulse they have heard last."""
+        return {"kind": "pulse", "hung": self.client.hung, "at": time.monotonic()}
 
     @staticmethod
     def _text(message: dict[str, Any]) -> str:
         return encode(message).decode()
+
+
+def _require_new(heard: Any) -> None:
+    """Raise RovtwinError where the newest pulse that a page had heard when it gave an order is too old [s]."""
+    if heard is None:  # a program in place of a page
+        return
+    if isinstance(heard, bool) or not isinstance(heard, int | float):
+        raise RovtwinError(f"pulse: found {heard!r:.40}, expected the time of one")
+    if not 0.0 <= time.monotonic() - heard <= LATE:
+        raise RovtwinError("it comes late: the network was down when it was given. Look, and give it again")
 
 
 def _place(row: dict[str, Any]) -> tuple[Any, ...]:

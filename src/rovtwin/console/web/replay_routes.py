@@ -9,7 +9,6 @@ from nicegui import app, ui
 from rovtwin.console.reading import Reader
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
-from rovtwin.console.web.gate import Gate
 from rovtwin.console.web.replay_page import refused, replay_page
 from rovtwin.console.web.replaying import Library, Replaying, Stop
 from rovtwin.console.web.sockets import serve
@@ -18,7 +17,7 @@ from rovtwin.core.errors import RovtwinError
 OPENING = 60.0  # longest wait for a run [s]
 
 
-def add_replay(shelf: Shelf, gate: Gate, given: Recording | None = None, stop: Stop | None = None) -> None:
+def add_replay(shelf: Shelf, given: Recording | None = None, stop: Stop | None = None) -> None:
     """Serve replays of a shelf's runs, and of the one that is given; `stop` stops what flies beside."""
     reader = Reader()
     library = Library(shelf, reader.read, given, stop)
@@ -35,9 +34,6 @@ def add_replay(shelf: Shelf, gate: Gate, given: Recording | None = None, stop: S
 
     @app.websocket("/replay/live")
     async def live(socket: WebSocket) -> None:
-        if not gate.admits(socket.headers, socket.cookies, socket.query_params):
-            await socket.close(1008)
-            return
         try:
             replaying = await library.open(socket.query_params.get("run", ""))
         except RovtwinError:

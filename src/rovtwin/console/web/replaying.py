@@ -15,7 +15,8 @@ from rovtwin.console.history import history
 from rovtwin.console.marks import marks_of
 from rovtwin.console.replay import LOG, Recording
 from rovtwin.console.shelf import Shelf
-from rovtwin.console.web.hub import Browser, answer
+from rovtwin.console.web.browser import Browser
+from rovtwin.console.web.hub import answer
 from rovtwin.console.web.mesh import vehicle_glb
 from rovtwin.console.wire import encode
 from rovtwin.core.errors import ConfigError, RovtwinError
@@ -26,7 +27,7 @@ PACES = (0.1, 50.0)  # slowest and fastest
 OPEN = 3  # runs that are kept open at most, besides those that somebody looks at
 
 Read = Callable[[Path], Awaitable[Log]]
-Stop = Callable[[], bool]  # thrusters off, of what flies beside; whether somebody was there to hear it
+Stop = Callable[[], Awaitable[bool]]  # thrusters off, of what flies beside; whether somebody was there to hear it
 
 
 class Seat(Browser):
@@ -90,7 +91,9 @@ class Replaying:
 
     async def _do(self, seat: Seat, do: str, what: dict[str, Any]) -> str:
         if do == "stop":
-            return self._stopped()
+            return await self._stopped()
+        if do == "alive":  # as every page says all the time
+            return ""
         if do == "seek":
             seat.t = self._within(_number(what, "t"))
         elif do == "step":
@@ -102,10 +105,10 @@ class Replaying:
         self._show(seat)
         return ""
 
-    def _stopped(self) -> str:
+    async def _stopped(self) -> str:
         if self._stop is None:
             raise RovtwinError("this is a replay: nothing flies that could be stopped")
-        return "thrusters off" if self._stop() else "no vehicle is held"
+        return "thrusters off" if await self._stop() else "no vehicle is held"
 
     def _play(self, seat: Seat, what: dict[str, Any]) -> None:
         if "speed" in what:

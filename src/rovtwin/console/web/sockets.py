@@ -1,12 +1,18 @@
 """The live socket of a page: what a hub has to say goes out, what the browser asks comes in."""
 
 import asyncio
+import contextlib
+import logging
 import secrets
 from typing import Protocol
 
 from fastapi import WebSocket, WebSocketDisconnect
 
-from rovtwin.console.web.hub import Browser
+from rovtwin.console.web.browser import Browser
+
+logger = logging.getLogger(__name__)
+
+CLOSING = 1.0  # longest wait for a page to be closed [s]
 
 
 class Speaks(Protocol):
@@ -26,17 +32,22 @@ class Speaks(Protocol):
 
 
 async def serve(hub: Speaks, socket: WebSocket) -> None:
-    """Until the page is closed."""
+    """Until the page is closed, or takes nothing any more."""
     await socket.accept()
     browser = hub.come(_name(socket.query_params.get("name", "")))
+    work = (_send(socket, browser), _receive(hub, socket, browser), browser.given_up())
+    tasks = [asyncio.create_task(one) for one in work]
     try:
-        async with asyncio.TaskGroup() as both:  # when one ends, so does the other
-            both.create_task(_send(socket, browser))
-            both.create_task(_receive(hub, socket, browser))
-    except* (WebSocketDisconnect, RuntimeError):
-        pass  # the page was closed
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
         hub.leave(browser)
+        for task in tasks:
+            task.cancel()
+        for ended in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect | RuntimeError):
+                logger.error("page %s: %s: %s", browser.name, type(ended).__name__, ended)
+    with contextlib.suppress(RuntimeError, TimeoutError):  # of a page that is closed, or does not listen
+        await asyncio.wait_for(socket.close(1013), CLOSING)
 
 
 def _name(wished: str) -> str:

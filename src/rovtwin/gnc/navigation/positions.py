@@ -6,9 +6,11 @@ few of them the filter's own position is opened again, so that it cannot lock it
 """
 
 import equinox as eqx
+import numpy as np
 
 from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import readings
 from rovtwin.gnc.navigation.readings import Innovation
 from rovtwin.gnc.navigation.state import ERRORS, HORIZONTAL, NavigationState
@@ -17,6 +19,9 @@ from rovtwin.gnc.observer import squared_norm
 
 TRAIL = 128  # ticks
 REOPENED_VELOCITY = 0.05  # standard deviation given back to the velocity [m/s]
+# North and east of the place, and of the velocity, among the errors. As masks, for a tick with a scatter by indices is
+# not compiled in one piece (`in_one_piece`).
+PLACE, VELOCITY = (np.isin(np.arange(ERRORS), pair) for pair in ((0, 1), (3, 4)))
 
 
 class Trail(eqx.Module):
@@ -93,7 +98,7 @@ def positions(
     for row in range(slot.valid.shape[0]):
         age = readings.age_of(slot.t_valid[row], now, jnp.minimum(tuning.max_age, (TRAIL - 2) * dt))
         one = readings.position(x, slot.value[row], age, trail.since(age, tick, dt), mount)
-        S = one.slope @ P @ one.slope.T + jnp.diag(one.variance)
+        S = product(product(one.slope, P), one.slope.T) + jnp.diag(one.variance)
         there = slot.valid[row]
         far = there & (squared_norm(one.residual, S) > tuning.gate["position"])
         # Two readings of the same place differ by both their noises.
@@ -102,8 +107,7 @@ def positions(
         total = jnp.where(there, jnp.where(far, rejected.total + 1, 0), rejected.total)
         # A filter that is wrong about its speed sees readings that do not even agree.
         lost = far & ((count >= tuning.patience) | (total >= 2 * tuning.patience))
-        opening = jnp.zeros(ERRORS).at[jnp.array([0, 1])].set(one.residual @ one.residual)
-        opening = opening.at[jnp.array([3, 4])].set(REOPENED_VELOCITY**2)
+        opening = jnp.where(PLACE, one.residual @ one.residual, VELOCITY * REOPENED_VELOCITY**2)
         P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opening)
         last = jnp.where(far, one.residual, rejected.residual)
         rejected = Rejected(jnp.where(lost, 0, count), jnp.where(lost, 0, total), last)

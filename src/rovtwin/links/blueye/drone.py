@@ -1,5 +1,6 @@
 """What a Blueye drone keeps in mind between messages: clients, watchdog, motion, modes, lights. No sockets here."""
 
+import math
 import time
 from dataclasses import dataclass, field
 
@@ -8,6 +9,7 @@ from rovtwin.links.blueye.clients import Clients
 from rovtwin.links.wish import Wish
 
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
+AFRESH = 0.5  # a pilot whose watchdog had run out lives again when it has been heard for so long [s]
 OBEYED = ("auto_depth", "auto_heading")  # modes that every vehicle can keep; station keeping needs positions
 
 
@@ -53,6 +55,7 @@ class Drone:
     armed: bool = False
     time_offset: float = 0.0  # of its clock against the computer's, as SyncTime set it [s]
     dropped: int = 0  # messages that could not be parsed, or came from somebody who may not
+    _afresh: float = -math.inf  # when the pilot was heard again after its watchdog had run out [s]
 
     def still(self) -> None:
         """No motion and no modes, until somebody asks for them again."""
@@ -62,8 +65,9 @@ class Drone:
     def obey(self, control: wire.Control, address: str, now: float) -> bool:
         """Take a control message that came from a network address; whether telemetry has something new to tell."""
         if isinstance(control, wire.Watchdog):
+            before = self._silence(now)
             if self.clients.feed(control.client, now):
-                self.armed = True
+                self._arm(before, now)
             return False
         pilot = self.clients.pilot
         if pilot is None or (address and pilot.address and address != pilot.address):
@@ -79,6 +83,29 @@ class Drone:
         elif isinstance(control, wire.WaterDensity):
             self.density = control.value
         return before != (self.modes, self.lights)
+
+    def _silence(self, now: float) -> float:
+        """Time since the pilot was heard [s]; infinite without one."""
+        pilot = self.clients.pilot
+        return now - pilot.heard if pilot else math.inf
+
+    def _arm(self, silence: float, now: float) -> None:
+        """Thrusters on for a watchdog of the pilot, who had been silent before it [s].
+
+        What was sent while the line was down comes all at once when it is whole again, also from a client that has
+        died meanwhile, for nothing in the protocol tells how old a message is. So the first watchdog after one that
+        ran out does not arm: another must come in its own time, which only the living send.
+        """
+        if silence > self.watchdog_s:
+            if self.armed:  # nobody has looked since it ran out
+                self._let_go()
+            self._afresh = now
+        self.armed = now - self._afresh >= AFRESH
+
+    def _let_go(self) -> None:
+        self.armed = False
+        self.still()
+        self.lights = 0.0  # as the drone does, control.proto
 
     def _switch(self, mode: wire.Mode) -> None:
         able = mode.name in OBEYED or (mode.name == "station_keeping" and self.can_keep_position)
@@ -103,7 +130,7 @@ class Drone:
     def _handed_over(self, pilot: int) -> None:
         if self.clients.in_control != pilot:
             self.still()
-            self.armed = False  # until the new pilot's watchdog comes
+            self.armed, self._afresh = False, -math.inf  # until the new pilot's watchdog comes
             if not self.clients.in_control:
                 self.lights = 0.0
 
@@ -111,11 +138,9 @@ class Drone:
         """Watch over the watchdog; says what became of the pilot, or nothing."""
         said = ""
         pilot = self.clients.pilot
-        if self.armed and (pilot is None or now - pilot.heard > self.watchdog_s):
+        if self.armed and self._silence(now) > self.watchdog_s:
             said = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
-            self.armed = False
-            self.still()
-            self.lights = 0.0  # as the drone does, control.proto
+            self._let_go()
         before = self.clients.in_control
         self.clients.forget(now, max(FORGET, self.watchdog_s))
         self._handed_over(before)

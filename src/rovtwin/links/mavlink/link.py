@@ -12,6 +12,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
+from rovtwin.links.clock import speed_of
 from rovtwin.links.mavlink.boot_clock import BootClock, Order
 from rovtwin.links.mavlink.line import Line
 from rovtwin.links.mavlink.mixing import clean_axes
@@ -55,7 +56,7 @@ class MavlinkLink(Link):
         url: In pymavlink's form: `udpin:0.0.0.0:14550`, `udpout:HOST:PORT`, `tcp:HOST:PORT`, `/dev/ttyACM0`.
         axes: u, shape (n,), to surge, sway, heave (down), roll, pitch, yaw, shares of full command, shape (6,): a
             function, as `mixing.shares(thrusters)` gives, or a matrix, shape (6, n).
-        clock: Of the readings' times [s].
+        clock: Of the readings' times [s]; where it runs faster than real it says so by an attribute `speed`.
         readings: What is made of which message.
         rates: Messages that the vehicle is asked to send [Hz], added to RATES; 0 leaves one as it is.
         system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
@@ -90,7 +91,7 @@ class MavlinkLink(Link):
         self._dialect = dialect()
         self._time_limit, self._gain, self._gain_given = time_limit, gain, gain is not None
         self._queue: deque[Measurement] = deque(maxlen=BACKLOG)
-        self._boot, self._order = BootClock(), Order()
+        self._boot, self._order = BootClock(speed_of(clock)), Order(speed_of(clock))
         self._lock = threading.Lock()
         self._news = threading.Condition()
         self._target = target

@@ -138,9 +138,11 @@ class Session:
             where.append(f"tcp {server.address}:{server.tcp_port}")
         if server.ground_station:
             called = _host_and_port(server.ground_station)
-            peer = self._peers.get(called, server.ground_station, lambda data: udp.sendto(data, called))
+            peer = self._peers.get(
+                called, server.ground_station, lambda data: udp.sendto(data, called), time.monotonic()
+            )
             assert peer is not None
-            peer.stays = True
+            peer.called = True
             where.append(f"calls {server.ground_station}")
         self._station.say(f"mavlink: {', '.join(where)} (system {server.system})")
         self._udp = udp
@@ -219,7 +221,8 @@ class Session:
         if not messages:
             return
         known = sender in self._peers.by_address
-        peer = self._peers.get(sender, f"{sender[0]}:{sender[1]}", lambda frame: self._udp.sendto(frame, sender))
+        name, now = f"{sender[0]}:{sender[1]}", time.monotonic()
+        peer = self._peers.get(sender, name, lambda frame: self._udp.sendto(frame, sender), now)
         if peer is None:
             return
         if not known:
@@ -228,9 +231,9 @@ class Session:
         self._take(messages, peer)
 
     def _connected(self, key: Any, name: str, write: Any) -> bool:
-        peer = self._peers.get(key, name, write)
+        peer = self._peers.get(key, name, write, time.monotonic())
         if peer is not None:
-            peer.stays = True  # as long as the connection does
+            peer.close = key.close
             self._station.say(f"mavlink: {name} connected")
             peer.send(self._heartbeat())
         return peer is not None

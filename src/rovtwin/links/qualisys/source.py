@@ -64,7 +64,7 @@ class QtmSource(BackgroundSource):
         self._address, self._body = (host, port), body
         self._lab, self._sensors = lab or Lab(), tuple(sensors)
         self._frames = "allframes" if rate is None else f"frequency:{int(rate)}"
-        self._map = ClockMap()
+        self._map = ClockMap.to(clock)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._end: asyncio.Event | None = None
         self._protocol: Any = None

@@ -13,7 +13,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import COMMAND_LIFE, Link
-from rovtwin.links.clock import ClockMap
+from rovtwin.links.clock import ClockMap, speed_of
 from rovtwin.links.ros2 import convert, listen
 from rovtwin.links.ros2 import messages as msg
 from rovtwin.links.ros2.server import check_namespace
@@ -106,7 +106,7 @@ class Ros2Link(Link):
         self._sim_time: float | None = None
         self._clock = clock or self.sim_time
         self._age_clock = clock or time.monotonic  # that commands age by
-        self._speed = float(getattr(clock, "speed", 1.0))  # of `clock`, in its seconds a real one
+        self._speed = speed_of(clock) if clock else 1.0
         self._stamp_clock, self._tolerance, self._water = stamp_clock, tolerance * max(1.0, self._speed), water
         self._use_sim_time, self._wrench, self._count = use_sim_time, wrench, thrusters
         self._own_time = clock is None  # simulated time is our clock
@@ -282,7 +282,7 @@ class Ros2Link(Link):
         if not self._use_sim_time:
             found.append(self._of_host(stamp, now))
             if listen.is_near(found[-1], now, self._tolerance):
-                return found[-1]
+                return min(found[-1], now)
         if self._sim_time is None:
             fix = "does it use simulated time, and publishes no /clock?"
         else:

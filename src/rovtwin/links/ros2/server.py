@@ -158,12 +158,25 @@ class _Serving:
 
     async def _steer(self) -> None:
         while True:
+            armed = self._armed()
             for heard in self._take():
                 self._obey(*heard)
+            asked = self._armed()
             for pilot in self.pilots.values():
                 if (wish := pilot.wish(time.monotonic())) is not None:
                     self.station.wish(wish)
+            self._tell(asked - armed, "armed")
+            self._tell(armed - asked, "disarmed")
+            self._tell(asked - self._armed(), "its client is silent: disarmed")
             await asyncio.sleep(1.0 / WISHES)
+
+    def _armed(self) -> set[str]:
+        """Names of the drones that are armed."""
+        return {drone for drone, pilot in self.pilots.items() if pilot.armed}
+
+    def _tell(self, drones: set[str], what: str) -> None:
+        for drone in sorted(drones):
+            self.station.say(f"ROS 2 {drone}: {what}".replace(" :", ":"))
 
     def _obey(self, drone: str, topic: str, message: Any, at: float) -> None:
         pilot = self.pilots[drone]

@@ -45,7 +45,8 @@ class DvlServer(Server):
     """Speaks for a DVL A50 on TCP, for several clients at a time.
 
     Velocities come as the station's `dvl` comes. Altitude is that of `altimeter`, else `floor` less `pressure`, else
-    `nominal_altitude`. Dead reckoning integrates `dvl` along `attitude` (level and north without).
+    -1, the vendor's word for none: an invented one would be flown by. Dead reckoning integrates `dvl` along `attitude`
+    (level and north without).
 
     Args:
         host: Address to bind.
@@ -53,7 +54,6 @@ class DvlServer(Server):
         noise: Standard deviation of the velocity's components, which covariance and figure of merit tell [m/s]. The
             default is the vendor's 0.1 cm/s of long-term accuracy, five times over for a single ping across.
         floor: Depth of the floor in n [m], for a vehicle without altimeter.
-        nominal_altitude: Told when nothing is known about the floor [m].
         epoch: What the DVL's clock shows at the vehicle's time 0 [s since 1970]; None: as this machine's clock when it
             starts. It runs with the vehicle's time, which may be faster than real.
         water_speed_of_sound: True speed of sound [m/s]: a client that sets another one gets velocities that are wrong
@@ -64,7 +64,6 @@ class DvlServer(Server):
     port: int = PORT
     noise: tuple[float, float, float] = (0.005, 0.005, 0.001)
     floor: float | None = None
-    nominal_altitude: float = 10.0
     epoch: float | None = None
     water_speed_of_sound: float = 1475.0
     most_clients: int = MOST_CLIENTS
@@ -107,7 +106,7 @@ class _Dvl:
         self._last_report = self._last_valid = -math.inf
         self._position_due = Due(POSITION_PERIOD)
         self._batches = 0
-        self._told_nominal = False
+        self._told_none = False
         self._commands: dict[str, Callable[[Order], Any]] = {
             "get_config": lambda order: dict(self.config),
             "set_config": self._set_config,
@@ -212,13 +211,12 @@ class _Dvl:
         depth = self.station.latest.get("pressure")
         if self.options.floor is not None and depth is not None:
             return self.options.floor - float(depth.value[0])
-        if not self._told_nominal:
-            self._told_nominal = True
+        if not self._told_none:
+            self._told_none = True
             self.station.say(
-                f"dvl: no altimeter on board and no depth of the floor given: altitude is told as "
-                f"{self.options.nominal_altitude:g} m"
+                "dvl: no altimeter on board and no depth of the floor given: altitude is told as -1, which means none"
             )
-        return self.options.nominal_altitude
+        return NO_ALTITUDE
 
     def _position(self) -> PositionReport:
         x, y, z = self.reckoning.position.tolist()

@@ -49,7 +49,7 @@ class DvlSource(BackgroundSource):
         self._address = (host, port)
         self._cos, self._sin = math.cos(rotation), math.sin(rotation)
         self._altimeter = altimeter
-        self._map = ClockMap()
+        self._map = ClockMap.to(clock)
         self._socket: socket.socket | None = None
         self._thread.start()
 

@@ -49,7 +49,7 @@ class VelocityReport:
     Attributes:
         velocity: Over ground, forward, right, down of the vehicle frame [m/s], shape (3,).
         valid: Whether there is bottom lock; velocity and altitude mean nothing without.
-        altitude: Distance to the floor along z [m]; -1 without.
+        altitude: Distance to the floor along z [m]; -1 where there is none, also of a twin that knows no floor.
         fom: Largest standard deviation of the velocity in any direction [m/s].
         covariance: Of the velocity [(m/s)^2], three rows of three; None from old firmware.
         transducers: Its beams; empty from old firmware.

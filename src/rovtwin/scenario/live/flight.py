@@ -12,6 +12,7 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
+from rovtwin.core.urgent import urgent
 from rovtwin.links.replay import ReplayLink
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
@@ -72,11 +73,7 @@ def fly_live(
         readiness = listen(ears, composed.sensor_names, say, clock.speed, needed=needed)
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
-        metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
-        if scenario.test:
-            metadata["test"] = to_json(touched_spans(scenario))
-        metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
-        (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
+        metadata = metadata_of(scenario, composed, folder, thrust)
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
         with LogWriter(folder / "log.mcap", channels, metadata) as log:
             recorder = LiveRecorder(scenario, log.write_many)
@@ -94,6 +91,16 @@ def fly_live(
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
         (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
+
+
+def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bool = True) -> dict[str, str]:
+    """What the log of a flight over a link says of it; the scenario is written into its folder, too."""
+    metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
+    if scenario.test:
+        metadata["test"] = to_json(touched_spans(scenario))
+    metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
+    (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
+    return metadata
 
 
 def _without_world(scenario: Scenario) -> Scenario:
@@ -163,7 +170,7 @@ class _LiveLoop:
         self._ears.drain()
         _rewound(self._link)
         self._ears.zero = began = self._clock()
-        with Interrupt() as interrupt:
+        with Interrupt() as interrupt, urgent(self._clock.speed <= 1.0):
             for k in range(self._total):
                 try:
                     rows.append(self._tick(k, began))

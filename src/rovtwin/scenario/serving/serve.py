@@ -12,6 +12,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Channel, LogWriter
+from rovtwin.core.urgent import urgent
 from rovtwin.links.apart import Protocols
 from rovtwin.links.server import Server
 from rovtwin.links.wish import Wish
@@ -68,6 +69,7 @@ def serve(
         interrupt = stack.enter_context(Interrupt())
         write = stack.enter_context(_truth_log(log, vehicle)) if log else None
         protocols = stack.enter_context(Protocols(servers, vehicle.drones, speed))
+        stack.enter_context(urgent(speed <= 1.0))
         due, shown = time.monotonic(), 0.0
         while not (interrupt.asked or over()) and vehicle.now < duration:
             due += vehicle.dt / speed

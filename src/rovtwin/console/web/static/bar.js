@@ -1,7 +1,7 @@
 /** What is always visible: STOP, and whether, how and where the vehicle flies. */
 import {make, mount} from '/static/canvas.js';
-import {live, stop} from '/static/live.js';
-import {said, theme, toast} from '/static/page.js';
+import {live} from '/static/live.js';
+import {pressStop, said, theme} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
@@ -16,12 +16,13 @@ function fact(label, id) {
   }];
 }
 
+/** What the innovations say of the filter. A value now and then beyond the 95 % band is chance: 1.3 times it is not. */
 function worst(nis) {
   let level = '';
   let text = 'consistent';
   for (const [name, found] of Object.entries(nis || {})) {
     const [value, , low, high] = found;
-    if (value > high && level !== 'warn') [level, text] = ['warn', `${name} off ${value.toFixed(1)}×`];
+    if (value > 1.3 * high && !level) [level, text] = ['warn', `${name} off ${value.toFixed(1)}×`];
     if (value > 3 * high) [level, text] = ['danger', `${name} off ${value.toFixed(1)}×`];
     if (value < low && !level && name === 'position') text = 'cautious';
   }
@@ -35,10 +36,9 @@ function lowest(battery) {
 
 mount('stop', button => {
   button.textContent = 'STOP';
-  const press = () => stop().then(([answer]) => {
-    if (answer.status === 'rejected') toast(`STOP: ${answer.reason.message}`, 'danger');
-  });
+  const press = pressStop;
   button.addEventListener('pointerdown', press);
+  button.addEventListener('click', event => { if (event.detail === 0) press(); });  // by speech or a screen reader
   button.addEventListener('keydown', event => { if (event.key === 'Enter' || event.key === ' ') press(); });
   return () => {};
 });

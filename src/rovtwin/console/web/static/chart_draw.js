@@ -52,11 +52,11 @@ function drawRoom(context, view, setup) {
     stroke(context, colour('text'), 3);
     label(context, 'tank', corner.u + 6, corner.v + 12, 'left');
   }
-  if (setup?.fence?.north && setup.fence.east) {
-    rectangle(context, view, setup.fence.north, setup.fence.east);
+  for (const outline of setup?.fence?.outlines ?? []) {
+    const corners = outline.map(([x, y]) => view.toScreen({x, y}));
+    trace(context, corners, true);
     stroke(context, colour('danger'), 1.5, [10, 5]);
-    const corner = view.toScreen({x: setup.fence.north[0], y: setup.fence.east[0]});
-    label(context, 'fence', corner.u + 6, corner.v - 10, 'left', colour('danger'));
+    label(context, 'fence', corners[0].u + 6, corners[0].v - 10, 'left', colour('danger'));
   }
   if (setup?.home) drawHome(context, view.toScreen({x: setup.home[0], y: setup.home[1]}));
 }

@@ -5,11 +5,12 @@ const waiting = new Map();  // number of an order -> [resolve, reject]
 const ALIVE = 200;  // between two signs of life [ms]
 const RETRY = 1000;  // until a lost server is looked for again [ms]
 const PATIENCE = 30000;  // for an answer [ms]: a survey takes some time to lay out
+const STOPPING = 1000;  // for the answer to STOP [ms]
 const EVENTS = 500;  // kept
 let socket = null;
 let number = 0;
 
-const name = sessionStorage.getItem('rovtwin-name') || `b${Math.random().toString(16).slice(2, 6).padEnd(4, '0')}`;
+let name = sessionStorage.getItem('rovtwin-name') || `b${Math.random().toString(16).slice(2, 6).padEnd(4, '0')}`;
 sessionStorage.setItem('rovtwin-name', name);
 
 export const live = {
@@ -44,13 +45,13 @@ export const live = {
     return new Promise((resolve, reject) => {
       waiting.set(id, [resolve, reject]);
       setTimeout(() => settle({id, ok: false, error: 'the console does not answer'}), PATIENCE);
-      socket.send(JSON.stringify({...order, id}));
+      socket.send(JSON.stringify({...order, id, pulse: live.last.pulse?.at}));
     });
   },
 
   /** An order that nobody waits for, as sticks are. */
   tell(order) {
-    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(order));
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({...order, pulse: live.last.pulse?.at}));
   },
 
   css(variable) { return getComputedStyle(document.body).getPropertyValue(variable); },
@@ -76,6 +77,10 @@ function take(message) {
       if (sight) Object.assign(message, {markers: sight.markers, picture: sight.picture});
     }
     if (message.kind === 'pulse') live.hung = message.hung;
+    if (message.kind === 'rights' && message.you !== name) {  // another page lives under the name that this one brought
+      name = live.name = message.you;
+      sessionStorage.setItem('rovtwin-name', name);
+    }
     live.emit(message.kind, message);
   }
 }
@@ -94,14 +99,24 @@ function connect() {
   };
 }
 
-/** Thrusters off: over the socket and, should that hang, over a request of its own. */
+/**
+ * Thrusters off: over the socket and, should that hang, over a request of its own. Resolves once either says that they
+ * are, rejects with an Error for people where neither does in time.
+ */
 export function stop() {
-  const path = fetch('/stop', {method: 'POST', keepalive: true}).catch(() => {});
-  return Promise.allSettled([live.send({do: 'stop'}), path]);
+  const path = fetch('/stop', {method: 'POST', keepalive: true}).then(answer => answer.json()).then(found => {
+    if (!found.ok) throw new Error(found.error);
+    return found;
+  });
+  const late = new Promise((_, reject) => {
+    setTimeout(() => reject(new Error('the console does not answer')), STOPPING);
+  });
+  const heard = Promise.any([live.send({do: 'stop'}), path]).catch(error => { throw error.errors[0]; });
+  return Promise.race([heard, late]);
 }
 
 // A page that shows something else than the flight, a replay, says where that is told; one that shows nothing, nowhere.
 const path = document.querySelector('meta[name=rovtwin-live]')?.content ?? '/live';
-setInterval(() => { if (live.last.rights?.may) live.tell({do: 'alive'}); }, ALIVE);
+setInterval(() => live.tell({do: 'alive'}), ALIVE);
 if (path) connect();
 window.rovtwin = live;

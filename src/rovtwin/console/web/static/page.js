@@ -11,6 +11,11 @@ export function toast(text, level = 'info') {
   setTimeout(() => box.remove(), TOAST);
 }
 
+/** Thrusters off; says so where nobody confirms it. */
+export function pressStop() {
+  return stop().catch(error => toast(`STOP is not confirmed: ${error.message}`, 'danger'));
+}
+
 /** Runs an order's promise and says why it was refused. */
 export async function said(promise) {
   try {
@@ -47,7 +52,7 @@ document.addEventListener('click', event => {
 
 document.addEventListener('keydown', event => {
   if (event.key === 'Escape' && document.getElementById('stop')) { // where nothing flies there is none
-    stop();
+    pressStop();
     event.preventDefault();
     return;
   }

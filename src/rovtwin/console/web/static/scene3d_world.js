@@ -105,7 +105,7 @@ export class World {
     if (room?.kind === 'tank') return [room.x, room.y];
     const places = this.points.map(p => [p.x, p.y]);
     if (home) places.push(home);
-    if (this.state) places.push(this.state.eta);
+    if (this.state?.eta) places.push(this.state.eta);
     if (fence && places.length < 2) places.push([fence.north[0], fence.east[0]], [fence.north[1], fence.east[1]]);
     if (!places.length) places.push([0, 0]);
     return [0, 1].map(i => {
@@ -125,7 +125,7 @@ export class World {
   #setRoom() {
     clear(this.room);
     const {room} = this.setup;
-    const deepest = Math.max(0, this.state?.eta[2] ?? 0, ...this.points.map(p => p.depth));
+    const deepest = Math.max(0, this.state?.eta?.[2] ?? 0, ...this.points.map(p => p.depth));
     this.known = Number.isFinite(room?.floor);
     this.floor = this.known ? room.floor : Math.ceil(deepest + BELOW);
     const [[south, north], [west, east]] = this.extent;

@@ -1,0 +1,40 @@
+"""A test as its operator needs it: thrusters off until it is started, flown from its beginning, and off again."""
+
+from typing import Any
+
+import equinox as eqx
+
+from rovtwin.console.engine.steering import Steering
+from rovtwin.core.block import Start
+from rovtwin.core.flow import ABORT, RESUME
+from rovtwin.gnc.trial import Trial
+from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.schema import Scenario
+
+
+class TrialHelm(Steering):
+    """A Trial that ticks for ever.
+
+    A test cannot be held and gone on with, it would be another one: what ends it switches the thrusters off, and a
+    start begins it anew, with its home where the vehicle then is.
+    """
+
+    def __init__(self, composed: Composed, scenario: Scenario):
+        """Compiles."""
+        made = composed.loop.autopilot
+        if not isinstance(made, Trial):
+            raise TypeError(f"found {type(made).__name__}, expected a Trial")
+        super().__init__(composed, made, scenario.control_dt)
+
+    def start(self) -> None:
+        """Fly the test from its beginning."""
+        self._host.change(self._autopilot, self._renewed(self._here()))
+        self._ask(RESUME)
+
+    def abort(self) -> None:
+        """Thrusters off."""
+        self._ask(ABORT)
+
+    def _renewed(self, start: Start) -> Any:
+        fresh = self._fresh(start)
+        return eqx.tree_at(lambda m: m.believed, fresh, self._host.memory.believed)

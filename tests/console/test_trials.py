@@ -1,0 +1,120 @@
+"""Tests flown from the console: what their operator is told, when thrusters may run, what is logged and read again."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
+
+from rovtwin.console.engine.flights import FlightLog
+from rovtwin.console.engine.manoeuvres import Manoeuvres
+from rovtwin.console.engine.trial_helm import TrialHelm
+from rovtwin.console.engine.world import WorldLink
+from rovtwin.core.log import Log
+from rovtwin.identification.logs.readers import read_records
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.pace import Clock
+
+ZERO = 7.0  # an engine's clock when the test begins [s]
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    """A pull, then a hand that tilts and a release: four seconds."""
+    return load_scenario(
+        "test_mixed",
+        (
+            "test.manoeuvres=[{manoeuvre: steps, axis: surge, levels: [0.5], duration: 1, settle: 0.5},"
+            "{manoeuvre: release, attitude_deg: [30, 0], by_hand: 1, duration: 1.5}]",
+        ),
+        None,
+    )
+
+
+@pytest.fixture(scope="module")
+def composed(scenario):
+    return compose(scenario)
+
+
+@pytest.fixture(scope="module")
+def helm(composed, scenario):
+    return TrialHelm(composed, scenario)
+
+
+class Standing(Clock):
+    """A clock that is set by hand."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_operator_is_told_manoeuvre_remaining_time_and_what_to_do(scenario):
+    test = Manoeuvres(scenario)
+    assert test.told()["cue"] == "Arm, then Start" and not test.told()["running"]
+    laid_out = test.laid_out()
+    assert [row["what"] for row in laid_out["manoeuvres"]] == ["steps surge", "release at 30, 0 deg"]
+    assert laid_out["manoeuvres"][1]["start"] == 1.5 and laid_out["duration"] == 4.0
+    test.begin()
+    seen = {}
+    for k in range(200):
+        said = [cue.text for cue in test.tick()]
+        seen[round(0.02 * k, 2)] = said, test.told()
+    assert seen[0.0][1]["what"] == "steps surge +0.5"
+    assert seen[1.2][1]["what"] == "settle" and seen[1.2][1]["manoeuvre"] == 0
+    assert seen[1.2][1]["remaining"] == pytest.approx(0.3, abs=0.03)
+    assert seen[1.5][0][0].startswith("TILT IT") and seen[1.5][1]["hand"]
+    assert seen[2.5][0] == ["LET GO, hands away: release at 30, 0 deg, 1.5 s"]
+    assert seen[3.9][1]["cue"].startswith("LET GO") and seen[3.9][1]["manoeuvre"] == 1
+    test.end("finished")
+    assert test.told()["cue"] == "finished: thrusters are off" and not test.told()["hand"]
+
+
+def test_trial_helm_rests_until_started_and_after_an_abort_begins_anew(helm, composed):
+    quiet = (0.0, 0.0, 0.0)
+    helm.restart(composed.start)
+    for _ in range(5):
+        assert not np.any(helm.tick((), quiet).u)
+    helm.start()
+    pulls = [helm.tick((), quiet).u for _ in range(10)]
+    assert helm.is_running and np.abs(pulls).max(axis=1).min() > 0.3
+    helm.abort()
+    assert not np.any(helm.tick((), quiet).u) and helm.is_over and not helm.is_running
+    helm.start()
+    assert np.abs(helm.tick((), quiet).u).max() > 0.3
+    helm.idle()
+    assert not np.any(helm.tick((), quiet).u) and helm.is_idle
+
+
+def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, composed, scenario, tmp_path):
+    """A whole test against the twin's link: the simulated hand tilts when the test says so, whenever that is."""
+    clock, dt = Standing(1.0), scenario.control_dt
+    world = WorldLink(composed, dt, clock)
+    helm.restart(composed.start)
+    before = round(ZERO / dt)
+    world._tick = before  # as if the engine had listened for a while
+    world.tell(("test", ZERO))
+    log = FlightLog(scenario, composed, helm, tmp_path / "run")
+    log.began = ZERO
+    helm.start()
+    tilted = []
+    for k in range(before, before + 202):
+        clock.now = k * dt
+        readings = [r for r in world.read() if r.sensor != "truth"]
+        world.send(helm.tick(readings, (0.0, 0.0, 0.0)))
+        tilted.append(np.degrees(world._truth[3]))
+        log.add(0.0, 0.0)
+    assert helm.is_over
+    summary = log.close("finished")
+    assert summary["completed"] and summary["test"]
+    tilted = np.array(tilted)
+    assert np.abs(tilted[:74]).max() < 5.0 and tilted[120:126].mean() == pytest.approx(30.0, abs=8.0)
+    told = Log.read(tmp_path / "run" / "log.mcap")
+    assert json.loads(told.metadata["test"])[2]["hand"] and told.metadata["live"] == "true"
+    assert abs(told["sensor/gyro"]["t_valid"][-1] - told["sensor/gyro"].t[-1]) < 0.1
+    pull, release = read_records(tmp_path / "run" / "log.mcap", composed.vehicle)
+    assert pull.duration == pytest.approx(1.5, abs=0.05)
+    assert release.duration == pytest.approx(1.0, abs=0.05)  # half a second less: hands are slow
