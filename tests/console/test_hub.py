@@ -190,7 +190,8 @@ def test_a_page_that_takes_nothing_is_given_up(desk):
 class FakeSocket:
     """A browser's end of a WebSocket: says nothing, and takes what it is sent or not."""
 
-    def __init__(self, takes=True, closes=False):
+    def __init__(self, takes=True, closes=None):
+        """`closes`: the page is closed soon, and to close its socket then is this error."""
         self._takes, self._closes = takes, closes
         self.closed, self.query_params = None, {"name": "b1"}
 
@@ -207,7 +208,7 @@ class FakeSocket:
 
     async def close(self, code):
         if self._closes:
-            raise RuntimeError("closed already")
+            raise self._closes
         self.closed = code
 
 
@@ -224,8 +225,9 @@ def serve(desk, socket, meanwhile=lambda: None):
     return asyncio.run(run())
 
 
-def test_a_closed_page_leaves_nothing_behind(desk):
-    assert serve(desk, FakeSocket(closes=True)) == 0
+@pytest.mark.parametrize("error", [RuntimeError("closed already"), WebSocketDisconnect(1006)])
+def test_a_closed_page_leaves_nothing_behind(desk, error):
+    assert serve(desk, FakeSocket(closes=error)) == 0
     assert desk._browsers == [] and desk.rights.told("b1")["in_control"] is None
 
 
