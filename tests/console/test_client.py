@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from tests.console.loops import ran
 
 zmq = pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
@@ -66,7 +67,7 @@ def with_client(tmp_path, test, news=lambda kind, text: None):
             client.close()
             engine.close()
 
-    asyncio.run(run())
+    ran(run())
 
 
 def host(place, answers=True):

@@ -1,8 +1,7 @@
 """Who may come in: every door of the server, from this machine and from others, by pages of ours and of others."""
 
-import asyncio
-
 import pytest
+from tests.console.loops import ran
 
 pytest.importorskip("starlette", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
 
@@ -37,7 +36,7 @@ def knock(gate, door, host, query="", **headers):
     async def send(message):
         sent.append(message)
 
-    asyncio.run(Guard(server, gate)(scope, receive, send))
+    ran(Guard(server, gate)(scope, receive, send))
     first = sent[0]
     if kind == "websocket":
         assert first["type"] in ("websocket.accept", "websocket.close")

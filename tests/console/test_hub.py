@@ -5,6 +5,7 @@ import json
 import time
 
 import pytest
+from tests.console.loops import ran
 
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
@@ -58,7 +59,7 @@ def said(page):
 def obey(desk, page, text):
     """Give an order; the answer."""
     said(page)
-    asyncio.run(desk.obey(page, text if isinstance(text, str) else json.dumps(text)))
+    ran(desk.obey(page, text if isinstance(text, str) else json.dumps(text)))
     replies = [message for message in said(page) if message["kind"] == "reply"]
     return replies[0] if replies else None
 
@@ -135,7 +136,7 @@ def test_stop_does_not_wait_behind_a_large_file(desk, monkeypatch):
         await reading
         assert len(desk.draft.rows) == 1
 
-    asyncio.run(press())
+    ran(press())
 
 
 def test_an_order_that_waited_in_the_network_is_not_given(desk):
@@ -190,7 +191,8 @@ def test_a_page_that_takes_nothing_is_given_up(desk):
 class FakeSocket:
     """A browser's end of a WebSocket: says nothing, and takes what it is sent or not."""
 
-    def __init__(self, takes=True, closes=False):
+    def __init__(self, takes=True, closes=None):
+        """`closes`: the page is closed soon, and to close its socket then is this error."""
         self._takes, self._closes = takes, closes
         self.closed, self.query_params = None, {"name": "b1"}
 
@@ -207,7 +209,7 @@ class FakeSocket:
 
     async def close(self, code):
         if self._closes:
-            raise RuntimeError("closed already")
+            raise self._closes
         self.closed = code
 
 
@@ -221,11 +223,12 @@ def serve(desk, socket, meanwhile=lambda: None):
         await asyncio.wait_for(serving, 1.0)
         return len(asyncio.all_tasks()) - 1
 
-    return asyncio.run(run())
+    return ran(run())
 
 
-def test_a_closed_page_leaves_nothing_behind(desk):
-    assert serve(desk, FakeSocket(closes=True)) == 0
+@pytest.mark.parametrize("error", [RuntimeError("closed already"), WebSocketDisconnect(1006)])
+def test_a_closed_page_leaves_nothing_behind(desk, error):
+    assert serve(desk, FakeSocket(closes=error)) == 0
     assert desk._browsers == [] and desk.rights.told("b1")["in_control"] is None
 
 

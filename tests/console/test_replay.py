@@ -3,9 +3,12 @@
 import asyncio
 import json
 import os
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.console.loops import ran
 from tests.console.messages import state as state_of_a_flight
 
 from rovtwin.console.engine.state import Consistency, Hearing, band
@@ -75,13 +78,15 @@ def test_sensors_are_as_old_as_they_were(recording):
 
 def test_consistency_is_that_of_a_flight(recording):
     """The engine's own window over the same ticks, judged at the same full second."""
-    from types import SimpleNamespace
+
+    def told_by_the_filter(nis: Any, dof: Any) -> Any:
+        return SimpleNamespace(estimate=SimpleNamespace(nis=nis, nis_dof=dof))
 
     nis, dof = recording.log["autopilot/nis"], recording.log["autopilot/nis_dof"]
     engine = Consistency(list(nis.channel.fields))
     for t, n, d in zip(nis.t, nis.values, dof.values, strict=True):
         if t <= 25.0:
-            engine.take(t, SimpleNamespace(estimate=SimpleNamespace(nis=n, nis_dof=d)))
+            engine.take(t, told_by_the_filter(n, d))
     expected, found = engine.told(25.0), recording.state(25.7)["nis"]
     assert found.keys() == expected.keys() and found
     for name in found:
@@ -291,7 +296,7 @@ def test_each_browser_is_where_it_wants_to_be(replaying):
         replaying.leave(one)
         replaying.leave(other)
 
-    asyncio.run(look())
+    ran(look())
     assert replaying.seats == []
 
 
@@ -311,7 +316,7 @@ def test_steps_go_from_sample_to_sample(replaying):
                 await told(replaying, seat, do="seek", t=start)
             assert (await told(replaying, seat, do="step", by=by))["state"]["t"] == pytest.approx(expected)
 
-    asyncio.run(look())
+    ran(look())
 
 
 def test_it_plays_at_its_pace_and_ends_at_the_end(replaying):
@@ -327,7 +332,7 @@ def test_it_plays_at_its_pace_and_ends_at_the_end(replaying):
         replaying.leave(seat)
         assert not seat.running
 
-    asyncio.run(look())
+    ran(look())
 
 
 @pytest.mark.parametrize(
@@ -338,7 +343,7 @@ def test_nothing_else_can_be_ordered(replaying, order):
         reply = (await told(replaying, replaying.come("a"), **order))["reply"]
         assert not reply["ok"] and reply["error"]
 
-    asyncio.run(look())
+    ran(look())
 
 
 def test_stop_reaches_what_flies_beside(recording, replaying):
@@ -347,15 +352,14 @@ def test_stop_reaches_what_flies_beside(recording, replaying):
     async def look(one):
         return (await told(one, one.come("a"), do="stop"))["reply"]
 
-    pressed = []
-
     async def stop():
         pressed.append(1)
         return True
 
-    assert asyncio.run(look(Replaying(recording, "", stop)))["said"] == "thrusters off"
+    pressed = []
+    assert ran(look(Replaying(recording, "", stop)))["said"] == "thrusters off"
     assert pressed == [1]
-    assert "nothing flies" in asyncio.run(look(replaying))["error"]
+    assert "nothing flies" in ran(look(replaying))["error"]
 
 
 def test_library_opens_a_run_once_and_lets_go_of_old_ones(tmp_path):
@@ -379,4 +383,4 @@ def test_library_opens_a_run_once_and_lets_go_of_old_ones(tmp_path):
         with pytest.raises(RovtwinError, match="no such run"):
             await library.open("../x")
 
-    asyncio.run(look())
+    ran(look())

@@ -81,7 +81,7 @@ def track_of(page):
 def test_slider_moves_bar_events_and_track(page):
     scrub(page, 30.0)
     assert page.locator("#fact-time").inner_text().startswith("30.0 s")
-    assert page.locator("#fact-link").inner_text() == "replay of short"
+    assert page.locator("#fact-link").inner_text() == "short"
     shown = page.locator("#events li:not([hidden])")
     texts = shown.all_inner_texts()
     assert any("way-point 1 of 2 reached" in text for text in texts)

@@ -117,7 +117,7 @@ class Recording:
             "stage": "replay",
             "note": "",
             "scenario": self.name,
-            "link": f"replay of {self.name}",
+            "link": self.name,
             "t": t,
             "armed": thrust > 0.5,
             "arming": False,
@@ -146,7 +146,7 @@ class Recording:
                 at = float(held.t[last])
                 hearing.hear([Measurement(name, held.values[last], at)])
                 hearing.news(at)
-        return hearing.told(t)
+        return hearing.told(t)["sensors"]
 
     def setup(self) -> dict[str, Any]:
         """What does not change; where looks and pictures are served is for the server to say."""

@@ -9,7 +9,7 @@ POSE = [10.0, 5.0, 2.0, 0.0, 0.0, np.pi / 2]  # north, east, depth; heads east
 @pytest.fixture(scope="module")
 def page(browser, console_url):
     """All three views, the setup and plan of the lawn-mower, one state; what goes wrong is on `page.wrong`."""
-    from tests.console.conftest import wait_for
+    from tests.console.served.conftest import wait_for
 
     url, process = console_url
     wait_for(f"{url}/all", process)

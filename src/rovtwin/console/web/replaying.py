@@ -92,6 +92,8 @@ class Replaying:
     async def _do(self, seat: Seat, do: str, what: dict[str, Any]) -> str:
         if do == "stop":
             return await self._stopped()
+        if do == "alive":  # as every page says all the time
+            return ""
         if do == "seek":
             seat.t = self._within(_number(what, "t"))
         elif do == "step":

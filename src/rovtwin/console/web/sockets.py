@@ -46,7 +46,7 @@ async def serve(hub: Speaks, socket: WebSocket) -> None:
         for ended in await asyncio.gather(*tasks, return_exceptions=True):
             if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect | RuntimeError):
                 logger.error("page %s: %s: %s", browser.name, type(ended).__name__, ended)
-    with contextlib.suppress(RuntimeError, TimeoutError):  # of a page that is closed, or does not listen
+    with contextlib.suppress(RuntimeError, TimeoutError, WebSocketDisconnect):  # closed already, or deaf
         await asyncio.wait_for(socket.close(1013), CLOSING)
 
 

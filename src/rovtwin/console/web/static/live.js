@@ -6,6 +6,7 @@ const ALIVE = 200;  // between two signs of life [ms]
 const RETRY = 1000;  // until a lost server is looked for again [ms]
 const PATIENCE = 30000;  // for an answer [ms]: a survey takes some time to lay out
 const STOPPING = 1000;  // for the answer to STOP [ms]
+const EVENTS = 500;  // kept
 let socket = null;
 let number = 0;
 
@@ -14,22 +15,25 @@ sessionStorage.setItem('rovtwin-name', name);
 
 export const live = {
   last: {},
+  events: [],  // all of them, for who comes late
   name,
   heard: -Infinity,  // when the last state came [performance.now]
   connected: false,
   hung: false,
 
-  /** Calls `handler` with every message of a kind, and with the last one there was. */
+  /** Calls `handler` with every message of a kind, and with the last one there was; of events with all. */
   on(kind, handler) {
     if (!handlers.has(kind)) handlers.set(kind, new Set());
     handlers.get(kind).add(handler);
-    if (kind in this.last) handler(this.last[kind]);
+    if (kind === 'event') this.events.forEach(handler);
+    else if (kind in this.last) handler(this.last[kind]);
     return () => handlers.get(kind).delete(handler);
   },
 
   /** Hands a message to who asked for its kind, as if the server had sent it. */
   emit(kind, message) {
     live.last[kind] = message;
+    if (kind === 'event') live.events = [...live.events.slice(1 - EVENTS), message];
     for (const handler of handlers.get(kind) || []) handler(message);
   },
 
