@@ -6,7 +6,8 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FINISHED, Command, Environment
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.scenario import compose, fly, load_scenario
+from rovtwin.scenario import compose, composition, fly, load_scenario
+from rovtwin.scenario.composition import vehicle_of
 from rovtwin.vehicle.dynamics import State, rollout
 from rovtwin.vehicle.trim import afloat
 
@@ -31,6 +32,15 @@ def test_from_the_surface_and_back():
     assert flight.log["autopilot/mode"].values[-1, 0] == FINISHED
     assert abs(depth[-1] - afloat(model)) < 0.2
     assert np.all(depth > afloat(model) - 0.1)
+
+
+def test_where_a_vehicle_floats_is_sought_once_for_a_mission(monkeypatch):
+    """Of 512 way-points, checked while it flies, it took the console's autopilot 0.9 s: longer than a command lives."""
+    sought = []
+    monkeypatch.setattr(composition, "afloat", lambda model: sought.append(model) or 0.31)
+    scenario = load_scenario("square", SET)
+    depths = np.asarray(composition.way_points(scenario, vehicle_of(scenario).model()).position[:2, 2])
+    assert len(sought) == 1 and depths.tolist() == [1.0, 0.31]
 
 
 def test_a_start_at_the_surface_is_at_rest_there():

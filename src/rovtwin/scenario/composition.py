@@ -222,7 +222,10 @@ def below_surface(position: list[float], world: WorldSection, model: Model) -> l
 
 def way_points(scenario: Scenario, model: Model, pad_to: int = 16) -> Mission:
     """The mission's arrays, padded to a multiple of so many rows; way-points on the map become places in n."""
-    places = [below_surface(w.placed(scenario.origin), scenario.world, model) for w in scenario.waypoints]
+    places = [w.placed(scenario.origin) for w in scenario.waypoints]
+    if scenario.world.surface:
+        least = afloat(model)  # a search, the same for all: a console checks hundreds of them while it flies
+        places = [[*place[:2], max(place[2], least)] for place in places]
     return mission_of(
         [
             {
