@@ -73,7 +73,7 @@ def test_sensors_are_as_old_as_they_were(recording):
     told = recording.state(t)["sensors"]["position"]
     assert told["age"] == pytest.approx(0.3)
     np.testing.assert_array_equal(told["value"], series.values[4, :-1])
-    assert recording.state(0.0)["sensors"].keys() == Hearing(list(recording.readings)).told(0.0).keys()
+    assert recording.state(0.0)["sensors"].keys() == Hearing(list(recording.readings)).told(0.0)["sensors"].keys()
 
 
 def test_consistency_is_that_of_a_flight(recording):
