@@ -245,10 +245,10 @@ class Armable(Opener):
         return Link(self.told)
 
 
-def fly_on(link, seconds):
-    """Send thrust for a while, as an autopilot does that has not heard of a stop."""
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
+def fly_on(link, over=None):
+    """Send thrust until something is so, or for a while, as an autopilot does that has not heard of a stop."""
+    until = time.monotonic() + (0.1 if over is None else 5.0)
+    while time.monotonic() < until and not (over and over()):
         link.send(Command(np.full(3, 0.5)))
         link.read()
         time.sleep(0.01)
@@ -256,13 +256,13 @@ def fly_on(link, seconds):
 
 def test_stop_while_arming_wins(tmp_path):
     told = tmp_path / "told"
-    with ThreadHosted(Armable(told, takes=0.3), 3, tmp_path / "stop") as link:
+    with ThreadHosted(Armable(told, takes=0.6), 3, tmp_path / "stop") as link:
         link.begin_arming()
         time.sleep(0.1)
         press_stop(tmp_path)
         wait_for(lambda: link.refused is not None)
         assert "stopped while it was being armed" in link.refused
-        fly_on(link, 0.1)
+        fly_on(link)
         assert resting(told)
 
 
@@ -274,10 +274,10 @@ def test_arming_that_was_asked_for_before_a_stop_is_refused(tmp_path):
         link.begin_arming(asked_at)
         wait_for(lambda: link.refused is not None)
         assert "stopped since" in link.refused
-        fly_on(link, 0.1)
+        fly_on(link)
         assert resting(told)
         link.arm()  # asked for after it
-        fly_on(link, 0.1)
+        fly_on(link, lambda: moving(told))
         assert moving(told)
 
 
@@ -285,11 +285,11 @@ def test_stop_holds_though_the_driver_fails_at_it_and_is_heard_again(tmp_path):
     """Zeros go out by the other way; the thread that listens lives on."""
     told = tmp_path / "told"
     with ThreadHosted(Armable(told, stop_fails=True), 3, tmp_path / "stop") as link:
-        fly_on(link, 0.1)
+        fly_on(link, lambda: moving(told))
         assert moving(told)
+        pressed = time.monotonic()
         for _ in range(2):
             with pytest.raises(TimeoutError):  # nothing to confirm
                 press_stop(tmp_path, 0.1)
-        fly_on(link, 0.1)
-        assert resting(told)
-        assert link.stopped_at > time.monotonic() - 0.5
+        fly_on(link, lambda: link.stopped_at > pressed + 0.1)  # of the second
+        assert resting(told) and link.stopped_at > pressed + 0.1
