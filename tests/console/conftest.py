@@ -29,7 +29,8 @@ LAY_OUT = """async names => {
 }"""
 
 
-@pytest.fixture(scope="session")
+# As long as Playwright runs, its event loop does in this thread, and no other test could run one of its own.
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if program is None:
@@ -54,7 +55,7 @@ def answer(route: Any) -> None:
         route.abort()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def views_page(browser: Any) -> Iterator[tuple[Any, list[str]]]:
     """One page for all tests, as opening one takes longer than most of them, and the errors in its console."""
     context = browser.new_context(viewport={"width": 900, "height": 600}, has_touch=True)

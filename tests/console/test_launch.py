@@ -4,7 +4,9 @@ import fcntl
 import json
 import os
 import socket
+import tempfile
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -97,10 +99,11 @@ def test_a_free_port_is_free_and_stays_so():
 
 
 @pytest.fixture
-def tmp(monkeypatch, tmp_path):
-    """The folder for temporary files of this machine."""
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    return tmp_path
+def tmp(monkeypatch):
+    """The folder for temporary files of this machine: a short path, since sockets lie in it."""
+    with tempfile.TemporaryDirectory(prefix="rov", dir="/tmp") as folder:
+        monkeypatch.setattr("tempfile.tempdir", folder)
+        yield Path(folder)
 
 
 def test_a_place_is_ones_own_and_found_again(tmp):
