@@ -68,7 +68,7 @@ def test_who_looks_for_an_engine_keeps_none_from_beginning(place, monkeypatch):
     assert not begin._lock(place)  # a second one
 
 
-def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp_path):
+def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):
     pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
     from rovtwin.cli.console import console
     from rovtwin.scenario import files
@@ -77,7 +77,6 @@ def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp_path
         name, test = "calm", None
 
     done = []
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(files, "load_scenario", lambda *_: Wanted())
     monkeypatch.setattr(launch, "start", lambda *_: done.append("start"))
     monkeypatch.setattr(launch, "end", lambda *_: done.append("end"))

@@ -206,8 +206,10 @@ def test_second_client_observes_and_takes_control(served, drone):
     assert wait_for(lambda: second.get_depth() == 3.5)
     arm(second, served)  # feeds its own watchdog only
     assert served.wishes[-1].motion[0] == 0.5
+    before = len(served.wishes)
     second.take_control()
-    assert second.in_control and wait_for(lambda: not served.wishes[-1].armed)
+    # Until its own watchdog is heard, which on a busy machine may be before we look.
+    assert second.in_control and wait_for(lambda: any(not wish.armed for wish in served.wishes[before:]))
     arm(second, served)
     second.motion.set_surge(-0.25)
     assert wait_for(lambda: served.wishes[-1].motion[0] == -0.25)

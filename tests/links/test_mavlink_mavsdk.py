@@ -98,7 +98,7 @@ def test_telemetry(flying):
     np.testing.assert_allclose([place.north_m, place.east_m, place.down_m], PLACE)
     assert telemetry.position().relative_altitude_m == -2.5
     assert telemetry.battery().remaining_percent == 83.0
-    assert telemetry.health().is_local_position_ok
+    assert soon(lambda: telemetry.health().is_local_position_ok)
 
 
 def test_rates_are_obeyed(flying):
