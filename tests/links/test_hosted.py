@@ -72,17 +72,7 @@ FLIES = """
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGKILL])
 def test_a_terminal_that_is_closed_reaches_all_and_leaves_no_thrust(tmp_path, number):
     """A signal to the whole group of processes, as a dropped ssh or a shutdown sends it."""
-    told = tmp_path / "told"
-    process = flying(tmp_path, new_session=True)
-    try:
-        wait_for(lambda: moving(told), 30.0)
-        os.killpg(process.pid, number)
-        struck = time.monotonic()
-        wait_for(lambda: resting(told))
-        assert last_told(told)[0] - struck < COMMAND_LIFE + 0.2
-    finally:
-        process.kill()
-        process.communicate()
+    rests_after(lambda process: os.killpg(process.pid, number), tmp_path, new_session=True)
 
 
 def test_a_host_that_hangs_holds_nobody_up(tmp_path):
@@ -113,20 +103,25 @@ def flying(tmp_path, *arguments, new_session=False):
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT])
-def test_an_autopilot_that_is_killed_or_hangs_leaves_no_thrust(tmp_path, number):
-    """Killed -9, terminated, interrupted, or stopped so that it no longer answers, and still holds the pipe."""
+def rests_after(strike, tmp_path, new_session=False):
+    """The thrusters of a vehicle that flies are off in time after its autopilot was struck."""
     told = tmp_path / "told"
-    process = flying(tmp_path)
+    process = flying(tmp_path, new_session=new_session)
     try:
         wait_for(lambda: moving(told), 30.0)
-        process.send_signal(number)
+        strike(process)
         struck = time.monotonic()
         wait_for(lambda: resting(told))
         assert last_told(told)[0] - struck < COMMAND_LIFE + 0.2
     finally:
         process.kill()
         process.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT])
+def test_an_autopilot_that_is_killed_or_hangs_leaves_no_thrust(tmp_path, number):
+    """Killed -9, terminated, interrupted, or stopped so that it no longer answers, and still holds the pipe."""
+    rests_after(lambda process: process.send_signal(number), tmp_path)
 
 
 def test_an_exception_in_the_autopilot_leaves_no_thrust(tmp_path):

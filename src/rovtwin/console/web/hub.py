@@ -26,7 +26,6 @@ logger = logging.getLogger(__name__)
 PULSE = 0.5  # how often browsers hear whether the engine lives [s]
 LIVING = 0.8  # a page says something more often than this, and looks for a lost server later than this [s]
 LATE = 4.0  # an order given on news older than this is not handed on: it waited in a network that was down [s]
-FREE = ("stop", "take", "give", "refuse", "alive", "hello")  # orders that need no control
 PLAIN = ("arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect")  # as they come, to the engine
 FULL = ("goto", "pace", "inject")
 ANY_AGE = ("disarm", "abort")  # right however long they waited, as STOP is
