@@ -287,14 +287,19 @@ def _deaf(pilot: Process, onset: float) -> float | None:
     return last + 1.0 if time.monotonic() > last + 1.0 else None
 
 
+def cut_until_rest(made: Bench, pilot: Process, names: tuple[str, ...]) -> float:
+    """Nothing passes until the thrusters rest; how long that took [s]."""
+    onset = time.monotonic()
+    holed(*names)(made, pilot)
+    wait(made.resting, LONG, "the thrusters rest")
+    return made.first_rest(onset) or 0.0
+
+
 def cable_out(*names: str, watchdog: float) -> Callable[[Bench, Process], Outcome]:
     """Nothing passes for longer than the watchdog, the client is killed, then all that was held back comes."""
 
     def run(made: Bench, pilot: Process) -> Outcome:
-        onset = time.monotonic()
-        holed(*names)(made, pilot)
-        wait(made.resting, LONG, "the thrusters rest")
-        rest = made.first_rest(onset) or 0.0
+        rest = cut_until_rest(made, pilot, names)
         made.kill(pilot.children()[0])
         pilot.kill()
         time.sleep(0.5)
@@ -312,10 +317,7 @@ def cable_back(*names: str, within: float) -> Callable[[Bench, Process], Outcome
     """Nothing passes for longer than the watchdog, then all that was held back comes: a client that lives goes on."""
 
     def run(made: Bench, pilot: Process) -> Outcome:
-        onset = time.monotonic()
-        holed(*names)(made, pilot)
-        wait(made.resting, LONG, "the thrusters rest")
-        rest = made.first_rest(onset) or 0.0
+        rest = cut_until_rest(made, pilot, names)
         mended = time.monotonic()
         made.mend()
         wait(made.turning, LONG, "the thrusters turn again")

@@ -176,7 +176,7 @@ class Recording:
         few = np.zeros(0)
         return AutopilotOutput(
             Command(row("u", 0)),
-            Estimate(row("eta"), row("nu"), row("bias"), covariance, few, few, row("wave")),  # type: ignore[arg-type]
+            Estimate(row("eta"), row("nu"), row("bias"), covariance, few, few, row("wave")),  # type: ignore[arg-type]  (NumPy: to be shown)
             Setpoint(row("setpoint"), row("nothing"), leg[:3], leg[3:], on_leg > 0.5, waypoint, phase, reason),
             Reference(row("reference"), row("reference_rate"), row("nothing")),
             Wrench(row("tau"), row("nothing")),

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, PAUSE, AutopilotOutput, Command, Measurement, Slot
-from rovtwin.core.numerics import jax
+from rovtwin.core.numerics import as_array, jax
 from rovtwin.gnc.supervisor import MODE_RUNNING
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.live.flight import ROOM
@@ -90,4 +90,4 @@ class Steering(abc.ABC):
     def _here(self) -> Start:
         eta = np.asarray(self.output.estimate.eta)
         half = 0.5 * float(eta[5])
-        return Start(eta[:3], np.array([math.cos(half), 0.0, 0.0, math.sin(half)]), np.zeros(6))  # type: ignore[arg-type]
+        return Start(as_array(eta[:3]), as_array([math.cos(half), 0.0, 0.0, math.sin(half)]), as_array(np.zeros(6)))

@@ -96,7 +96,7 @@ class WorldLink(TwinLink):
 
 def breakable(twin: Twin) -> Twin:
     """The same twin with room for a current beside its own, so that turning one on compiles nothing."""
-    extra = ConstantCurrent(np.zeros(3))  # type: ignore[arg-type]  (converted)
+    extra = ConstantCurrent(jnp.zeros(3))
     current = extra if twin.world.current is None else CombinedCurrent((twin.world.current, extra))
     return eqx.tree_at(lambda t: t.world.current, twin, current, is_leaf=lambda leaf: leaf is None)
 
