@@ -9,6 +9,7 @@ from fastapi import Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
 from nicegui import app, ui
 
+from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
 from rovtwin.console.web.hub import Browser, Hub
 from rovtwin.console.web.mesh import vehicle_glb
@@ -94,10 +95,13 @@ def build(place: Place, gate: Gate, scenario: Scenario) -> Hub:
 
     @ui.page("/", title="rovtwin")
     def index() -> None:
-        page()
+        page(is_test=scenario.test is not None)
 
     tasks: list[asyncio.Task[None]] = []
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
+    if scenario.test is not None:
+        assessing = Assessing(hub, scenario, vehicle)
+        app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))
     app.on_shutdown(lambda: [task.cancel() for task in tasks])
     return hub
 

@@ -11,8 +11,8 @@ from rovtwin.console.web.thrusters import thrusters
 Filler = Callable[[], None]
 
 
-def page() -> None:
-    """Build it."""
+def page(is_test: bool = False) -> None:
+    """Build it, for missions or for a test."""
     ui.add_head_html('<link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/page.css">')
     ui.add_head_html('<meta name="color-scheme" content="dark light">')
     with ui.element("div").classes("console").props("id=console"):
@@ -21,13 +21,16 @@ def page() -> None:
         with ui.element("main").classes("views"):
             _tabs("left", "Views, left", {"Chart": chart, "3-D": _later("scene")})
             _tabs("right", "Views, right", {"Camera": hud, "Plots": _later("plots")})
-            _tabs("side", "Actions", {"Plan": _section("plan"), "Pilot": _section("pilot"), "World": _section("world")})
+            acting = (
+                {"Identify": _later("identify")} if is_test else {"Plan": _section("plan"), "Pilot": _section("pilot")}
+            )
+            _tabs("side", "Actions", acting | {"World": _section("world")})
         with ui.element("footer").classes("strip"):
             with ui.element("div").classes("cell"):
                 thrusters()
             with ui.element("div").classes("cell"):
                 _later("events")()
-    for module in ("page", "bar", "plan", "pilot", "world"):
+    for module in ("page", "bar", "world") if is_test else ("page", "bar", "plan", "pilot", "world"):
         ui.add_body_html(f'<script type="module" src="/static/{module}.js"></script>')
 
 
