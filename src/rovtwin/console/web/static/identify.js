@@ -86,7 +86,7 @@ mount('identify', section => {
     live.on('rights', able),
     live.on('identify', found => {
       head.textContent = found.error || (found.seconds === undefined ? 'looking at the log …'
-        : `${found.seconds.toFixed(0)} s of ${found.folder} ${found.busy ? '… looking again' : found.final ? ', the whole log' : ''}`);
+        : `${found.seconds.toFixed(0)} s of ${found.folder}${found.busy ? ' … looking again' : found.final ? ', the whole log' : ''}`);
       if (found.quality) quality(log, found.quality);
       estimate.show(found);
     }),
