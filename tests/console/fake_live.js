@@ -10,6 +10,7 @@ export const live = {
   on(kind, act) {
     (heard[kind] ??= []).push(act);
     if (last[kind]) act(last[kind]);
+    return () => { heard[kind] = heard[kind].filter(other => other !== act); };
   },
   css: name => getComputedStyle(document.body).getPropertyValue(name),
   async send(message) {
@@ -17,3 +18,4 @@ export const live = {
     if (window.refuse) throw new Error(window.refuse);
   },
 };
+export const stop = () => live.send({do: 'stop'});

@@ -73,6 +73,23 @@ def test_operator_is_told_manoeuvre_remaining_time_and_what_to_do(scenario):
     assert test.told()["cue"] == "finished: thrusters are off" and not test.told()["hand"]
 
 
+def test_hand_is_counted_down():
+    longer = load_scenario("test_mixed", ("test.manoeuvres=[{manoeuvre: release, attitude_deg: [30, 0]}]",), None)
+    test = Manoeuvres(longer)
+    test.begin()
+    cues = []
+    for _ in range(round(8.5 / longer.control_dt)):
+        test.tick()
+        cues.append(test.told()["cue"])
+    assert [cue[:10] for cue in dict.fromkeys(cues)] == [
+        "TILT IT, t",
+        "let go in ",
+        "let go in ",
+        "let go in ",
+        "LET GO, ha",
+    ]
+
+
 def test_trial_helm_rests_until_started_and_after_an_abort_begins_anew(helm, composed):
     quiet = (0.0, 0.0, 0.0)
     helm.restart(composed.start)

@@ -160,7 +160,7 @@ def identify(
         vehicle = vehicle.without_identification()
     if any(r.command.shape[1] != len(vehicle.thruster_names) for r in [*records, *validate]):
         raise IdentificationError(f"{vehicle.name}: a test has another number of thrusters than the vehicle")
-    parameters, start = _parameters_and_prior(vehicle, records, free, prior, old, settings)
+    parameters, start = parameters_and_prior(vehicle, records, free, prior, old, settings)
     findings = about_parts(vehicle, old)
     summary = _listed(records, "fit") + _listed(validate, "held out")
     if not records and not anchors:
@@ -250,7 +250,7 @@ def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]
     return out
 
 
-def _parameters_and_prior(
+def parameters_and_prior(
     vehicle: Vehicle,
     records: Sequence[Record],
     free: Sequence[str],
@@ -258,6 +258,7 @@ def _parameters_and_prior(
     old: Vehicle | None,
     settings: Options,
 ) -> tuple[Parameters, Gaussian]:
+    """Free parameters and what is known of them before any test; arguments as for `identify`, `said` is its `prior`."""
     change = None if old is None else predicted_change(old, vehicle)
     base = None
     if old is not None:

@@ -88,7 +88,7 @@ class Manoeuvres:
             "of": self.count,
             "what": span["what"],
             "remaining": max(span["end"] - t, 0.0),
-            "cue": self._cue.text if lasting else span["what"],
+            "cue": _large(self._cue.text) if lasting else span["what"],
             "hand": lasting and self._cue.hand,
             "t": t,
             "duration": self.duration,
@@ -103,6 +103,11 @@ def _ready(scenario: Scenario) -> Cue:
     if before and "before you arm" in before[0]:
         return Cue(0.0, before[0], True)
     return Cue(0.0, "Arm, then Start", False)
+
+
+def _large(text: str) -> str:
+    """A cue by itself, where nobody sees what was said before."""
+    return f"let go in {text}" if text.isdigit() else text
 
 
 def _said(section: Section) -> str:

@@ -10,6 +10,7 @@ from nicegui import app, ui
 
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
+from rovtwin.console.web.assessing import Assessing
 from rovtwin.console.web.camera_stream import BOUNDARY, Stream
 from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
@@ -69,10 +70,13 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
 
     @ui.page("/", title="rovtwin")
     def index() -> None:
-        page()
+        page(is_test=scenario.test is not None)
 
     tasks: list[asyncio.Task[None]] = []
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
+    if scenario.test is not None:
+        assessing = Assessing(hub, scenario, vehicle)
+        app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))
     app.on_shutdown(lambda: [task.cancel() for task in tasks])
     return hub
 

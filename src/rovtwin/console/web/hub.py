@@ -72,6 +72,7 @@ class Hub:
         self._browsers: list[Browser] = []
         self._seen_plan = False
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._kept: dict[str, str] = {}
 
     async def run(self) -> None:
         """Until cancelled."""
@@ -89,6 +90,8 @@ class Hub:
         for kind in ("setup", "history", "state"):
             if kind in self.client.last:
                 browser.put(encode(self.client.last[kind]).decode())
+        for text in self._kept.values():
+            browser.put(text)
         browser.put(self._text(self.plan()))
         self.tell_rights()
         return browser
@@ -114,6 +117,11 @@ class Hub:
         text = self._text(message)
         for browser in self._browsers:
             browser.put(text)
+
+    def keep(self, message: dict[str, Any]) -> None:
+        """A message to all, and the newest of its kind to who comes later."""
+        self._kept[message["kind"]] = self._text(message)
+        self.send(message)
 
     def say(self, level: str, text: str) -> None:
         """An event of the console's own."""

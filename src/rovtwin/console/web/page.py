@@ -11,8 +11,11 @@ from rovtwin.console.web.thrusters import thrusters
 Filler = Callable[[], None]
 
 
-def page() -> None:
-    """Build it."""
+def page(is_test: bool = False) -> None:
+    """Build it, for missions or for a test."""
+    forms = {"Plan": "plan", "Pilot": "pilot"} if not is_test else {}
+    forms |= {"World": "world", "Replay": "runs"}
+    acting = {"Identify": later("identify")} if is_test else {}
     head()
     with ui.element("div").classes("console").props("id=console"):
         bar()
@@ -20,14 +23,13 @@ def page() -> None:
         with ui.element("main").classes("views"):
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
             tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots")})
-            forms = {"Plan": "plan", "Pilot": "pilot", "World": "world", "Replay": "runs"}
-            tabs("side", "Actions", {title: section(name) for title, name in forms.items()})
+            tabs("side", "Actions", acting | {title: section(name) for title, name in forms.items()})
         with ui.element("footer").classes("strip"):
             with ui.element("div").classes("cell"):
                 thrusters()
             with ui.element("div").classes("cell"):
                 later("events")()
-    for module in ("page", "bar", "plan", "pilot", "world", "runs"):
+    for module in ("page", "bar", *forms.values()):
         ui.add_body_html(f'<script type="module" src="/static/{module}.js"></script>')
 
 

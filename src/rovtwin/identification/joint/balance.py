@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.errors import IdentificationError
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.gaussian import Gaussian
@@ -24,7 +25,7 @@ from rovtwin.vehicle.dynamics import acceleration
 
 WINDOW = 1.0  # over which the change of velocity is compared [s]
 _STEP = 0.1  # between the states at which the model is asked, at most [s]
-_FEWEST = 50  # changes, all components counted, below which the prior says more
+FEWEST = 50  # changes, all components counted, below which the prior says more
 _MOST = 300  # windows, evenly chosen from long records: enough for a start
 _STEPS, _SMALL = 40, 0.01  # the cost falls by less than this share: done
 _HUBER = 2.0
@@ -75,6 +76,26 @@ class Balance:
             "used": (whole[:, None] & clear).astype(float),
         }
 
+    def padded(self, arrays: dict[str, Any], segments: int) -> dict[str, Any]:
+        """The same with room for so many segments, so that a log that grows needs no other program.
+
+        Raises:
+            IdentificationError: There are more already.
+        """
+        windows = min(_MOST, segments * self.grid.steps // self.window)
+        more, spare = segments - len(arrays["command"]), windows - len(arrays["used"])
+        if more < 0 or spare < 0:
+            raise IdentificationError(f"found {len(arrays['command'])} segments, expected {segments} at most")
+
+        def longer(x: np.ndarray, count: int) -> np.ndarray:
+            return np.concatenate([x, np.repeat(x[-1:], count, axis=0)])
+
+        by_row = {key: arrays[key] for key in ("path", "own", "rows")}
+        by_row = jax.tree.map(lambda x: longer(x, spare * self.window), by_row)
+        out = arrays | by_row | {key: longer(arrays[key], more) for key in ("command", "fresh")}
+        unused = np.zeros((spare, 6))
+        return out | {key: np.concatenate([arrays[key], unused]) for key in ("change", "used")}
+
     def _gaps(self, theta: Array, arrays: dict[str, Any]) -> Array:
         """Shape (W, 6), zero where something was not seen."""
         model, extras = self.parameters.model_at(theta)
@@ -103,11 +124,14 @@ def balanced(balance: Balance, segments: Segments, prior: Gaussian, static: Line
         prior: Holds what they do not tell.
         static: Evidence that is no motion.
     """
-    fit = _Fit(balance, balance.arrays_of(segments), prior, static)
-    if fit.used.sum() < _FEWEST:
-        return prior.mean.copy()
+    fit = Fit(balance, balance.arrays_of(segments), prior, static)
+    return prior.mean.copy() if fit.used.sum() < FEWEST else lowest(fit, balance.parameters, prior)[0]
+
+
+def lowest(fit: "Fit", parameters: Parameters, prior: Gaussian) -> tuple[np.ndarray, np.ndarray]:
+    """theta (n,) of the lowest cost that is found, and the scatter there (6,)."""
     best, sigma = fit.descend(prior.mean)
-    names, width = balance.parameters.names, np.sqrt(np.diag(prior.covariance))
+    names, width = parameters.names, np.sqrt(np.diag(prior.covariance))
     for i in (i for i, name in enumerate(names) if name.endswith(".dead_band")):
         group = names[i].removesuffix("dead_band")
         curve = [j for j, name in enumerate(names) if any(fnmatchcase(name, group + c) for c in _CURVE)]
@@ -118,10 +142,10 @@ def balanced(balance: Balance, segments: Segments, prior: Gaussian, static: Line
             found, spread = fit.descend(trial, sigma)
             if fit.cost(found, sigma) < fit.cost(best, sigma):
                 best, sigma = found, spread
-    return best
+    return best, sigma
 
 
-class _Fit:
+class Fit:
     """Robust least squares with a prior; the scatter of each component follows from its own residuals."""
 
     def __init__(self, balance: Balance, arrays: dict[str, Any], prior: Gaussian, static: Linear | None):
@@ -148,6 +172,11 @@ class _Fit:
                 break
         assert sigma is not None
         return theta, sigma
+
+    def information(self, theta: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+        """Of the changes of velocity alone, as if each window's were independent, shape (n, n)."""
+        gaps, J = (np.asarray(x) for x in self._balance.linearised(theta, self._arrays))
+        return self._normal(theta, gaps / sigma, J / sigma[:, None])[0] - self._information
 
     def cost(self, theta: np.ndarray, sigma: np.ndarray) -> float:
         """Sum of squares, infinite where the model has no answer."""

@@ -126,8 +126,9 @@ function show(facts, state, arm) {
   const [[a, b], [, c]] = state.ellipse ?? [[NaN, NaN], [NaN, NaN]];
   const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
   const age = state.sensors.position?.age;
-  facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
-  facts.nis(...worst(state.nis));
+  if (state.trial) facts.position('not told');
+  else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
+  facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));
   facts.progress(state.count ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
 }

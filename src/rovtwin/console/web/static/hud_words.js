@@ -31,8 +31,14 @@ function thrust({stopped, hung, armed, arming}) {
 }
 
 /** `waypoint` counts from 0, people from 1. */
-function progress({count, waypoint, to_go}) {
+function progress({count, waypoint, to_go, trial}) {
   if (!count) return [];
+  if (trial) {
+    return [
+      {text: `manoeuvre ${trial.manoeuvre + 1} of ${trial.of}`, small: true},
+      {text: trial.running ? `${trial.remaining.toFixed(0)} s` : ''},
+    ];
+  }
   return [
     {text: `way-point ${Math.min(waypoint + 1, count)} of ${count}`, small: true},
     {text: Number.isFinite(to_go) ? `${to_go.toFixed(1)} m to go` : ''},
