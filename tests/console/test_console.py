@@ -3,12 +3,7 @@
 import json
 import os
 import signal
-import socket
 import subprocess
-import sys
-import time
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,83 +11,24 @@ import pytest
 pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
 zmq = pytest.importorskip("zmq")
 
-from rovtwin.console.launch import end, running  # noqa: E402
-from rovtwin.console.wire import Place  # noqa: E402
+from tests.console.whole import READY, arm, opened, order, serving, state  # noqa: E402
+
+from rovtwin.console.launch import running  # noqa: E402
 
 # Thesis table 8.3; the last one is cancelled.
 TABLE_8_3 = [(6, 0), (6, 3), (0, 3), (0, 6), (6, 6), (6, 9), (0, 9)]
 DEPTH = 3
-READY = 120_000  # the autopilot is compiled first [ms]
 FENCE = 40.0
-SOON = 15_000
-
-
-@dataclass
-class Served:
-    """A console that runs, and where it meets its engine."""
-
-    port: int
-    folder: Path
-    process: subprocess.Popen
-
-    @property
-    def url(self):
-        return f"http://127.0.0.1:{self.port}/"
-
-    @property
-    def place(self):
-        return Place.of(self.port)
-
-
-def start(port, folder):
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST", "NICEGUI"))}
-    environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
-    fence = f"autopilot.supervisor.geofence={FENCE}"
-    command = [sys.executable, "-m", "rovtwin.cli", "console", "lawnmower_calm", "--no-browser", "--speed", "20"]
-    return subprocess.Popen(
-        [*command, "--port", str(port), "--set", "autopilot=model_based", "--set", fence],
-        cwd=folder,
-        env=environment,
-        stdout=(folder / "console.log").open("ab"),
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-    )
+SILENT = 6.0  # [s]
 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory, browser):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    folder = tmp_path_factory.mktemp("console")
-    one = Served(port, folder, start(port, folder))
-    try:
+    fence = f"autopilot.supervisor.geofence={FENCE}"
+    rules = ["--set", fence, "--set", f"autopilot.supervisor.operator_silent={SILENT}"]
+    own = ["lawnmower_calm", "--speed", "20", "--set", "autopilot=model_based", *rules]
+    with serving(tmp_path_factory.mktemp("console"), *own) as one:
         yield one
-    finally:
-        one.process.send_signal(signal.SIGINT)
-        one.process.wait(20)
-        end(one.place)
-
-
-def opened(browser, served, width=1366, height=768):
-    """A page of the console that is ready, and what it complained of and asked for."""
-    context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
-    page = context.new_page()
-    page.set_default_timeout(SOON)
-    page.complaints, page.asked = [], set()
-    page.on("console", lambda message: page.complaints.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: page.complaints.append(error.stack or str(error)))
-    page.on("request", lambda request: page.asked.add(request.url.split("/")[2].split(":")[0]))
-    until = time.monotonic() + 60.0
-    while True:
-        try:
-            page.goto(served.url, wait_until="domcontentloaded")
-            break
-        except Exception:
-            assert time.monotonic() < until, (served.folder / "console.log").read_text()
-            time.sleep(0.2)
-    page.wait_for_function("() => window.rovtwin?.last?.state?.eta", timeout=READY)
-    return page
 
 
 @pytest.fixture
@@ -112,20 +48,6 @@ def page(browser, served):
         page.context.close()
     assert page.complaints == []
     assert page.asked == {"127.0.0.1"}
-
-
-def order(page, do, **what):
-    """Give an order; what was answered, the text of the refusal where it was refused."""
-    return page.evaluate("order => rovtwin.send(order).then(() => '', error => error.message)", {"do": do, **what})
-
-
-def arm(page):
-    page.click("#arm")
-    page.wait_for_function("() => rovtwin.last.state.armed")
-
-
-def state(page):
-    return page.evaluate("rovtwin.last.state")
 
 
 def test_the_way_point_mission(page, served):
@@ -198,7 +120,7 @@ def test_killed_console_leaves_the_autopilot_flying_and_finds_it_again(page, ser
     told = json.loads(ear.recv())
     ear.close()
     assert told["armed"] and told["pid"] == pid
-    served.process = start(served.port, served.folder)
+    served.start_again()
     back = f"() => window.rovtwin?.last?.state?.pid === {pid} && rovtwin.last.state.armed"
     page.wait_for_function(back, timeout=READY)
     page.complaints.clear()  # of the server that was gone
@@ -220,6 +142,22 @@ def test_two_operators(page, browser, served):
         assert order(other, "stop") == "" and order(page, "stop") == ""  # that anybody may
         assert order(other, "give") == "" and order(page, "take") == ""
         assert other.complaints == []
+    finally:
+        other.context.close()
+
+
+def test_a_closed_tab_in_control_sets_off_the_operator_watchdog(page, browser, served):
+    other = opened(browser, served, 390, 844)
+    arm(page)
+    assert order(page, "goto", x=0.0, y=3.0, depth=2.0) == ""
+    page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
+    page.close()
+    try:
+        other.wait_for_function("() => rovtwin.last.state.reason === 'operator silent'")
+        assert state(other)["armed"] and state(other)["operator_age"] > SILENT
+        assert "operator silent" in other.inner_text("#alerts")
+        assert other.evaluate("rovtwin.last.rights.holder") in ("", None, other.evaluate("rovtwin.name"))
+        assert order(other, "take") == "" and order(other, "disarm") == ""
     finally:
         other.context.close()
 

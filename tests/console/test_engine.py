@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
 from rovtwin.console.engine import engine as module
-from rovtwin.console.engine import flights, vessel
+from rovtwin.console.engine import flights, ticker, vessel
 from rovtwin.console.engine.bridge import Bridge
 from rovtwin.console.engine.state import plan_told
 from rovtwin.core.datum import Datum
@@ -122,8 +122,8 @@ def engine(monkeypatch):
     monkeypatch.setattr(module, "Shipyard", FakeYard)
     monkeypatch.setattr(module, "Teller", FakeTeller)
     monkeypatch.setattr(module, "setup_of", lambda *_: {})
-    monkeypatch.setattr(module, "flown", lambda *_: {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0]})
-    monkeypatch.setattr(module.Consistency, "take", lambda *_: None)
+    monkeypatch.setattr(ticker, "flown", lambda *_: {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0]})
+    monkeypatch.setattr(ticker.Consistency, "take", lambda *_: None)
     monkeypatch.setattr(module, "AGAIN", 0.0)
     monkeypatch.setattr(flights, "FlightLog", FakeFlight)
     scenario = SimpleNamespace(name="calm", control_dt=0.02, waypoints=[], origin=Datum(63.4, 10.4), test=None)
@@ -144,9 +144,9 @@ def turn(engine, seconds=0.025, obey=lambda: None):
 def armed(engine):
     engine.arm(time.monotonic())
     for _ in range(100):  # the log is opened beside the loop
-        if not engine.armed:
+        if not engine.switch.armed:
             turn(engine)
-    assert engine.armed and engine._logbook.folder == "runs/1"
+    assert engine.switch.armed and engine._logbook.folder == "runs/1"
     return engine
 
 
@@ -167,13 +167,13 @@ def said(engine, text):
 
 
 def test_a_mistake_of_ours_ends_thrust_and_is_said_and_the_loop_goes_on(engine):
-    armed(engine)._vessel.helm.breaks = TypeError("a mistake of ours")
-    link, begin = engine._vessel.link, engine._yard.begin
+    armed(engine).vessel.helm.breaks = TypeError("a mistake of ours")
+    link, begin = engine.vessel.link, engine._yard.begin
     sent = link.sent
     engine._yard.begin = lambda: None  # the loop would make a vehicle anew
     run(engine, 8)
     assert engine._yard.told[-1] == "close" and link.sent == sent
-    assert not engine.armed and said(engine, "TypeError: a mistake of ours") == ["danger"]
+    assert not engine.switch.armed and said(engine, "TypeError: a mistake of ours") == ["danger"]
     last = engine._teller.states[-1]
     assert last["stage"] == "lost" and "a mistake of ours" in last["alerts"][0]["cause"]
     begin()
@@ -190,7 +190,7 @@ def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
     def lost():
         raise LinkError("no word from it")
 
-    engine._vessel.ears.read = lost
+    engine.vessel.ears.read = lost
     turn(engine)
     assert order[-2:] == ["close", "log"] and engine._stage == "lost"
     assert said(engine, "link lost: no word from it") == ["danger"]
@@ -200,13 +200,13 @@ def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
 def test_a_log_that_fails_in_flight_ends_no_flight(engine, error):
     flight = armed(engine)._logbook._flight
     flight.breaks = error
-    sent = engine._vessel.link.sent
+    sent = engine.vessel.link.sent
     turn(engine)
     turn(engine)
-    assert engine.armed and engine._vessel.link.sent >= sent + 2
+    assert engine.switch.armed and engine.vessel.link.sent >= sent + 2
     assert said(engine, "flying on without a log") == ["danger"] and flight.endings == ["the log failed"]
     engine.stop()
-    assert not engine.armed and engine.stopped
+    assert not engine.switch.armed and engine.switch.stopped
 
 
 def test_without_room_for_a_log_nothing_is_armed(engine, monkeypatch):
@@ -216,26 +216,26 @@ def test_without_room_for_a_log_nothing_is_armed(engine, monkeypatch):
     monkeypatch.setattr(flights, "FlightLog", full)
     engine.arm(time.monotonic())
     for _ in range(100):
-        if engine.arming:
+        if engine.switch.arming:
             turn(engine)
-    assert not engine.armed and not engine.arming and engine._yard.told[-1] == "stop"
+    assert not engine.switch.armed and not engine.switch.arming and engine._yard.told[-1] == "stop"
     assert said(engine, "not armed: the flight cannot be logged") == ["danger"]
 
 
 def test_a_stop_that_went_past_us_is_noticed_while_time_stands_still(engine):
     armed(engine).run_at(None, False)
-    engine._vessel.link.stopped_at = time.monotonic()
+    engine.vessel.link.stopped_at = time.monotonic()
     turn(engine)
-    assert engine.stopped and not engine.armed and said(engine, "STOP") == ["danger"]
+    assert engine.switch.stopped and not engine.switch.armed and said(engine, "STOP") == ["danger"]
 
 
 def test_arming_comes_to_an_end_while_time_stands_still(engine):
     engine.run_at(None, False)
     engine.arm(time.monotonic())
     for _ in range(100):  # the log is opened beside the loop
-        if not engine.armed:
+        if not engine.switch.armed:
             turn(engine)
-    assert engine.armed and engine._vessel.link.sent == 0
+    assert engine.switch.armed and engine.vessel.link.sent == 0
 
 
 def test_a_vehicle_that_cannot_be_closed_keeps_nobody_from_ending(engine):
@@ -243,7 +243,7 @@ def test_a_vehicle_that_cannot_be_closed_keeps_nobody_from_ending(engine):
         raise OSError("its socket broke")
 
     flight = armed(engine)._logbook._flight
-    engine._vessel.close = broken
+    engine.vessel.close = broken
     engine.over = True
     engine.run(lambda: None, lambda seconds: None)
     assert flight.endings == ["ended"]
@@ -293,14 +293,8 @@ class Plain:
     """An engine that only keeps what it was asked."""
 
     def __init__(self):
-        self.asked, self.vessel, self.armed, self.arming, self.may_arm, self.is_twin = (
-            [],
-            None,
-            False,
-            False,
-            True,
-            True,
-        )
+        self.asked, self.vessel, self.may_arm, self.is_twin = [], None, True, True
+        self.switch = SimpleNamespace(armed=False, arming=False)
 
     def stop(self):
         self.asked.append("stop")

@@ -15,6 +15,8 @@ COUNT = """([u, v, w, h, name]) => {
   return count;
 }"""
 
+DOT = '<svg xmlns="http://www.w3.org/2000/svg" width="8" height="4"/>'
+
 
 @pytest.fixture
 def hud(open_views):
@@ -48,6 +50,27 @@ def test_a_state_that_does_not_follow_is_marked_as_old_until_the_next(hud):
 def test_a_vehicle_that_is_silent_is_not_mistaken_for_a_fresh_one(hud):
     page = hud(messages.setup(), messages.state(link_age=0.8))
     assert page.locator("#hud").get_attribute("data-stale") == "VEHICLE SILENT"
+
+
+def test_a_picture_that_nothing_follows_is_not_left_standing(hud, views_page):
+    views_page[0].route("**/camera.mjpg*", lambda route: route.fulfill(body=DOT, content_type="image/svg+xml"))
+    page = hud(messages.setup(camera=True), messages.state(running=True))
+    picture = page.locator("#hud img")
+    picture.wait_for()
+    page.evaluate("() => { window.now = performance.now; performance.now = () => now.call(performance) + 40_000; }")
+    try:
+        page.evaluate("message => window.emit(message)", messages.state(running=False))
+        page.evaluate("message => window.emit(message)", messages.state(running=True))
+        page.wait_for_timeout(150)
+        assert picture.is_visible()  # time had stood still, and so may it
+        page.evaluate("() => { performance.now = () => now.call(performance) + 80_000; }")
+        page.evaluate("message => window.emit(message)", messages.state(running=True))
+        page.get_by_text("trying again").wait_for(timeout=450)
+        assert not picture.is_visible() and picture.get_attribute("src") is None
+    finally:
+        page.evaluate("() => { performance.now = now; }")
+        page.evaluate("message => window.emit(message)", messages.setup())  # no picture is asked for any more
+        page.unroute("**/camera.mjpg*")
 
 
 def test_markers_lie_where_the_picture_has_them(hud):

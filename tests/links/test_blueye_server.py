@@ -209,7 +209,7 @@ def test_second_client_observes_and_takes_control(served, drone):
     assert served.wishes[-1].motion[0] == 0.5
     before = len(served.wishes)
     second.take_control()
-    # What the first one wanted ends with its control. Armed or not: the second one's watchdog may already be on its way.
+    # What the first one wanted ends with its control. Armed or not: the second one's watchdog may be on its way.
     assert second.in_control and wait_for(lambda: any(wish.motion == STILL for wish in served.wishes[before:]))
     arm(second, served)
     second.motion.set_surge(-0.25)

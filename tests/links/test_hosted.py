@@ -89,6 +89,19 @@ def test_a_host_that_hangs_holds_nobody_up(tmp_path):
     assert not link._process.is_alive()
 
 
+def test_a_stop_that_a_hung_host_had_no_room_for_is_heard_when_it_goes_on(tmp_path):
+    told = tmp_path / "told"
+    with HostedLink(Opener(told), 3) as link:
+        os.kill(link.pid, signal.SIGSTOP)
+        while host.writable(link._pipe):
+            link.send(Command(np.full(3, 0.5)))
+        pressed = time.monotonic()
+        link.stop()
+        os.kill(link.pid, signal.SIGCONT)
+        wait_for(lambda: link.read() is not None and link.stopped_at > pressed)
+        assert resting(told)
+
+
 def flying(tmp_path, *arguments, new_session=False):
     """An autopilot in a process of its own that flies a vehicle in another."""
     script = tmp_path / "flies.py"

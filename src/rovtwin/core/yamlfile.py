@@ -1,12 +1,14 @@
 """YAML as people expect it, read strictly; whatever is wrong comes out as a ConfigError with file and line."""
 
 import difflib
+import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import ComposerError
 
 from rovtwin.core.errors import ConfigError
 
@@ -20,8 +22,28 @@ def near(name: object, names: Iterable[str]) -> str:
     return f" Known: {', '.join(known)}." if known else ""
 
 
+MOST = 1_000_000  # values in a file, those counted again that an alias repeats
+
+
 class _Loader(yaml.SafeLoader):
     """YAML as people expect it: 1e-3 is a number, `no` and `2021-06-01` are strings, a key may be given once."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None and _size(node, {}) > MOST:
+            said = "its aliases (*name) repeat each other without end, or make millions of values; write them out"
+            raise ComposerError(None, None, said, node.start_mark)
+        return node
+
+
+def _size(node: yaml.Node, known: dict[int, float]) -> float:
+    """Values in a node, inf where it contains itself. A few lines of aliases of aliases can fill any memory."""
+    if id(node) not in known:
+        known[id(node)] = math.inf  # as long as its parts are counted
+        parts = node.value if isinstance(node, yaml.CollectionNode) else ()
+        flat = (one for part in parts for one in (part if isinstance(part, tuple) else (part,)))
+        known[id(node)] = 1.0 + sum(_size(one, known) for one in flat)
+    return known[id(node)]
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -101,7 +123,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
     problem = error.problem or "not YAML"
-    if "given twice" in problem or "must be a word" in problem:
+    if any(own in problem for own in ("given twice", "must be a word", "write them out")):
         return problem
     hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
     context = f" {error.context}" if error.context else ""

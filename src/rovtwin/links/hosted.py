@@ -47,7 +47,7 @@ class HostedLink(Link):
         self._readings: list[Measurement] = []
         self._open, self._stopped, self._closed = False, False, False
         self._armed: str | None = None
-        self._asked_at, self.stopped_at = -np.inf, -np.inf
+        self._asked_at, self.stopped_at, self._unsaid = -np.inf, -np.inf, False
         self._told_age, self._told_at = 0.0, time.monotonic()
         until = time.monotonic() + patience
         while not self._open and self._failed is None and time.monotonic() < until:
@@ -129,8 +129,14 @@ class HostedLink(Link):
         self._tell("tell", order)
 
     def stop(self) -> None:
-        self._stopped, self._asked_at = True, -np.inf
-        self._tell("stop", None)
+        self._stopped, self._asked_at, self._unsaid = True, -np.inf, True
+        self._say_stop()
+
+    def _say_stop(self) -> None:
+        """A stop that a host did not hear because it hung is the first thing that it hears when it listens again."""
+        if self._unsaid and not self._closed and writable(self._pipe):
+            self._unsaid = False
+            self._put("stop", None)
 
     def close(self) -> None:
         if self._closed:
@@ -145,14 +151,18 @@ class HostedLink(Link):
 
     def _tell(self, kind: str, content: object) -> None:
         # A host that hangs does not read: what it would not hear in time is not said, so that nobody hangs with it.
-        if self._closed or not writable(self._pipe):
-            return
+        self._say_stop()
+        if not self._closed and not self._unsaid and writable(self._pipe):
+            self._put(kind, content)
+
+    def _put(self, kind: str, content: object) -> None:
         try:
             self._pipe.send((kind, content))
         except OSError:
             self._failed = self._failed or GONE
 
     def _listen(self) -> None:
+        self._say_stop()
         try:
             while self._pipe.poll():
                 kind, content = self._pipe.recv()

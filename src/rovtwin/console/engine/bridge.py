@@ -88,7 +88,7 @@ class Bridge:
 
     def _underway(self) -> Vessel:
         vessel = self._engine.vessel
-        if not self._engine.armed:
+        if not self._engine.switch.armed:
             raise ConfigError("not armed: press Arm first")
         return vessel
 
@@ -102,12 +102,12 @@ class Bridge:
         self._engine.over = True
 
     def _reconnect(self, order: Any) -> None:
-        if self._engine.armed:
+        if self._engine.switch.armed:
             raise ConfigError("armed: disarm before you connect anew")
         self._engine.reconnect()
 
     def _arm(self, order: Any) -> None:
-        if self._engine.armed or self._engine.arming:
+        if self._engine.switch.armed or self._engine.switch.arming:
             raise ConfigError("armed already")
         if not self._engine.may_arm:
             # A real vehicle's link that was stopped stays so: a new one is opened, and the operator asks once more.

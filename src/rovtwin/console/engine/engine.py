@@ -15,14 +15,15 @@ from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
-from rovtwin.console.engine.state import Changes, Consistency, Hearing, flown, plan_told
+from rovtwin.console.engine.state import Changes, flown, plan_told
+from rovtwin.console.engine.switch import ArmSwitch
 from rovtwin.console.engine.telling import Teller
+from rovtwin.console.engine.ticker import Ticker
 from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
-from rovtwin.scenario.pace import SLIP, Pace
 from rovtwin.scenario.realtime import NO_WISH
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 
@@ -38,8 +39,7 @@ class Engine:
     """A vehicle, its autopilot and its log; `Bridge` gives it orders.
 
     Attributes:
-        armed, arming: Whether commands go to the vehicle, and whether it is being asked to take them.
-        stopped: Whether STOP was pressed since it was last armed.
+        switch: Whether commands go to the vehicle.
         plan, submitted: Way-points that a start flies, and whether an operator gave them.
         count: Way-points of the mission that was started.
         over: Whether to end.
@@ -49,21 +49,20 @@ class Engine:
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
         """Publishes at the address `news`; logs of flights go into the folder `runs`."""
         self._wanted = wanted
-        self._dt = wanted.scenario.control_dt
         self._teller = Teller(news)
         self._stage, self._note = "connecting", ""
         self._yard = Shipyard(wanted, speed, self._say)
         self._running = True
-        self._vessel: Vessel | None = None
-        self.armed = self.arming = self.stopped = self.over = False
+        self._ticker: Ticker | None = None
+        self._now = 0.0  # time of the tick that comes, or of the last vessel's [s]
+        self.over = False
         self._logbook = Logbook(Path(runs), self.event)
+        self.switch = ArmSwitch(self._logbook, self.event)
         self.test = Manoeuvres(wanted.scenario) if wanted.scenario.test else None
         self.plan: list[Waypoint] = list(wanted.scenario.waypoints)
         self.submitted, self.count = False, 0
         self._heard_operator = time.monotonic()
         self._wish, self._wished_at = NO_WISH, -np.inf
-        self._asked, self._asked_at = False, -np.inf  # whether the vehicle was asked to arm, and when the operator did
-        self._k, self._began, self._pace = 0, 0.0, Pace()
         self._changes = Changes()
         self._urgent = ExitStack()
 
@@ -86,7 +85,7 @@ class Engine:
     def _turn(self, obey: Callable[[], None], wait: Callable[[float], None]) -> None:
         obey()
         self._take_over(self._yard.ready())
-        if self._vessel is not None and not self._running:
+        if not self._running:
             self._listen()
         for _ in range(CATCH_UP):
             if self._rests() > 0.0 or not self._tick():
@@ -99,9 +98,9 @@ class Engine:
     @property
     def vessel(self) -> Vessel:
         """Raises ConfigError while there is none."""
-        if self._vessel is None:
+        if self._ticker is None:
             raise ConfigError(f"no vehicle yet ({self._stage}): wait until its sensors are heard")
-        return self._vessel
+        return self._ticker.vessel
 
     @property
     def is_twin(self) -> bool:
@@ -119,12 +118,12 @@ class Engine:
         vessel.helm.idle()
         if self.test is None:  # a test has a log of its own each time
             self._logbook.open(self.scenario_with(self.plan), vessel.composed, vessel.helm)
-        self.arming, self._asked, self._asked_at = True, False, asked_at
+        self.switch.ask(asked_at)
 
     def disarm(self) -> None:
         """Thrusters off, the log closed."""
         self.vessel.link.stop()
-        was, self.armed, self.arming = self.armed, False, False
+        was = self.switch.off()
         self.vessel.helm.idle()
         if was:
             self.event("info", "disarmed: thrusters off")
@@ -132,13 +131,12 @@ class Engine:
 
     def stop(self) -> None:
         """The operator's STOP, which the link's host may have obeyed before we hear of it."""
-        if self._vessel is not None:
-            self._vessel.link.stop()
-        if not self.stopped or self.armed or self.arming:
+        if self._ticker is not None:
+            self._ticker.vessel.link.stop()
+        if self.switch.stop():
             self.event("danger", "STOP: thrusters off")
-        self.armed, self.arming, self.stopped = False, False, True
-        if self._vessel is not None:
-            self._vessel.helm.idle()
+        if self._ticker is not None:
+            self._ticker.vessel.helm.idle()
         self._end_flight("stopped by the operator")
 
     def reconnect(self) -> None:
@@ -154,12 +152,13 @@ class Engine:
     def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
         self._logbook.open(self.scenario_with(self.plan), self.vessel.composed, helm)
-        self._logbook.begin(self._k * self._dt)
+        self._logbook.begin(self._now)
         self.event("info", f"logged in {self._logbook.folder}")
         helm.start()
         test.begin()
         self.count = test.count
-        self._tell_hand(self._began + self._k * self._dt)
+        assert self._ticker is not None
+        self._tell_hand(self._ticker.began + self._now)
 
     def submit(self, waypoints: list[Waypoint]) -> None:
         """What the next start flies."""
@@ -197,57 +196,43 @@ class Engine:
 
     def event(self, level: str, text: str) -> None:
         """Tell that something happened; `level` is info, warning or danger."""
-        self._teller.event(level, text, self._k * self._dt)
+        self._teller.event(level, text, self._now)
 
     # The loop
 
     def _rests(self) -> float:
         """Until the next tick is due [s]."""
-        if self._vessel is None or not self._running:
-            return np.inf
-        return (self._began + self._k * self._dt - self._yard.clock()) / self._yard.clock.speed
+        return self._ticker.rests() if self._ticker is not None and self._running else np.inf
 
     def _listen(self) -> bool:
-        """Hear the vehicle, also while its time stands still; False where it is lost."""
-        vessel = self.vessel
+        """Hear the vehicle, also while its time stands still; False where there is none, or it is lost."""
+        ticker = self._ticker
+        if ticker is None:
+            return False
         try:
-            self._hearing.hear(vessel.ears.read())
+            ticker.listen()
         except LinkError as error:
             self._fail(error)
             return False
-        if (self.armed or self.arming) and vessel.link.stopped_at > self._asked_at:
+        if self.switch.is_overtaken(ticker.vessel.link):
             self.stop()
-        if self.arming:
-            self._go_on_arming(vessel)
+        self.switch.go_on(ticker.vessel.link, self._now)
         return True
 
     def _tick(self) -> bool:
         """One tick; False where the world has not come so far, or the vehicle is lost."""
-        vessel, clock = self.vessel, self._yard.clock
-        if not self._listen():
+        ticker = self._ticker
+        if ticker is None or not self._listen():
             return False
-        fast, t = clock.speed > 1.0, self._k * self._dt
-        if fast:  # in step with the world: neither outruns the other
-            vessel.link.tell(("reached", self._began + t))
-            if self._hearing.told_until < t - 0.5 * self._dt:
-                return False
-        readings = self._hearing.news(t, t + 0.5 * self._dt if fast else np.inf)
-        late = self._pace.wait(self._began + t, clock, clock.speed)
-        if fast and late > SLIP:  # as fast as the computer can, then
-            vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
         now = time.monotonic()
-        # Ages by our own time; faster than real time nothing is too late.
-        ages = vessel.link.age, now - self._heard_operator, 0.0 if fast else late / self._dt
-        command = vessel.helm.tick(readings, ages, self._wish if now - self._wished_at < WISH_LIFE else NO_WISH)
-        if self.armed:
-            vessel.link.send(command)
-        self._consistency.take(t, vessel.helm.output)
-        if self.armed:
-            self._logbook.add(1e3 * late, vessel.link.age)
+        wish = self._wish if now - self._wished_at < WISH_LIFE else NO_WISH
+        if not ticker.tick(now - self._heard_operator, wish, self.switch.armed):
+            return False
+        if self.switch.armed:
+            self._logbook.add(1e3 * ticker.late, ticker.vessel.link.age)
         if self.test is not None and self.test.running:
-            self._go_on(self.test, vessel)
-        self._late = max(self._late, late)
-        self._k += 1
+            self._go_on(self.test, ticker.vessel)
+        self._now = ticker.t
         return True
 
     def _go_on(self, test: Manoeuvres, vessel: Vessel) -> None:
@@ -264,13 +249,8 @@ class Engine:
         """Begin to tick with a vehicle that is heard."""
         if vessel is None:
             return
-        self._vessel, self._running = vessel, True
-        vessel.ears.drain()
-        vessel.helm.restart(vessel.readiness.start)
-        self._k, self._began, self._pace, self._late = 0, self._yard.clock(), Pace(), 0.0
-        vessel.ears.zero = self._began
-        names = vessel.composed.sensor_names
-        self._hearing, self._consistency = Hearing(names), Consistency(names)
+        self._ticker = Ticker(vessel, self._yard.clock, self._wanted.scenario.control_dt)
+        self._running, self._now = True, 0.0
         self._say("ready", "")
         missing = ", ".join(vessel.readiness.missing)
         self.event("info", f"heard {self._wanted.link}{f'; flying without {missing}' if missing else ''}")
@@ -287,38 +267,14 @@ class Engine:
         self._say("lost", text)
 
     def _let_go(self, ending: str) -> None:
-        vessel, self._vessel = self._vessel, None
-        self.armed = self.arming = False
+        ticker, self._ticker = self._ticker, None
+        self.switch.off()
         try:
-            if vessel is not None:
-                vessel.close()  # before the log, which takes its time: thrusters off
+            if ticker is not None:
+                ticker.vessel.close()  # before the log, which takes its time: thrusters off
         except Exception:
             logger.exception("letting go of the vehicle")
         self._end_flight(ending)
-
-    def _go_on_arming(self, vessel: Vessel) -> None:
-        """First the log is opened, then the vehicle is asked, then the log begins."""
-        if self._logbook.is_opening:
-            return
-        if not self._asked:
-            self._asked = True
-            vessel.link.begin_arming(self._asked_at)
-            return
-        if (refused := vessel.link.refused) is None:
-            return
-        self.arming = False
-        try:
-            if not refused:
-                self._logbook.begin(self._k * self._dt)
-        except (RovtwinError, OSError) as error:
-            vessel.link.stop()
-            refused = f"the flight cannot be logged: {error}"
-        if refused:
-            self.event("danger", f"not armed: {refused}")
-            self._logbook.close("not armed")
-            return
-        self.armed, self.stopped = True, False
-        self.event("info", f"armed; logged in {self._logbook.folder}" if self._logbook.folder else "armed")
 
     def _end_flight(self, ending: str) -> None:
         """Of a test and of the log."""
@@ -329,8 +285,8 @@ class Engine:
 
     def _tell_hand(self, began: float) -> None:
         """Tell a simulated hand when the test began [s]; inf: it does not."""
-        if self.is_twin and self._vessel is not None:
-            self._vessel.link.tell(("test", began))
+        if self.is_twin and self._ticker is not None:
+            self._ticker.vessel.link.tell(("test", began))
 
     # What is told
 
@@ -344,7 +300,7 @@ class Engine:
         if self._teller.all_due():
             self._teller.publish({"kind": "history", "events": self._teller.events})
             self._teller.publish(self._plan_told())
-            if self._vessel is not None:
+            if self._ticker is not None:
                 self._teller.publish(self._setup_told())
 
     def _state(self) -> dict[str, Any]:
@@ -359,27 +315,24 @@ class Engine:
             "link": self._wanted.link,
             "speed": self._yard.speed,
             "running": self._running,
-            "armed": self.armed,
-            "arming": self.arming,
-            "stopped": self.stopped,
+            "armed": self.switch.armed,
+            "arming": self.switch.arming,
+            "stopped": self.switch.stopped,
             "operator_age": now - self._heard_operator,
             "submitted": self.submitted,
             "folder": self._logbook.folder,
         }
-        vessel = self._vessel
-        if vessel is None or self._k == 0:
+        ticker = self._ticker
+        if ticker is None or not ticker.ticks:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
-        t = (self._k - 1) * self._dt
-        state |= flown(vessel.helm.output, self.count) | self._hearing.told(t)
-        state |= {"t": t, "nis": self._consistency.told(t), "link_age": vessel.link.age, "late_ms": 1e3 * self._late}
-        self._late = 0.0
+        state |= ticker.told(self.count)
         if self.test is not None:
             state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
-        if vessel.helm.is_idle:
+        if ticker.vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         if (news := self._changes.of(state["phase"], state["reason"])) is not None:
             self.event(*news)
-        return state | {"alerts": alerts(state, vessel.composed.thruster_names)}
+        return state | {"alerts": alerts(state, ticker.vessel.composed.thruster_names)}
 
     def _plan_told(self) -> dict[str, Any]:
         return plan_told(self.plan, self.submitted, self._wanted.scenario.origin)

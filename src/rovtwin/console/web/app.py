@@ -37,7 +37,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
         runs: Folder of finished runs, which can be replayed.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
-    stream = Stream(scenario, vehicle, place.news, hub.send)
+    stream = Stream(scenario, vehicle, place.news, hub.send, lambda why: hub.say("warning", why))
     looks = vehicle_glb(vehicle)
     open_to(gate)
     add_replay(Shelf(runs), stop=hub.client.stop)

@@ -3,6 +3,8 @@
 import asyncio
 import contextlib
 import json
+import math
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,11 +12,14 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.camera import CameraProcess, Picture, Pose, section_of
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
 
 BOUNDARY = "picture"
+REST = 10.0  # before a camera that failed is tried again [s]
+
+Sight = Callable[[dict[str, Any]], None]
 
 
 @dataclass
@@ -42,23 +47,24 @@ class Truth:
 
 
 class Stream:
-    """Hands the camera's newest picture to all who look.
+    """Hands the camera's newest picture to all who look."""
 
-    Attributes:
-        why_not: Why there is no picture, "" if there can be one.
-    """
-
-    def __init__(self, scenario: Scenario, vehicle: Vehicle, address: str, sight: Callable[[dict[str, Any]], None]):
-        """`sight` is told of the markers in each picture."""
-        self._vehicle, self._truth, self._sight = vehicle, Truth(address), sight
+    def __init__(self, scenario: Scenario, vehicle: Vehicle, address: str, sight: Sight, say: Callable[[str], None]):
+        """`sight` is told of the markers in each picture, `say` why there are none any more."""
+        self._vehicle, self._truth, self._sight, self._say = vehicle, Truth(address), sight, say
         self._lookers, self._picture = 0, None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
-        self.why_not = ""
+        self._why, self._again = "", -math.inf
         try:
             self._section = section_of(scenario, vehicle)
         except ConfigError as error:
-            self.why_not = str(error)
+            self._why, self._again = str(error), math.inf
+
+    @property
+    def why_not(self) -> str:
+        """Why there is no picture now, "" if there can be one."""
+        return self._why if time.monotonic() < self._again else ""
 
     async def parts(self) -> AsyncIterator[bytes]:
         """Pictures as parts of a multipart answer, as long as somebody takes them."""
@@ -82,15 +88,16 @@ class Stream:
         try:
             camera = await asyncio.to_thread(CameraProcess, self._section, self._vehicle, self._truth)
             with camera:
-                while self._lookers:
+                while self._lookers and not camera.why:
                     picture = await asyncio.to_thread(camera.newest)
                     if picture is None:
                         await asyncio.sleep(0.01)
                         continue
                     await self._tell(picture)
                     self._sight({"kind": "sight", "markers": picture.markers, "picture": list(picture.size)})
-        except (LinkError, ConfigError) as error:
-            self.why_not = str(error)
+                if self._lookers:
+                    self._why, self._again = camera.why, time.monotonic() + REST
+                    self._say(f"no picture from the camera: {camera.why}")
         finally:
             with contextlib.suppress(RuntimeError):
                 await self._tell(None)

@@ -1,5 +1,6 @@
 """What is kept of a flight over a link: estimates, decisions, readings, and how the loop kept time; no truth."""
 
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ UNKNOWN = (  # without the truth nobody knows
     *("position_error_rms_m", "nees_position_mean", "nees_effective_samples"),
     *("effort_n2s", "energy_wh", "thruster_activity_n_per_s"),
 )
+SCORED = ("eta", "nu", "leg", "mode", "health", "reference")  # of the autopilot's channels
 HOST = ("late_ms", "link_age", "thrust_on")
 
 
@@ -33,6 +35,27 @@ def _left_out(scenario: Scenario) -> tuple[str, ...]:
     return (*NOT_IN_TESTS, "score/cross_track") if scenario.test else ()
 
 
+class _Spool:
+    """Rows of numbers that are needed at the end of a flight only, on the disk until then: it may take a day."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(prefix="rovtwin-")
+        self._widths: dict[str, int] = {}
+
+    def add(self, columns: dict[str, np.ndarray]) -> None:
+        """The same names each time, shapes (n, width) or (n,)."""
+        blocks = {name: values.reshape(len(values), -1).astype(float) for name, values in columns.items()}
+        self._widths = {name: block.shape[1] for name, block in blocks.items()}
+        self._file.write(np.hstack(list(blocks.values())).tobytes())
+
+    def whole(self) -> dict[str, np.ndarray]:
+        """All rows of each name, shapes (n, width)."""
+        self._file.seek(0)
+        rows = np.frombuffer(self._file.read()).reshape(-1, sum(self._widths.values()))
+        ends = np.cumsum(list(self._widths.values()))[:-1]
+        return dict(zip(self._widths, np.split(rows, ends, axis=1), strict=True))
+
+
 class LiveRecorder:
     """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate."""
 
@@ -42,7 +65,7 @@ class LiveRecorder:
         self._sensors, self._write = scenario.log.sensors, write
         self._left_out = _left_out(scenario)
         self._tick = 0
-        self._kept: list[dict[str, np.ndarray]] = []
+        self._spool = _Spool()
 
     def take(self, measurements: Measurements, decided: AutopilotOutput, host: np.ndarray) -> None:
         """Ticks in a row, leading axis ticks, NumPy; `host` has columns HOST."""
@@ -56,15 +79,15 @@ class LiveRecorder:
         every |= {name: (t, values) for name, values in nis_samples(record).items()} | {"host/timing": (t, host)}
         if self._sensors:
             every |= sensor_samples(record, t)
-        kept = {name: values[logged] for name, values in samples.items()} | {"t": t[logged]}
-        on_leg = kept["autopilot/mode"][:, 3] > 0.5
-        distance = np.where(on_leg, distance_to_leg(kept["autopilot/eta"], kept["autopilot/leg"]), 0.0)
-        every["score/cross_track"] = (kept["t"], np.stack([distance, on_leg.astype(float)], axis=1))
+        scored = {name: samples[f"autopilot/{name}"][logged] for name in SCORED}
+        on_leg = scored["mode"][:, 3] > 0.5
+        distance = np.where(on_leg, distance_to_leg(scored["eta"], scored["leg"]), 0.0)
+        every["score/cross_track"] = (t[logged], np.stack([distance, on_leg.astype(float)], axis=1))
         for name, (times, values) in every.items():
             if name not in self._left_out:
                 self._write(name, times, values)
-        kept["saturated"] = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
-        self._kept.append(kept)
+        saturated = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
+        self._spool.add({"t": t[logged], "saturated": saturated} | scored)
 
     @property
     def seconds(self) -> float:
@@ -73,23 +96,23 @@ class LiveRecorder:
 
     def flown(self) -> Flown:
         """All of it; the estimate stands where the truth would."""
-        whole = {name: np.concatenate([chunk[name] for chunk in self._kept]) for name in self._kept[0]}
-        eta, nu = whole["autopilot/eta"], whole["autopilot/nu"]
+        whole = self._spool.whole()
+        eta, nu = whole["eta"], whole["nu"]
         return Flown(
-            t=whole["t"],
+            t=whole["t"][:, 0],
             eta=eta,
             nu=nu,
             eta_hat=eta,
             nu_hat=nu,
             covariance=np.broadcast_to(np.eye(12), (len(eta), 12, 12)),
-            leg=whole["autopilot/leg"],
-            mode=whole["autopilot/mode"],
+            leg=whole["leg"],
+            mode=whole["mode"],
             thrust=np.zeros((2, 1)),
-            saturated=whole["saturated"],
+            saturated=whole["saturated"][:, 0] > 0.5,
             control_dt=self._dt,
             duration=self.seconds,
-            health=whole["autopilot/health"],
-            reference=whole["autopilot/reference"],
+            health=whole["health"],
+            reference=whole["reference"],
         )
 
 

@@ -5,8 +5,11 @@ import {drawHud} from '/static/hud_draw.js';
 
 const OLD = 0.5; // a state older than this is marked [s]
 const RETRY = 2000; // before a lost picture is asked for again [ms]
+const STARTS = 30; // longest wait for the first picture, whose program is compiled [s]
+const NEXT = 3; // and for the next one [s]
 
 const model = {state: null, setup: null, heard: null};
+let sighted = 0; // when the last live picture came
 let shown = null;
 
 /** What is older than it may be: {what, age} or null. A replay that is paused is not old. */
@@ -70,6 +73,7 @@ class Hud {
       return;
     }
     this.words.textContent = 'waiting for the camera';
+    sighted = performance.now() + 1000 * (STARTS - NEXT);
     this.picture.src = `/camera.mjpg?${Date.now()}`;
   }
 
@@ -102,8 +106,15 @@ class Hud {
     this.#retry = setTimeout(() => this.#ask(), RETRY);
   }
 
+  /** A stream that ends, or goes on without pictures, says nothing: the last one would stand there as if it were new. */
+  #dry() {
+    const live = this.#wanted && this.picture.hasAttribute('src') && !model.setup?.pictures && model.state?.running;
+    return live && !staleness(model, performance.now()) && performance.now() - sighted > 1000 * NEXT;
+  }
+
   #tick() {
     const {dataset} = this.element;
+    if (this.#dry()) this.#lost();
     if (staleness(model, performance.now()) || dataset.stale) this.surface.redraw();
   }
 
@@ -128,9 +139,11 @@ mount('hud', element => {
 
 live.on('state', state => {
   Object.assign(model, {state, heard: performance.now()});
+  if (!state.running) sighted = model.heard; // time stands still, and so does the picture
   shown?.turn();
   shown?.surface.redraw();
 });
+live.on('sight', () => { sighted = performance.now(); });
 live.on('setup', setup => {
   model.setup = setup;
   shown?.watch();

@@ -1,0 +1,91 @@
+"""The ticks of one vessel: hear, decide, command, in step with its time; and what there is to tell of them."""
+
+from typing import Any
+
+import numpy as np
+
+from rovtwin.console.engine.state import Consistency, Hearing, flown
+from rovtwin.console.engine.vessel import Vessel
+from rovtwin.scenario.pace import SLIP, Clock, Pace
+
+
+class Ticker:
+    """Ticks from the moment a vessel is heard until it is let go of.
+
+    Attributes:
+        vessel: Whose.
+        began: When the first tick is due, by the vessel's clock [s].
+        ticks: That have been.
+    """
+
+    def __init__(self, vessel: Vessel, clock: Clock, dt: float):
+        """`dt` is the control period [s]. What came before is forgotten; thrusters are off."""
+        self.vessel, self._clock, self._dt = vessel, clock, dt
+        vessel.ears.drain()
+        vessel.helm.restart(vessel.readiness.start)
+        self.ticks, self.began = 0, clock()
+        vessel.ears.zero = self.began
+        names = vessel.composed.sensor_names
+        self._hearing, self._consistency, self._pace = Hearing(names), Consistency(names), Pace()
+        self._late = self._latest = 0.0
+
+    @property
+    def t(self) -> float:
+        """Of the next tick [s]."""
+        return self.ticks * self._dt
+
+    @property
+    def late(self) -> float:
+        """Lateness of the last tick [real s]."""
+        return self._late
+
+    def rests(self) -> float:
+        """Until the next tick is due [s]."""
+        return (self.began + self.t - self._clock()) / self._clock.speed
+
+    def listen(self) -> None:
+        """Hear the vehicle, also while its time stands still.
+
+        Raises:
+            LinkError: It is lost.
+        """
+        self._hearing.hear(self.vessel.ears.read())
+
+    def tick(self, operator_age: float, wish: tuple[float, ...], armed: bool) -> bool:
+        """One tick of what was heard; False where the world has not come so far.
+
+        Args:
+            operator_age: Since the operator gave a sign of life [s].
+            wish: The pilot's, see `HostAutopilot.step`.
+            armed: Whether the command goes to the vehicle.
+
+        Raises:
+            LinkError: The vehicle is lost.
+        """
+        vessel, clock, t = self.vessel, self._clock, self.t
+        fast = clock.speed > 1.0
+        if fast:  # in step with the world: neither outruns the other
+            vessel.link.tell(("reached", self.began + t))
+            if self._hearing.told_until < t - 0.5 * self._dt:
+                return False
+        readings = self._hearing.news(t, t + 0.5 * self._dt if fast else np.inf)
+        late = self._pace.wait(self.began + t, clock, clock.speed)
+        if fast and late > SLIP:  # as fast as the computer can, then
+            vessel.link.tell(("pace", *clock.slip(late * clock.speed)))
+        # Ages by our own time; faster than real time nothing is too late.
+        ages = vessel.link.age, operator_age, 0.0 if fast else late / self._dt
+        command = vessel.helm.tick(readings, ages, wish)
+        if armed:
+            vessel.link.send(command)
+        self._consistency.take(t, vessel.helm.output)
+        self._late, self._latest = late, max(self._latest, late)
+        self.ticks += 1
+        return True
+
+    def told(self, waypoints: int) -> dict[str, Any]:
+        """Of the last tick, for a mission of so many way-points; `late_ms` is the largest since this was last asked."""
+        vessel, t = self.vessel, self.t - self._dt
+        state = flown(vessel.helm.output, waypoints) | self._hearing.told(t)
+        state |= {"t": t, "nis": self._consistency.told(t), "link_age": vessel.link.age, "late_ms": 1e3 * self._latest}
+        self._latest = 0.0
+        return state

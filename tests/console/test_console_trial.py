@@ -1,0 +1,84 @@
+"""An identification test flown from the console, as a whole: cues, the log's quality, the estimate, what identifies."""
+
+import json
+import shlex
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
+pytest.importorskip("zmq")
+
+from tests.console.whole import arm, opened, order, serving, state
+
+from rovtwin.identification.logs.readers import read_records
+from rovtwin.vehicle import load_vehicle
+
+pytestmark = pytest.mark.slow  # the quick estimate is compiled, below all others in priority
+LOOKED = 400_000  # [ms]
+
+
+@pytest.fixture(scope="module")
+def page(browser, tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("trial"), "test_mixed", "--speed", "4") as served:
+        page = opened(browser, served)
+        page.folder = served.folder
+        page.wait_for_function("() => rovtwin.last.rights?.may && rovtwin.last.setup")
+        yield page
+        page.context.close()
+
+
+@pytest.fixture
+def armed(page):
+    """Disarmed again afterwards; the browser must have had nothing to complain of."""
+    arm(page)
+    yield page
+    order(page, "disarm")
+    page.wait_for_function("() => !rovtwin.last.state.armed")
+    assert page.complaints == [] and page.asked == {"127.0.0.1"}
+
+
+def test_a_test_has_no_way_points_and_no_pilot(armed):
+    assert armed.get_by_role("tab", name="Identify").get_attribute("aria-selected") == "true"
+    assert not armed.get_by_role("tab", name="Plan").count() and not armed.get_by_role("tab", name="Pilot").count()
+    assert not armed.locator(".chart-tools button:visible").count()
+    for do, what in (("goto", {"x": 1, "y": 0}), ("pilot", {"surge": 1.0}), ("pause", {})):
+        assert "a test is flown here" in order(armed, do, **what)
+
+
+def test_abort_ends_it_with_thrusters_off_and_a_log_that_says_so(armed):
+    armed.click("#start")
+    armed.wait_for_function("() => rovtwin.last.state.u.some(u => u !== 0)")
+    folder = state(armed)["folder"]
+    armed.click("#abort")
+    armed.wait_for_function("() => !rovtwin.last.state.trial.running && !rovtwin.last.state.u.some(u => u !== 0)")
+    armed.wait_for_function("() => document.querySelector('#cue').innerText.includes('thrusters are off')")
+    summary = json.loads((armed.folder / folder / "summary.json").read_text())
+    assert not summary["completed"] and summary["reason"]
+
+
+def test_flown_to_its_end_it_is_judged_estimated_and_can_be_identified(armed):
+    armed.evaluate(
+        "() => { window.cues = new Set(); rovtwin.on('state', s => cues.add([s.trial?.cue, s.trial?.hand].join())); }"
+    )
+    armed.click("#start")
+    armed.wait_for_function("() => rovtwin.last.state.trial.running")
+    assert "under way" in order(armed, "start")  # a double click
+    folder = state(armed)["folder"]
+    armed.wait_for_function("() => rovtwin.last.state.trial.ended === 'finished'", timeout=90_000)
+    cues = armed.evaluate("[...cues]")
+    assert any(cue.startswith("TILT IT") and cue.endswith(",true") for cue in cues)
+    assert any(cue.startswith("LET GO") for cue in cues)
+    told = "rovtwin.last.identify"
+    whole = f"folder => {told}?.folder === folder && {told}.final && !{told}.busy"
+    armed.wait_for_function(whole, arg=folder, timeout=LOOKED)
+    found = armed.evaluate("rovtwin.last.identify")
+    assert found["quality"]["verdict"] != "error" and found["quality"]["not_pushed"] == []
+    assert found["estimate"]["told"] > 40
+    rows = {row["name"]: row for row in found["estimate"]["rows"]}
+    assert rows["added_mass.surge"]["ratio"] < 0.9
+    assert armed.locator("#identify tbody tr").count() > 10
+    # The command is one that can be run, and what it reads is there.
+    command = shlex.split(armed.inner_text("#command"))
+    assert command[:2] == ["rovtwin", "identify"]
+    records = read_records(armed.folder / command[3], load_vehicle("double_blueye"))
+    assert sum(record.duration for record in records) == pytest.approx(84.0, abs=3.0)
