@@ -7,9 +7,13 @@ THRUSTERS = ["port_surge", "starboard_surge", "sway", "heave"]
 
 def setup(**changes: Any) -> dict[str, Any]:
     room = {"kind": "tank", "x": [-2, 11], "y": [-2, 12], "floor": 5}
-    fixed = {"twin": True, "camera": False, "room": room, "fence": None, "home": [0, 0, 0], "mesh": None}
+    fixed = {"twin": True, "room": room, "fence": None, "home": [0, 0, 0], "mesh": None}
     fixed |= {"size": [0.5, 0.8, 0.35], "waves": {"height": 0.3, "direction": 3.1}, "thrusters": THRUSTERS}
     return {"kind": "setup", "sensors": ["position"], **fixed, **changes}
+
+
+def camera(live: bool, why: str = "") -> dict[str, Any]:
+    return {"kind": "camera", "live": live, "why": why}
 
 
 def state(**changes: Any) -> dict[str, Any]:

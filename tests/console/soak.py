@@ -22,6 +22,7 @@ from rovtwin.console.launch import end, running
 from rovtwin.console.wire import Place
 
 SCENARIO = ["lawnmower_calm", "--set", "autopilot=model_based", "--set", "cameras=[{scene: pool}]"]
+OVERRUN = 20.0  # a whole control period [ms]
 LISTEN = """offset => {
   window.ages = []; window.pictures = 0; let seen = null;
   const frame = () => {
@@ -32,8 +33,6 @@ LISTEN = """offset => {
   frame();
   rovtwin.on('sight', () => { pictures += 1; });
 }"""
-
-
 TAKE = "() => { const told = [ages, pictures]; ages = []; pictures = 0; return told; }"
 
 
@@ -104,13 +103,14 @@ def soak(minutes: float) -> dict:
                     until = time.monotonic() + min(60.0, 60 * minutes - passed)
                     while time.monotonic() < until:
                         if ear.poll(200):
-                            late.append(json.loads(ear.recv()).get("late_ms", 0.0))
+                            state = json.loads(ear.recv())
+                            late.append(state.get("late_ms", 0.0))
+                            if late[-1] > OVERRUN:
+                                print(f"t = {state['t']:.1f} s, {state['phase']}: {late[-1]:.0f} ms late", flush=True)
                     if pages[0].evaluate("!['go', 'dive', 'turn', 'hold'].includes(rovtwin.last.state.phase)"):
                         pages[0].evaluate("rovtwin.send({do: 'start'})")
                     for i, page in enumerate(pages):
-                        told = page.evaluate(
-                            "() => { const a = ages, p = pictures; ages = []; pictures = 0; return [a, p]; }"
-                        )
+                        told = page.evaluate(TAKE)
                         ages["every view" if i == 0 else "without 3-D"] += told[0]
                         pictures += told[1] if i == 0 else 0
                     row = {"minute": round((time.monotonic() - began) / 60, 1)}
@@ -130,7 +130,7 @@ def soak(minutes: float) -> dict:
         "states_per_s": {name: len(v) / seconds / (1 if name == "every view" else 3) for name, v in ages.items()},
         "camera_per_s": pictures / seconds,
         "late_ms": {f"p{p}": round(float(np.percentile(late, p)), 2) for p in (50, 99, 100)},
-        "overruns": sum(value > 20.0 for value in late),
+        "overruns": sum(value > OVERRUN for value in late),
         "memory": rows,
     }
 

@@ -7,7 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from rovtwin.console.camera import PATIENCE, STILL, WINDOW, CameraProcess, Eye, Picture, Sizes, section_of, watch
+from rovtwin.console.camera import PATIENCE, STILL, WINDOW, Drawn, Eye, Sizes, section_of, watch
+from rovtwin.console.pictures import Picture, PictureProcess
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.scenario.files import load_scenario
 from rovtwin.simulation.scene import load_scene
@@ -158,7 +159,7 @@ def newest(camera):
 
 def test_process_gives_pictures_and_says_why_there_are_no_more(vehicle):
     section = section_of(load_scenario("lawnmower_calm"), vehicle, "pool")
-    with CameraProcess(section, vehicle, Gone(5)) as camera:
+    with PictureProcess(Drawn(section, vehicle, Gone(5))) as camera:
         first = newest(camera)
         assert {marker["id"] for marker in first.markers} >= {1, 2}
         second = newest(camera)
@@ -170,7 +171,7 @@ def test_process_gives_pictures_and_says_why_there_are_no_more(vehicle):
 
 def test_process_that_is_killed_is_told_of(vehicle):
     section = section_of(load_scenario("lawnmower_calm"), vehicle, "pool")
-    with CameraProcess(section, vehicle, Gone(5)) as camera:
+    with PictureProcess(Drawn(section, vehicle, Gone(5))) as camera:
         os.kill(camera.pid, signal.SIGKILL)
         assert newest(camera) is None
         assert "ended, or was killed" in camera.why

@@ -55,6 +55,20 @@ def test_a_click_in_add_mode_adds_where_it_was(chart):
     assert (added["x"], added["y"]) == pytest.approx((2, 8), abs=0.03)
 
 
+def test_a_test_has_no_way_points_to_edit(chart):
+    page = chart()
+    emit(page, messages.setup(test={"name": "mixed"}))
+    assert not page.get_by_role("toolbar", name="Edit the plan").is_visible()
+    page.mouse.click(*at(3, 3), button="right")
+    page.mouse.move(*at(6, 0))
+    page.mouse.down()
+    page.mouse.move(*at(4, 1))
+    page.mouse.up()
+    assert sent(page) == [] and not page.get_by_role("menu").is_visible()
+    emit(page, messages.setup())
+    assert page.get_by_role("toolbar", name="Edit the plan").is_visible()
+
+
 def test_a_drag_moves_a_way_point_and_a_refusal_puts_it_back(chart):
     page = chart()
     page.mouse.move(*at(6, 0))

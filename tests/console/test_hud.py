@@ -32,7 +32,7 @@ def hud(open_views):
 
 
 def test_without_a_camera_it_says_so_and_asks_for_no_picture(hud):
-    page = hud(messages.setup(camera=False), messages.state())
+    page = hud(messages.setup(), messages.camera(live=False, why="no camera over this link"), messages.state())
     assert page.get_by_text("no camera over this link").is_visible()
     assert page.locator("#hud img").get_attribute("src") is None
 
@@ -54,7 +54,7 @@ def test_a_vehicle_that_is_silent_is_not_mistaken_for_a_fresh_one(hud):
 
 def test_a_picture_that_nothing_follows_is_not_left_standing(hud, views_page):
     views_page[0].route("**/camera.mjpg*", lambda route: route.fulfill(body=DOT, content_type="image/svg+xml"))
-    page = hud(messages.setup(camera=True), messages.state(running=True))
+    page = hud(messages.setup(), messages.camera(live=True), messages.state(running=True))
     picture = page.locator("#hud img")
     picture.wait_for()
     page.evaluate("() => { window.now = performance.now; performance.now = () => now.call(performance) + 40_000; }")
@@ -69,7 +69,9 @@ def test_a_picture_that_nothing_follows_is_not_left_standing(hud, views_page):
         assert not picture.is_visible() and picture.get_attribute("src") is None
     finally:
         page.evaluate("() => { performance.now = now; }")
-        page.evaluate("message => window.emit(message)", messages.setup())  # no picture is asked for any more
+        page.evaluate(
+            "message => window.emit(message)", messages.camera(live=False)
+        )  # no picture is asked for any more
         page.unroute("**/camera.mjpg*")
 
 

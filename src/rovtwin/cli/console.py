@@ -25,6 +25,10 @@ def console(
         list[str] | None,
         typer.Option("--sensor", metavar="URL", help="An instrument beside it: ugps://, dvl://, qtm://"),
     ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Stream of a real camera: rtsp://.. A Blueye's is known by its address."),
+    ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Of the web page.")] = PORT,
     host: Annotated[str, typer.Option(help="Address to serve at; others than this machine need the token shown.")] = (
         "127.0.0.1"
@@ -52,6 +56,7 @@ def console(
             f"the console needs {error.name}, which is not installed: pip install 'rovtwin[console]'"
         ) from None
     from rovtwin.console.launch import end, require_free, running, start
+    from rovtwin.console.video import camera_of, require_stream
     from rovtwin.console.wire import Place
     from rovtwin.scenario.files import load_scenario
 
@@ -61,12 +66,14 @@ def console(
     if replay is not None:
         from rovtwin.console.replay import Recording
 
-        if link != "twin://" or sensor:
-            raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link and --sensor")
+        if link != "twin://" or sensor or camera:
+            raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link, --sensor and --camera")
         build_replay(Recording.open(replay), Gate(host, token), runs)
         screen.print(f"open {address}   (Ctrl-C: end)", markup=False, soft_wrap=True)
         _serve(host, port, address if browser else "")
         return
+    if camera is not None:
+        require_stream(camera)
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
     wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
@@ -82,12 +89,12 @@ def console(
             style="yellow",
             markup=False,
         )
-        wanted = load_scenario(str(place.folder / "scenario.yaml"), (), None)  # as that one was given it
+        wanted, link = load_scenario(str(place.folder / "scenario.yaml"), (), None), found.link  # as it was given it
     if token:
         screen.print(f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False)
     screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
     try:
-        build(place, Gate(host, token), wanted, runs)
+        build(place, Gate(host, token), wanted, runs, link == "twin://", camera or camera_of(link))
         _serve(host, port, address if browser else "")
     finally:
         end(place)

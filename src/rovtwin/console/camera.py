@@ -1,27 +1,22 @@
-"""The camera's process: what the twin's camera sees from where the twin is now, and the markers found in it.
+"""What the twin's camera sees from where the twin is now, and the markers found in it.
 
 It asks for the newest pose when it is ready for the next picture, so that it leaves out pictures rather than lag. What
 is drawn is as large as the machine keeps up with: see `Sizes`. Pictures have neither motion blur nor noise: they are
 for the operator, and the run's own (`scenario.filming`) are recorded apart.
 """
 
-import multiprocessing
-import os
-import signal
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
-from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import ConfigError, RovtwinError
+from rovtwin.console.pictures import RATE, Developer, Give, Picture, Wait
+from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import jax
 from rovtwin.core.vision import opencv
-from rovtwin.positioning.detection import Detector
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.camera.renderer import Renderer
 from rovtwin.simulation.camera.sensor import CameraSection, camera_named
@@ -29,17 +24,13 @@ from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.camera import cameras_of
 
-RATE = 12.0  # pictures a second at most
 SLOWEST = 10.0  # pictures a second below which they are drawn smaller
 SHARE = 0.4  # of one core's time, at most
-NICE = 3  # below the autopilot and the web server; lower still, and a busy browser starves it
 WIDTHS = (640, 480, 384, 320, 256, 192)  # of pictures, the widest first [px]
 FIRST = 3  # of WIDTHS: software OpenGL draws it in some 25 ms
-QUALITY = 80  # of JPEG
 WINDOW = 12  # pictures from which it is judged whether the machine keeps up
 PATIENCE = 120  # pictures for which a size holds before a larger one is tried
 STILL = 5e-4  # a camera that moved and turned by less sees the same [m, rad]
-ENDING = 2.0  # a process that does not end by itself in this time is killed [s]
 _WAIT = 0.02  # between two looks for a new pose [s]
 
 Pose = tuple[float, np.ndarray]
@@ -48,28 +39,6 @@ Source = Callable[[], Pose | None]
 """Gives the newest true pose, None before the first; called in the camera's process, so it must pickle."""
 
 _rotation = jax.jit(rotation_from_euler)
-
-
-@dataclass(frozen=True)
-class Picture:
-    """What the camera sees.
-
-    Attributes:
-        t: Time of the vehicle at which it does [s].
-        jpeg: The picture.
-        size: Its width and height [px].
-        markers: Those found in it that hang there: `{"id": 3, "corners": [[x, y], ...]}`, four corners from the top
-            left one of the print, clockwise [px].
-        rate: Pictures a second lately.
-        share: Of one core's time that they took lately.
-    """
-
-    t: float
-    jpeg: bytes
-    size: tuple[int, int]
-    markers: list[dict[str, Any]]
-    rate: float = 0.0
-    share: float = 0.0
 
 
 def section_of(scenario: Scenario, vehicle: Vehicle, scene: str | None = None) -> CameraSection:
@@ -146,12 +115,9 @@ class Eye:
     """
 
     def __init__(self, section: CameraSection, vehicle: Vehicle, share: float = SHARE):
-        self._cv2: Any = opencv("the camera's view")
-        self._cv2.setNumThreads(1)
         self._section, self._scene = section, load_scene(section.scene)
         self._camera = camera_named(vehicle, section.camera)
-        layout = self._scene.layout
-        self._detector, self._hung = Detector(layout.dictionary), {marker.id for marker in layout.markers}
+        self._developed = Developer(self._scene)
         self._sizes, self._drawn = Sizes(share / RATE, 0.9 / SLOWEST), {}
         self._made: deque[float] = deque(maxlen=WINDOW)
         self._costs: deque[float] = deque(maxlen=WINDOW)
@@ -161,19 +127,13 @@ class Eye:
         renderer = self._renderer(self._sizes.width)
         begun, cost = time.monotonic(), time.process_time()
         image = renderer.image(eta[:3], np.asarray(_rotation(np.asarray(eta[3:], float))))
-        found = self._detector(image)
-        markers = [
-            {"id": number, "corners": np.round(corners, 2).tolist()}
-            for number, corners in zip(found.ids.tolist(), found.corners, strict=True)
-            if number in self._hung
-        ]
-        options = [self._cv2.IMWRITE_JPEG_QUALITY, QUALITY]
-        _, jpeg = self._cv2.imencode(".jpg", image[..., ::-1], options)
+        picture = self._developed(t, image)
         cost = time.process_time() - cost
         self._sizes.took(cost, time.monotonic() - begun)
         self._made.append(time.monotonic())
         self._costs.append(cost)
-        return Picture(t, jpeg.tobytes(), (image.shape[1], image.shape[0]), markers, *self._lately())
+        rate, share = self._lately()
+        return replace(picture, rate=rate, share=share)
 
     def _lately(self) -> tuple[float, float]:
         span = self._made[-1] - self._made[0]
@@ -189,7 +149,7 @@ class Eye:
         return self._drawn[width]
 
 
-def watch(eye: Eye, source: Source, give: Callable[[Picture], None], wait: Callable[[float], bool]) -> None:
+def watch(eye: Eye, source: Source, give: Give, wait: Wait) -> None:
     """Picture after picture, at most RATE a second, of the newest pose; none while there is no newer one.
 
     Args:
@@ -212,84 +172,21 @@ def watch(eye: Eye, source: Source, give: Callable[[Picture], None], wait: Calla
         give(last)
 
 
-class CameraProcess:
-    """The process, seen from the web server. Leave it with `close`, or use it as a context manager.
+@dataclass(frozen=True)
+class Drawn:
+    """A feed of what a twin's camera sees.
 
-    Args:
+    Attributes:
         section: Of `section_of`.
         vehicle: That carries the camera.
         source: Of poses.
         share: Of one core's time that it may take.
     """
 
-    def __init__(self, section: CameraSection, vehicle: Vehicle, source: Source, share: float = SHARE):
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_main, args=(theirs, section, vehicle, source, share), daemon=True, name="rovtwin-camera"
-        )
-        self._process.start()
-        theirs.close()  # or its end would never be seen closed here
-        self.why = ""
-        """Why there are no pictures any more; empty while there may be."""
+    section: CameraSection
+    vehicle: Vehicle
+    source: Source
+    share: float = SHARE
 
-    @property
-    def pid(self) -> int | None:
-        """Of the process."""
-        return self._process.pid
-
-    def fileno(self) -> int:
-        """Readable when there is something new: for `loop.add_reader`."""
-        return self._pipe.fileno()
-
-    def newest(self) -> Picture | None:
-        """The newest picture since the last call; None: no new one, see `why`. Never waits for the process."""
-        picture = None
-        try:
-            while not self.why and self._pipe.poll():
-                kind, content = self._pipe.recv()
-                if kind == "picture":
-                    picture = content
-                else:
-                    self.why = content
-        except (EOFError, OSError):
-            self.why = "the camera's process ended, or was killed"
-        return picture
-
-    def close(self) -> None:
-        """End the process; may be called twice."""
-        self.why = self.why or "closed"
-        self._pipe.close()
-        self._process.join(ENDING)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-
-    def __enter__(self) -> "CameraProcess":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-def _main(pipe: Connection, section: CameraSection, vehicle: Vehicle, source: Source, share: float) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it: that closes the pipe
-    os.nice(NICE)
-    # Mesa on a processor: threads of its own would take the other core from the autopilot.
-    os.environ.setdefault("LP_NUM_THREADS", "0")
-    try:
-        watch(Eye(section, vehicle, share), source, lambda picture: pipe.send(("picture", picture)), pipe.poll)
-    except RovtwinError as error:
-        _tell(pipe, str(error))
-    except (EOFError, OSError):
-        pass  # nobody is there to see
-    except Exception as error:  # a mistake of ours: said there, where a user looks
-        _tell(pipe, f"{type(error).__name__}: {error}")
-        raise
-
-
-def _tell(pipe: Connection, why: str) -> None:
-    try:
-        pipe.send(("none", why))
-    except OSError:
-        pass  # nobody is there to read it
+    def __call__(self, give: Give, wait: Wait) -> None:
+        watch(Eye(self.section, self.vehicle, self.share), self.source, give, wait)

@@ -26,7 +26,6 @@ def setup_of(
         "thrusters": composed.thruster_names,
         "sensors": composed.sensor_names,
         "twin": wanted.is_twin,
-        "camera": wanted.is_twin and bool(wanted.scenario.cameras),
         "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
         "home": np.asarray(readiness.start.position),
         "missing": list(readiness.missing),

@@ -11,7 +11,7 @@ from nicegui import app, ui
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
 from rovtwin.console.web.assessing import Assessing
-from rovtwin.console.web.camera_stream import BOUNDARY, Stream
+from rovtwin.console.web.camera_stream import BOUNDARY, Stream, feed_of
 from rovtwin.console.web.gate import Gate, Guard
 from rovtwin.console.web.hub import Hub
 from rovtwin.console.web.mesh import vehicle_glb
@@ -19,7 +19,7 @@ from rovtwin.console.web.page import page
 from rovtwin.console.web.replay_routes import add_replay
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.wire import Place
-from rovtwin.core.errors import LinkError
+from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
@@ -27,7 +27,7 @@ STATIC = Path(__file__).parent / "static"
 LARGEST = 2_000_000  # message of a browser [bytes]
 
 
-def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
+def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: bool, camera: str | None = None) -> Hub:
     """The pages and sockets of a console on the engine at a place, which flies a scenario's vehicle.
 
     Args:
@@ -35,9 +35,14 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
         gate: Who may come in.
         scenario: What it flies.
         runs: Folder of finished runs, which can be replayed.
+        is_twin: Whether the vehicle is computed.
+        camera: Address of the vehicle's camera stream, if it has one.
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
-    stream = Stream(scenario, vehicle, place.news, hub.send, lambda why: hub.say("warning", why))
+    try:
+        stream = Stream(feed_of(scenario, vehicle, is_twin, place.news, camera), "", hub.keep)
+    except ConfigError as error:
+        stream = Stream(None, str(error), hub.keep)
     looks = vehicle_glb(vehicle)
     open_to(gate)
     add_replay(Shelf(runs), stop=hub.client.stop)
@@ -54,9 +59,9 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path) -> Hub:
             return {"ok": False, "error": str(error)}
 
     @app.get("/camera.mjpg")
-    async def camera() -> Response:
-        if stream.why_not:
-            return Response(stream.why_not, 404)
+    async def picture() -> Response:
+        if stream.rests:
+            return Response(stream.why, 404)
         return StreamingResponse(stream.parts(), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
 
     @app.get("/mesh/vehicle.glb")

@@ -1,4 +1,4 @@
-"""The camera's pictures for browsers: drawn while somebody looks, by a process of its own."""
+"""The camera's pictures for browsers: made while somebody looks, by a process of its own."""
 
 import asyncio
 import contextlib
@@ -11,15 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.camera import CameraProcess, Picture, Pose, section_of
+from rovtwin.console.camera import Drawn, Pose, section_of
+from rovtwin.console.pictures import Feed, Picture, PictureProcess
+from rovtwin.console.video import Filmed
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.vision import opencv
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
 
 BOUNDARY = "picture"
-REST = 10.0  # before a camera that failed is tried again [s]
+REST, LONGEST = 5.0, 60.0  # before a camera that failed is tried again, at first and at most [s]
 
-Sight = Callable[[dict[str, Any]], None]
+Tell = Callable[[dict[str, Any]], None]
 
 
 @dataclass
@@ -46,25 +49,50 @@ class Truth:
         return state["t"], np.array(state["truth"])
 
 
-class Stream:
-    """Hands the camera's newest picture to all who look."""
+def feed_of(scenario: Scenario, vehicle: Vehicle, is_twin: bool, news: str, camera: str | None) -> Feed:
+    """Where pictures come from: a camera's own stream, or what a twin's camera sees.
 
-    def __init__(self, scenario: Scenario, vehicle: Vehicle, address: str, sight: Sight, say: Callable[[str], None]):
-        """`sight` is told of the markers in each picture, `say` why there are none any more."""
-        self._vehicle, self._truth, self._sight, self._say = vehicle, Truth(address), sight, say
+    Args:
+        scenario: That is flown.
+        vehicle: That carries the camera.
+        is_twin: Whether the vehicle is computed.
+        news: Address at which the engine tells where it is.
+        camera: Address of the stream, if there is one.
+
+    Raises:
+        ConfigError: There are none; says why, and what to do.
+    """
+    if camera is not None:
+        opencv("a camera's picture")
+        return Filmed(camera, scenario.cameras[0].scene if scenario.cameras else None)
+    if is_twin:
+        return Drawn(section_of(scenario, vehicle), vehicle, Truth(news))
+    raise ConfigError("no camera over this link; give the address of its stream, as --camera rtsp://HOST:8554/test")
+
+
+class Stream:
+    """Hands the newest picture of a feed to all who look.
+
+    Attributes:
+        why: Why there are no pictures, "" if there are, or may be.
+    """
+
+    def __init__(self, feed: Feed | None, why: str, tell: Tell):
+        """`tell` is told of the markers in each picture, and whether there may be any; without a feed `why` not."""
+        self._feed, self.why, self._tell_all = feed, why, tell
         self._lookers, self._picture = 0, None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
-        self._why, self._again = "", -math.inf
-        try:
-            self._section = section_of(scenario, vehicle)
-        except ConfigError as error:
-            self._why, self._again = str(error), math.inf
+        self._rest, self._again = REST, -math.inf
+        self._say()
+
+    def _say(self) -> None:
+        self._tell_all({"kind": "camera", "live": self._feed is not None, "why": self.why})
 
     @property
-    def why_not(self) -> str:
-        """Why there is no picture now, "" if there can be one."""
-        return self._why if time.monotonic() < self._again else ""
+    def rests(self) -> bool:
+        """Whether nothing is to be had now: there is no camera, or it failed and is tried again later."""
+        return self._feed is None or time.monotonic() < self._again
 
     async def parts(self) -> AsyncIterator[bytes]:
         """Pictures as parts of a multipart answer, as long as somebody takes them."""
@@ -84,23 +112,31 @@ class Stream:
             self._lookers -= 1
 
     async def _draw(self) -> None:
-        """Until nobody looks."""
+        """Until nobody looks, or there are no more."""
+        assert self._feed is not None
         try:
-            camera = await asyncio.to_thread(CameraProcess, self._section, self._vehicle, self._truth)
-            with camera:
-                while self._lookers and not camera.why:
-                    picture = await asyncio.to_thread(camera.newest)
+            with await asyncio.to_thread(PictureProcess, self._feed) as process:
+                while self._lookers and not process.why:
+                    picture = await asyncio.to_thread(process.newest)
                     if picture is None:
                         await asyncio.sleep(0.01)
                         continue
                     await self._tell(picture)
-                    self._sight({"kind": "sight", "markers": picture.markers, "picture": list(picture.size)})
+                    self._tell_all({"kind": "sight", "markers": picture.markers, "picture": list(picture.size)})
+                    self._found("")
                 if self._lookers:
-                    self._why, self._again = camera.why, time.monotonic() + REST
-                    self._say(f"no picture from the camera: {camera.why}")
+                    self._found(process.why)
         finally:
             with contextlib.suppress(RuntimeError):
                 await self._tell(None)
+
+    def _found(self, why: str) -> None:
+        """Pictures come, or do not; who fails again and again is asked ever more seldom."""
+        self._rest = min(2.0 * self._rest, LONGEST) if why else REST
+        self._again = time.monotonic() + self._rest if why else -math.inf
+        if why != self.why:
+            self.why = why
+            self._say()
 
     async def _tell(self, picture: Picture | None) -> None:
         async with self._news:

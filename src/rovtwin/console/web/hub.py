@@ -114,14 +114,16 @@ class Hub:
 
     def send(self, message: dict[str, Any]) -> None:
         """A message to all."""
-        text = self._text(message)
-        for browser in self._browsers:
-            browser.put(text)
+        self._hand_on(self._text(message))
 
     def keep(self, message: dict[str, Any]) -> None:
         """A message to all, and the newest of its kind to who comes later."""
-        self._kept[message["kind"]] = self._text(message)
-        self.send(message)
+        self._kept[message["kind"]] = text = self._text(message)
+        self._hand_on(text)
+
+    def _hand_on(self, text: str) -> None:
+        for browser in self._browsers:
+            browser.put(text)
 
     def say(self, level: str, text: str) -> None:
         """An event of the console's own."""

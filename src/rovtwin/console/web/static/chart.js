@@ -11,6 +11,7 @@ const model = {state: null, setup: null, plan: null, rights: null};
 const track = new Track(); // outlives the element: a change of tab loses nothing
 let shown = null;
 
+const LEAST = 4; // of the water round a vehicle that hangs still, shown where there is no plan [m]
 const metres = value => value.toFixed(1);
 
 class Chart {
@@ -46,7 +47,9 @@ class Chart {
     this.changed({});
   }
 
-  may = () => Boolean(model.rights?.may);
+  /** A test has no way-points. */
+  editable = () => !model.setup?.test;
+  may = () => Boolean(model.rights?.may) && this.editable();
   drawing = () => this.mode === 'area' && this.may() && !this.form.open;
 
   /** Way-points of the draft, the dragged one where the hand has it. */
@@ -98,6 +101,7 @@ class Chart {
     const all = boxOf([...points, ...fence]);
     const margin = Math.max(30, 0.09 * Math.min(this.view.width, this.view.height));
     if (all) this.view.fit(box && reach(all) > 3 * reach(box) ? box : all, margin);
+    this.view.scale = Math.min(this.view.scale, Math.min(this.view.width, this.view.height) / LEAST);
   }
 
   // Editing: everything is asked of the server, and drawn when its plan message comes
@@ -154,6 +158,7 @@ class Chart {
 
   /** At a pixel, of way-point i or (null) of an empty place. */
   menu(pixel, i) {
+    if (!this.editable()) return;
     const draft = this.draft();
     const here = i === null ? this.view.toWorld(pixel) : draft[i];
     const depth = draft[i]?.depth ?? model.state?.setpoint?.[2] ?? model.state?.eta?.[2] ?? 0;
@@ -199,7 +204,7 @@ live.on('track', states => {
 });
 live.on('setup', setup => {
   model.setup = setup;
-  shown?.surface.redraw();
+  shown?.changed({});
 });
 live.on('plan', plan => {
   const fewer = plan.draft.length < (model.plan?.draft.length ?? 0);

@@ -41,6 +41,7 @@ export class Tools {
       element.setAttribute('aria-pressed', String(chart.mode === name));
       element.disabled = !chart.may() && name !== 'move';
     }
+    this.elements[0].hidden = !chart.editable();
     this.elements[0].classList.toggle('is-watching', !chart.may());
     this.remove.disabled = !chart.may() || chart.selected === null;
     this.follow.setAttribute('aria-pressed', String(chart.follow));

@@ -8,7 +8,7 @@ const RETRY = 2000; // before a lost picture is asked for again [ms]
 const STARTS = 30; // longest wait for the first picture, whose program is compiled [s]
 const NEXT = 3; // and for the next one [s]
 
-const model = {state: null, setup: null, heard: null};
+const model = {state: null, setup: null, camera: null, heard: null};
 let sighted = 0; // when the last live picture came
 let shown = null;
 
@@ -47,9 +47,11 @@ class Hud {
 
   /** Takes pictures where there is a camera and room to show them. */
   watch() {
-    const wanted = Boolean(model.setup?.camera) && this.element.clientWidth > 0;
-    const none = model.setup?.replay ? 'no pictures were recorded with this run' : 'no camera over this link';
-    this.words.textContent = model.setup && !model.setup.camera ? none : '';
+    const {setup, camera} = model;
+    const there = setup?.replay ? setup.camera : camera?.live;
+    const none = setup?.replay ? 'no pictures were recorded with this run' : camera?.why ?? '';
+    const wanted = Boolean(there) && this.element.clientWidth > 0;
+    if (!there) this.words.textContent = none;
     if (wanted === this.#wanted) return;
     this.#wanted = wanted;
     clearTimeout(this.#retry);
@@ -101,7 +103,7 @@ class Hud {
       return;
     }
     this.#drop();
-    this.words.textContent = 'no picture from the camera; trying again';
+    this.words.textContent = `${model.camera?.why || 'no picture from the camera'}; trying again`;
     clearTimeout(this.#retry);
     this.#retry = setTimeout(() => this.#ask(), RETRY);
   }
@@ -142,6 +144,10 @@ live.on('state', state => {
   if (!state.running) sighted = model.heard; // time stands still, and so does the picture
   shown?.turn();
   shown?.surface.redraw();
+});
+live.on('camera', camera => {
+  model.camera = camera;
+  shown?.watch();
 });
 live.on('sight', () => { sighted = performance.now(); });
 live.on('setup', setup => {

@@ -1,0 +1,100 @@
+"""A real camera's stream: what comes of it, and what is said when nothing does; what films here is a test."""
+
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from rovtwin.console.pictures import PictureProcess
+from rovtwin.console.video import WIDEST, Filmed, camera_of, public, require_stream
+from rovtwin.core.errors import ConfigError
+from rovtwin.simulation.scene import load_scene
+
+cv2 = pytest.importorskip("cv2", reason="the camera's view needs OpenCV")
+
+HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n"
+MARKER = 1  # hangs in the pool
+CORNER, SIDE = (400, 250), 300  # of it in the picture [px]
+SIZE = (1920, 1080)
+
+
+def photograph():
+    """A marker on a white wall, full HD."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, load_scene("pool").layout.dictionary))
+    image = np.full((SIZE[1], SIZE[0], 3), 230, np.uint8)
+    (u, v), marker = CORNER, cv2.aruco.generateImageMarker(dictionary, MARKER, SIDE)
+    image[v : v + SIDE, u : u + SIDE] = marker[..., None]
+    return cv2.imencode(".jpg", image)[1].tobytes()
+
+
+@contextmanager
+def filming(pictures):
+    """The address of a camera that sends so many pictures, and then hangs up."""
+    jpeg = photograph()
+    part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg) + jpeg + b"\r\n"
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            try:
+                caller, _ = server.accept()
+                with caller:
+                    caller.recv(4096)
+                    caller.sendall(HEAD)
+                    for _ in range(pictures):
+                        caller.sendall(part)
+                        time.sleep(0.04)
+            except OSError:  # nobody looks any more
+                pass
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"http://127.0.0.1:{server.getsockname()[1]}/stream"
+
+
+def newest(process):
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until:
+        picture = process.newest()
+        if picture is not None or process.why:
+            return picture
+        time.sleep(0.01)
+    raise AssertionError("neither a picture nor a reason in 60 s")
+
+
+def test_newest_picture_is_made_smaller_and_markers_are_found_until_the_camera_hangs_up():
+    with filming(60) as url, PictureProcess(Filmed(url, "pool")) as process:
+        picture = newest(process)
+        assert picture.size == (WIDEST, SIZE[1] * WIDEST // SIZE[0])
+        image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert image.shape == (picture.size[1], picture.size[0], 3)
+        (marker,) = picture.markers
+        share = WIDEST / SIZE[0]
+        assert marker["id"] == MARKER
+        assert np.abs(np.array(marker["corners"][0]) - np.array(CORNER) * share).max() < 1.5
+        while newest(process) is not None:
+            pass
+        assert "the stream ended" in process.why
+
+
+def test_camera_that_is_not_there_is_said_without_its_password():
+    with socket.socket() as nobody:  # an address at which nobody answers
+        nobody.bind(("127.0.0.1", 0))
+        url = f"rtsp://me:secret@127.0.0.1:{nobody.getsockname()[1]}/test"
+        with PictureProcess(Filmed(url)) as process:
+            assert newest(process) is None
+            assert "found no stream" in process.why and "secret" not in process.why
+
+
+@pytest.mark.parametrize("url", ["192.168.1.101", "file:///etc/passwd", "rtsp://", "ftp://me:secret@host/x", "rtsp:/x"])
+def test_what_is_no_stream_is_refused(url):
+    with pytest.raises(ConfigError, match="expected the address of a stream") as refusal:
+        require_stream(url)
+    assert "secret" not in str(refusal.value)
+
+
+def test_stream_of_a_blueye_is_known_by_its_link():
+    assert camera_of("blueye://192.168.1.101,192.168.1.102?position") == "rtsp://192.168.1.101:8554/test"
+    assert camera_of("twin://") is None and camera_of("mavlink://udpin:0.0.0.0:14550") is None
+    assert public("rtsp://me:secret@10.0.0.1:8554/a?b") == "rtsp://10.0.0.1:8554/a?b"
