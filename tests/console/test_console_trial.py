@@ -40,7 +40,7 @@ def armed(page):
 def test_a_test_has_no_way_points_and_no_pilot(armed):
     assert armed.get_by_role("tab", name="Identify").get_attribute("aria-selected") == "true"
     assert not armed.get_by_role("tab", name="Plan").count() and not armed.get_by_role("tab", name="Pilot").count()
-    assert not armed.locator(".chart-tools button:visible").count()
+    assert not armed.get_by_role("toolbar", name="Edit the plan").is_visible()
     for do, what in (("goto", {"x": 1, "y": 0}), ("pilot", {"surge": 1.0}), ("pause", {})):
         assert "a test is flown here" in order(armed, do, **what)
 
@@ -81,4 +81,4 @@ def test_flown_to_its_end_it_is_judged_estimated_and_can_be_identified(armed):
     command = shlex.split(armed.inner_text("#command"))
     assert command[:2] == ["rovtwin", "identify"]
     records = read_records(armed.folder / command[3], load_vehicle("double_blueye"))
-    assert sum(record.duration for record in records) == pytest.approx(84.0, abs=3.0)
+    assert sum(record.duration for record in records) == pytest.approx(80.0, abs=2.0)  # 84 s less those of the hand
