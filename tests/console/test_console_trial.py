@@ -41,7 +41,7 @@ def test_a_test_has_no_way_points_and_no_pilot(armed):
     assert armed.get_by_role("tab", name="Identify").get_attribute("aria-selected") == "true"
     assert not armed.get_by_role("tab", name="Plan").count() and not armed.get_by_role("tab", name="Pilot").count()
     assert not armed.get_by_role("toolbar", name="Edit the plan").is_visible()
-    for do, what in (("goto", {"x": 1, "y": 0}), ("pilot", {"surge": 1.0}), ("pause", {})):
+    for do, what in (("goto", {"x": 1, "y": 0}), ("pause", {}), ("resume", {})):
         assert "a test is flown here" in order(armed, do, **what)
 
 
