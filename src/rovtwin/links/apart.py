@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.link import COMMAND_LIFE
-from rovtwin.core.urgent import urgent
+from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.wish import Wish
@@ -128,6 +128,7 @@ def _main(pipe: Connection, servers: list[Server], drones: tuple[str, ...], spee
     # Ctrl-C and what ends a group of processes are for the physics: it closes the pipe, and that ends this one.
     os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    settle()
     try:
         with urgent(speed <= 1.0):
             asyncio.run(_serve(pipe, servers, drones, speed))

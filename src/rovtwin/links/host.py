@@ -24,7 +24,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command
 from rovtwin.core.link import COMMAND_LIFE, Link
-from rovtwin.core.urgent import urgent
+from rovtwin.core.urgent import settle, urgent
 
 logger = logging.getLogger(__name__)
 
@@ -64,6 +64,7 @@ def host(pipe: Connection, opener: Opener, thrusters: int, stop_at: Path | None 
             minding = _Host(pipe, link, np.zeros(thrusters))
             if stop_at is not None:
                 _listen_for_stop(stop_at, minding.stop)
+            settle()
             pipe.send(("open", None))
             with urgent():
                 minding.mind()

@@ -12,6 +12,7 @@ from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
+from rovtwin.core.urgent import settle
 from rovtwin.links.hosted import CONNECTING, HostedLink
 from rovtwin.scenario.composition import Composed, compose, vehicle_of
 from rovtwin.scenario.live.connect import opener, source
@@ -134,6 +135,7 @@ class Shipyard:
             self._say("listening", "waiting for the sensors")
             names = composed.sensor_names
             needed = needed_by(wanted.scenario)
+            settle()
             readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed, needed=needed)
         except BaseException:
             for one in (link, *sources):

@@ -12,7 +12,7 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
-from rovtwin.core.urgent import urgent
+from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.replay import ReplayLink
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
@@ -167,6 +167,7 @@ class _LiveLoop:
         """Fly to the end of mission or test, the duration, Ctrl-C or a lost link; why it ended, "" for its own end."""
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""
+        settle()
         self._ears.drain()
         _rewound(self._link)
         self._ears.zero = began = self._clock()

@@ -12,7 +12,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Channel, LogWriter
-from rovtwin.core.urgent import urgent
+from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.apart import Protocols
 from rovtwin.links.server import Server
 from rovtwin.links.wish import Wish
@@ -70,6 +70,7 @@ def serve(
         write = stack.enter_context(_truth_log(log, vehicle)) if log else None
         protocols = stack.enter_context(Protocols(servers, vehicle.drones, speed))
         stack.enter_context(urgent(speed <= 1.0))
+        settle()
         due, shown = time.monotonic(), 0.0
         while not (interrupt.asked or over()) and vehicle.now < duration:
             due += vehicle.dt / speed
