@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
 pytest.importorskip("zmq")
 
+from tests.console.films import filming
 from tests.console.whole import arm, opened, order, serving, state
 
 from rovtwin.identification.logs.readers import read_records
@@ -18,8 +19,15 @@ LOOKED = 400_000  # [ms]
 
 
 @pytest.fixture(scope="module")
-def page(browser, tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("trial"), "test_mixed", "--speed", "4") as served:
+def film():
+    with filming() as film:
+        yield film
+
+
+@pytest.fixture(scope="module")
+def page(browser, tmp_path_factory, film):
+    own = ("test_mixed", "--speed", "4", "--camera", film.url)
+    with serving(tmp_path_factory.mktemp("trial"), *own) as served:
         page = opened(browser, served)
         page.folder = served.folder
         page.wait_for_function("() => rovtwin.last.rights?.may && rovtwin.last.setup")
@@ -43,6 +51,14 @@ def test_a_test_has_no_way_points_and_no_pilot(armed):
     assert not armed.get_by_role("toolbar", name="Edit the plan").is_visible()
     for do, what in (("goto", {"x": 1, "y": 0}), ("pause", {}), ("resume", {})):
         assert "a test is flown here" in order(armed, do, **what)
+
+
+def test_picture_of_a_real_camera_is_shown_and_taken_away_with_the_reason(armed, film):
+    armed.wait_for_function("() => document.querySelector('#hud img').naturalWidth === 960")
+    assert armed.locator("#hud img").is_visible()
+    film.ended.set()
+    armed.wait_for_function("() => document.querySelector('.hud-words').innerText.includes('stream ended')")
+    assert not armed.locator("#hud img").is_visible()
 
 
 def test_abort_ends_it_with_thrusters_off_and_a_log_that_says_so(armed):

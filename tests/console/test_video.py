@@ -1,56 +1,19 @@
 """A real camera's stream: what comes of it, and what is said when nothing does; what films here is a test."""
 
 import socket
-import threading
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
+pytest.importorskip("cv2", reason="the camera's view needs OpenCV")
+
+import cv2
+from tests.console.films import CORNER, MARKER, SIZE, filming
+
 from rovtwin.console.pictures import PictureProcess
 from rovtwin.console.video import WIDEST, Filmed, camera_of, public, require_stream
 from rovtwin.core.errors import ConfigError
-from rovtwin.simulation.scene import load_scene
-
-cv2 = pytest.importorskip("cv2", reason="the camera's view needs OpenCV")
-
-HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n"
-MARKER = 1  # hangs in the pool
-CORNER, SIDE = (400, 250), 300  # of it in the picture [px]
-SIZE = (1920, 1080)
-
-
-def photograph():
-    """A marker on a white wall, full HD."""
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, load_scene("pool").layout.dictionary))
-    image = np.full((SIZE[1], SIZE[0], 3), 230, np.uint8)
-    (u, v), marker = CORNER, cv2.aruco.generateImageMarker(dictionary, MARKER, SIDE)
-    image[v : v + SIDE, u : u + SIDE] = marker[..., None]
-    return cv2.imencode(".jpg", image)[1].tobytes()
-
-
-@contextmanager
-def filming(pictures):
-    """The address of a camera that sends so many pictures, and then hangs up."""
-    jpeg = photograph()
-    part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg) + jpeg + b"\r\n"
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve():
-            try:
-                caller, _ = server.accept()
-                with caller:
-                    caller.recv(4096)
-                    caller.sendall(HEAD)
-                    for _ in range(pictures):
-                        caller.sendall(part)
-                        time.sleep(0.04)
-            except OSError:  # nobody looks any more
-                pass
-
-        threading.Thread(target=serve, daemon=True).start()
-        yield f"http://127.0.0.1:{server.getsockname()[1]}/stream"
 
 
 def newest(process):
@@ -64,7 +27,7 @@ def newest(process):
 
 
 def test_newest_picture_is_made_smaller_and_markers_are_found_until_the_camera_hangs_up():
-    with filming(60) as url, PictureProcess(Filmed(url, "pool")) as process:
+    with filming() as film, PictureProcess(Filmed(film.url, "pool")) as process:
         picture = newest(process)
         assert picture.size == (WIDEST, SIZE[1] * WIDEST // SIZE[0])
         image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
@@ -73,6 +36,7 @@ def test_newest_picture_is_made_smaller_and_markers_are_found_until_the_camera_h
         share = WIDEST / SIZE[0]
         assert marker["id"] == MARKER
         assert np.abs(np.array(marker["corners"][0]) - np.array(CORNER) * share).max() < 1.5
+        film.ended.set()
         while newest(process) is not None:
             pass
         assert "the stream ended" in process.why

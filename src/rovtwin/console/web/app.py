@@ -61,7 +61,9 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     @app.get("/camera.mjpg")
     async def picture() -> Response:
         if stream.rests:
-            return Response(stream.why, 404)
+            return Response(
+                status_code=204
+            )  # why is told on the page, and no error in the browser
         return StreamingResponse(stream.parts(), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
 
     @app.get("/mesh/vehicle.glb")

@@ -94,8 +94,8 @@ def _flat_tops(record: Record, weight: np.ndarray) -> list[Finding]:
         return []
     i, limit, share = max(cut, key=lambda c: c[2])
     said = (
-        f"of {record.command.shape[1]} thrusters' commands {len(cut)} rest at the largest value again and again, that of "
-        f"thruster {i + 1} at {limit:.3g} for {share:.0%} of the time."
+        f"of {record.command.shape[1]} thrusters' commands {len(cut)} rest at the largest value again and again, "
+        f"that of thruster {i + 1} at {limit:.3g} for {share:.0%} of the time."
     )
     fix = "If a limit acts after they are logged, log what it lets through; if not, all is well."
     return [Finding("warning", "clipped", "commands", said, fix)]

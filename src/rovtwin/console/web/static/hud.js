@@ -48,7 +48,7 @@ class Hud {
   /** Takes pictures where there is a camera and room to show them. */
   watch() {
     const {setup, camera} = model;
-    const there = setup?.replay ? setup.camera : camera?.live;
+    const there = setup && (setup.replay ? setup.camera : camera?.live); // the camera is told of before the vehicle is
     const none = setup?.replay ? 'no pictures were recorded with this run' : camera?.why ?? '';
     const wanted = Boolean(there) && this.element.clientWidth > 0;
     if (!there) this.words.textContent = none;
