@@ -182,6 +182,34 @@ def test_a_mistake_of_ours_ends_thrust_and_is_said_and_the_loop_goes_on(engine):
     assert engine._stage == "ready"  # once the operator presses Reconnect
 
 
+def test_a_vehicle_that_is_lost_as_it_is_taken_over_is_closed(engine):
+    engine.reconnect()
+    told, taken = engine._yard.told, engine._yard._made
+
+    def lost():
+        raise LinkError("no word from it")
+
+    taken.ears.drain = lost
+    told.clear()
+    begin, engine._yard.begin = engine._yard.begin, lambda: None
+    run(engine, 2)
+    assert told == ["close"] and said(engine, "link lost: no word from it") == ["danger"]
+    engine._yard.begin, engine.over = begin, False
+
+
+def test_events_are_told_with_the_time_of_the_tick(engine):
+    times = []
+    engine._teller.event = lambda level, text, t: times.append(t)
+    for _ in range(3):
+        turn(engine)
+        engine.event("info", "now")
+    assert times == sorted(times) and times[0] > 0.0
+    assert times[-1] == pytest.approx(engine._ticker.ticks * 0.02)
+    engine.reconnect()
+    engine.event("info", "let go")
+    assert times[-1] == times[-2]
+
+
 def test_a_vehicle_that_is_lost_is_let_go_of_before_its_log_is_closed(engine):
     flight = armed(engine)._logbook._flight
     order = engine._yard.told

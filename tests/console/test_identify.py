@@ -102,9 +102,7 @@ def test_log_that_grows_is_read_and_judged_only_once_it_is_long_enough(growing):
     found = assessor.quality(records, final=False)
     assert found["verdict"] == "early" and found["findings"] == []
     assert [(one["name"], round(one["rate"])) for one in found["signals"]] == [("depth", 50), ("gyro", 50)]
-    # At its end nothing more will come: thrusters that never turned are a mistake then.
-    found = assessor.quality(records, final=True)
-    assert found["verdict"] == "error" and "no excitation" in found["findings"][0]["message"]
+    assert assessor.quality(records, final=True)["verdict"] == "early"  # an abort
 
 
 def test_error_counts_once_two_looks_found_it(growing, monkeypatch):
@@ -125,7 +123,7 @@ def test_process_looks_tells_and_ends(growing, tmp_path):
     process = AssessProcess(Subject(load_vehicle(VEHICLE), 84.0, 2))
     try:
         for log, expected in ((tmp_path / "none" / "log.mcap", ["error"]), (growing, ["quality", "estimate"])):
-            process.ask(log, False)
+            process.ask(log, log != growing)  # of a log that grows it is no error that there is nothing yet
             told = []
             while answer := process.answer(200.0):
                 told += [key for key in answer if key != "seconds"]

@@ -51,7 +51,12 @@ def test_camera_that_is_not_there_is_said_without_its_password():
             assert "found no stream" in process.why and "secret" not in process.why
 
 
-@pytest.mark.parametrize("url", ["192.168.1.101", "file:///etc/passwd", "rtsp://", "ftp://me:secret@host/x", "rtsp:/x"])
+BROKEN = ("rtsp://[::1/test", "rtsp://:8554/x", "rtsp://host:port/x", "rtsp://host:99999999/x")
+
+
+@pytest.mark.parametrize(
+    "url", ["192.168.1.101", "file:///etc/passwd", "rtsp://", "ftp://me:secret@host/x", "rtsp:/x", *BROKEN]
+)
 def test_what_is_no_stream_is_refused(url):
     with pytest.raises(ConfigError, match="expected the address of a stream") as refusal:
         require_stream(url)
@@ -61,4 +66,4 @@ def test_what_is_no_stream_is_refused(url):
 def test_stream_of_a_blueye_is_known_by_its_link():
     assert camera_of("blueye://192.168.1.101,192.168.1.102?position") == "rtsp://192.168.1.101:8554/test"
     assert camera_of("twin://") is None and camera_of("mavlink://udpin:0.0.0.0:14550") is None
-    assert public("rtsp://me:secret@10.0.0.1:8554/a?b") == "rtsp://10.0.0.1:8554/a?b"
+    assert public("rtsp://me:secret@10.0.0.1:8554/a?b") == "rtsp://10.0.0.1:8554"

@@ -1,13 +1,14 @@
 """Running before others: for as long as it is asked for, where the system lets it, and no child with it."""
 
 import gc
+import multiprocessing
 import os
 import threading
 import time
 
 import pytest
 
-from rovtwin.core.urgent import PRIORITY, settle, urgent
+from rovtwin.core.urgent import PRIORITY, settle, start_below, urgent
 
 
 def policy():
@@ -40,6 +41,21 @@ def test_not_where_nobody_wants_it_or_the_system_refuses(monkeypatch):
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     with urgent() as is_so:
         assert not is_so
+
+
+def report(pipe):
+    pipe.send(os.nice(0))
+
+
+def test_process_below_others_is_so_from_its_beginning_and_nobody_else():
+    before = os.nice(0)
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=report, args=(theirs,))
+    start_below(process, 3)
+    assert ours.poll(30.0) and ours.recv() == before + 3
+    process.join()
+    assert os.nice(0) == before
 
 
 def test_what_was_there_before_is_looked_through_no_more():

@@ -5,7 +5,6 @@ disk, a copy of the log so far, and knows nothing of the engine.
 """
 
 import multiprocessing
-import os
 import signal
 import tempfile
 import time
@@ -17,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import RovtwinError
+from rovtwin.core.errors import LogError, RovtwinError
 from rovtwin.core.log import repair
+from rovtwin.core.log.reader import is_finished
+from rovtwin.core.urgent import start_below
 from rovtwin.identification.checks.check import AXIS_NAMES, check_record
 from rovtwin.identification.checks.findings import RANK, Finding
 from rovtwin.identification.joint.couplings import place_of
@@ -50,15 +51,18 @@ class Assessor:
     def __init__(self, tested: Subject):
         self._tested, self._model = tested, tested.vehicle.model()
         self._quick: Quick | None = None
+        self._log: Path | None = None
         self._seen: set[tuple[str, str]] = set()
 
     def records(self, log: Path, final: bool) -> list[Record]:
-        """What can be read of a log that may still be written.
+        """What can be read of a log that may still be written, or whose writer was killed.
 
         Raises:
             RovtwinError: Nothing yet.
         """
-        if final:
+        if log != self._log:
+            self._log, self._seen = log, set()
+        if final and _is_whole(log):
             return read_records(log, self._tested.vehicle)
         with tempfile.TemporaryDirectory(prefix="rovtwin-") as folder:
             copy = Path(folder) / log.parent.name / log.name
@@ -67,7 +71,7 @@ class Assessor:
 
     def quality(self, records: Sequence[Record], final: bool) -> dict[str, Any]:
         """Rates and gaps of the signals, what the checks of `rovtwin evidence check` find, axes not pushed so far."""
-        judged = [record for record in records if final or record.duration > JUDGED]
+        judged = [record for record in records if record.duration > JUDGED]
         found = [check_record(record, self._model) for record in judged]
         every = [finding for findings in found for finding in findings]
         kept = [f for f in every if f.what != "unexcited" and (final or f.what not in NOT_YET)]
@@ -96,6 +100,14 @@ class Assessor:
         rows = [row | {"coupling": place_of(row["name"]) is not None} for row in found.rows()]
         told = sum(row["ratio"] < TOLD for row in rows)
         return {"rows": rows, "told": told, "changes": found.changes}
+
+
+def _is_whole(log: Path) -> bool:
+    try:
+        with log.open("rb") as stream:
+            return is_finished(stream)
+    except OSError as error:
+        raise LogError(f"{log}: cannot be read ({error.strerror})") from None
 
 
 def _still(axis: str, where: set[str]) -> bool:
@@ -128,7 +140,7 @@ class AssessProcess:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_main, args=(theirs, tested), daemon=True, name="rovtwin-assess")
-        self._process.start()
+        start_below(self._process, NICE)
         theirs.close()  # or its end would never be seen closed here
 
     def ask(self, log: Path, final: bool) -> None:
@@ -136,7 +148,7 @@ class AssessProcess:
         self._pipe.send((log, final))
 
     def answer(self, patience: float) -> dict[str, Any] | None:
-        """The next answer: `quality`, `estimate` or `error`, each with the seconds that were looked at; {} at the end.
+        """The next answer: `quality` and the seconds that were looked at, `estimate`, or `error`; {} at the end.
 
         None: nothing within `patience` [s].
 
@@ -156,7 +168,6 @@ class AssessProcess:
 
 def _main(pipe: Connection, tested: Subject) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it: that closes the pipe
-    os.nice(NICE)
     assessor = Assessor(tested)
     try:
         while True:
@@ -164,7 +175,8 @@ def _main(pipe: Connection, tested: Subject) -> None:
             try:
                 _look(pipe, assessor, log, final)
             except RovtwinError as error:
-                pipe.send({"error": str(error)})
+                if final:  # of a log that grows there is nothing yet
+                    pipe.send({"error": str(error)})
             except Exception as error:  # a mistake of ours: said there, where a user looks
                 pipe.send({"error": f"{type(error).__name__}: {error}"})
             pipe.send({})
@@ -176,6 +188,8 @@ def _look(pipe: Connection, assessor: Assessor, log: Path, final: bool) -> None:
     records = assessor.records(log, final)
     seconds = {"seconds": sum(record.duration for record in records)}
     pipe.send(seconds | {"quality": assessor.quality(records, final)})
+    if not records:  # a hand holds it from the beginning
+        return
     began = time.monotonic()
     estimate = assessor.estimate(records)
-    pipe.send(seconds | {"estimate": estimate | {"took": time.monotonic() - began}})
+    pipe.send({"estimate": estimate | seconds | {"took": time.monotonic() - began}})

@@ -75,7 +75,8 @@ def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed
     file = place.folder / "scenario.yaml"
     file.write_text(dump_scenario(scenario), encoding="utf-8")
     said = place.folder / "engine.log"
-    arguments = ["--place", place.folder, "--scenario", file, "--link", link, "--speed", str(speed), "--runs", runs]
+    arguments = ["--place", place.folder, "--scenario", file, "--link", link, "--speed", str(speed)]
+    arguments += ["--runs", runs.resolve()]  # told to web servers that may be started elsewhere
     for sensor in sensors:
         arguments += ["--sensor", sensor]
     with said.open("wb") as log:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import RovtwinError
+from rovtwin.core.urgent import start_below
 from rovtwin.core.vision import opencv
 from rovtwin.positioning.detection import Detector
 from rovtwin.simulation.scene import Scene
@@ -87,7 +88,7 @@ class PictureProcess:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_main, args=(theirs, feed), daemon=True, name="rovtwin-camera")
-        self._process.start()
+        start_below(self._process, NICE)
         theirs.close()  # or its end would never be seen closed here
         self.why = ""
         """Why there are no pictures any more; empty while there may be."""
@@ -129,7 +130,6 @@ class PictureProcess:
 
 def _main(pipe: Connection, feed: Feed) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it: that closes the pipe
-    os.nice(NICE)
     # Mesa on a processor: threads of its own would take the other core from the autopilot.
     os.environ.setdefault("LP_NUM_THREADS", "0")
     try:

@@ -88,9 +88,9 @@ class _Reader(threading.Thread):
 
 
 def public(url: str) -> str:
-    """An address without the password in it."""
-    parts = urlsplit(url)
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+    """Scheme and host of an address: what follows them may hold a password, and all who watch see this."""
+    scheme, _, rest = url.partition("://")
+    return f"{scheme}://{rest.partition('/')[0].partition('?')[0].rpartition('@')[2]}"
 
 
 def camera_of(link: str) -> str | None:
@@ -105,8 +105,11 @@ def camera_of(link: str) -> str | None:
 
 def require_stream(url: str) -> str:
     """The address; raises ConfigError where it cannot be that of a stream."""
-    parts = urlsplit(url)
-    if parts.scheme not in SCHEMES or not parts.netloc:
-        names = ", ".join(f"{name}://" for name in SCHEMES)
-        raise ConfigError(f"--camera {public(url)}: expected the address of a stream, as {names}HOST..")
-    return url
+    try:
+        parts = urlsplit(url)
+        if parts.scheme in SCHEMES and parts.hostname and parts.port != 0:
+            return url
+    except ValueError:  # brackets that do not close, a port that is no number
+        pass
+    names = ", ".join(f"{name}://" for name in SCHEMES)
+    raise ConfigError(f"--camera {public(url)}: expected the address of a stream: one of {names}, HOST, :PORT, /PATH")

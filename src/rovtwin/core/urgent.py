@@ -2,10 +2,30 @@
 
 import gc
 import os
+import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 
 PRIORITY = 5  # of SCHED_RR: above all that is not real-time, below the system's own threads
+
+
+def start_below(process: BaseProcess, nice: int) -> None:
+    """Start a process that is below others in priority from its first line on: what it imports costs seconds.
+
+    Args:
+        process: That has not been started.
+        nice: How much nicer than this one.
+    """
+
+    def start() -> None:
+        if sys.platform == "linux":  # where this is a thread's own, and goes on to its children
+            os.nice(nice)
+        process.start()
+
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(start).result()
 
 
 def settle() -> None:

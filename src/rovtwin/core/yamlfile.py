@@ -31,7 +31,7 @@ class _Loader(yaml.SafeLoader):
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
         if node is not None and _size(node, {}) > MOST:
-            said = "its aliases (*name) repeat each other without end, or make millions of values; write them out"
+            said = f"found more than {MOST:,} values, those counted again that aliases (*name) repeat; expected fewer"
             raise ComposerError(None, None, said, node.start_mark)
         return node
 
@@ -123,7 +123,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
     problem = error.problem or "not YAML"
-    if any(own in problem for own in ("given twice", "must be a word", "write them out")):
+    if any(own in problem for own in ("given twice", "must be a word", "expected fewer")):
         return problem
     hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
     context = f" {error.context}" if error.context else ""

@@ -249,7 +249,11 @@ class Engine:
         """Begin to tick with a vehicle that is heard."""
         if vessel is None:
             return
-        self._ticker = Ticker(vessel, self._yard.clock, self._wanted.scenario.control_dt)
+        try:
+            self._ticker = Ticker(vessel, self._yard.clock, self._wanted.scenario.control_dt)
+        except Exception:
+            vessel.close()
+            raise
         self._running, self._now = True, 0.0
         self._say("ready", "")
         missing = ", ".join(vessel.readiness.missing)

@@ -41,7 +41,7 @@ class FlightLog:
         metadata = metadata_of(scenario, composed, self.folder)
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
-        self._recorder = LiveRecorder(scenario, self._log.write_many)
+        self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder)
         self._rows: list[Any] = []
         self._chunk = round(CHUNK / scenario.control_dt)
 
@@ -59,15 +59,16 @@ class FlightLog:
             self._log.annotate({"summary": to_json(summary)})
         finally:
             self._log.close()
+            self._recorder.close()
         (self.folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
         return summary
 
     def _flush(self) -> None:
         if self._rows:
-            taken, given, host = zip(*self._rows, strict=True)
+            rows, self._rows = self._rows, []  # those that cannot be written are not written twice
+            taken, given, host = zip(*rows, strict=True)
             measurements, decided = self._helm.unpacked(taken, given)
             self._recorder.take(_on_own_clock(measurements, self.began), decided, np.array(host))
-            self._rows = []
 
     def _summary(self, ending: str) -> dict[str, Any]:
         if not self._recorder.seconds:

@@ -1,6 +1,7 @@
 """The web server: pages by NiceGUI, the live socket, files; on this machine alone unless it is told otherwise."""
 
 import asyncio
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +41,9 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     """
     hub, vehicle = Hub(place, scenario), vehicle_of(scenario)
     try:
-        stream = Stream(feed_of(scenario, vehicle, is_twin, place.news, camera), "", hub.keep)
+        stream = Stream(feed_of(scenario, vehicle, is_twin, place.news, camera), "", hub.send, hub.keep)
     except ConfigError as error:
-        stream = Stream(None, str(error), hub.keep)
+        stream = Stream(None, str(error), hub.send, hub.keep)
     looks = vehicle_glb(vehicle)
     open_to(gate)
     add_replay(Shelf(runs), stop=hub.client.stop)
@@ -61,9 +62,7 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     @app.get("/camera.mjpg")
     async def picture() -> Response:
         if stream.rests:
-            return Response(
-                status_code=204
-            )  # why is told on the page, and no error in the browser
+            return Response(status_code=204)  # why is told on the page, and no error in the browser
         return StreamingResponse(stream.parts(), media_type=f"multipart/x-mixed-replace; boundary={BOUNDARY}")
 
     @app.get("/mesh/vehicle.glb")
@@ -79,11 +78,17 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     def index() -> None:
         page(is_test=scenario.test is not None)
 
+    async def rest() -> None:
+        """Ctrl-C: thrusters off before all else."""
+        with contextlib.suppress(LinkError):
+            await hub.client.stop()
+
     tasks: list[asyncio.Task[None]] = []
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
     if scenario.test is not None:
         assessing = Assessing(hub, scenario, vehicle)
         app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))
+    app.on_shutdown(rest)
     app.on_shutdown(lambda: [task.cancel() for task in tasks])
     return hub
 

@@ -1,7 +1,6 @@
 """Tells browsers how good the log of a test is and what it says of the vehicle, again and again while it grows."""
 
 import asyncio
-import contextlib
 import shlex
 import time
 from pathlib import Path
@@ -17,10 +16,12 @@ if TYPE_CHECKING:
 
 EVERY = 10.0  # between two looks at a log that grows, at least [s]
 LOOK = 0.5  # between two looks at the state [s]
+PATIENCE = 600.0  # with a process that says nothing, before another takes its place [s]
+TRIES = 2  # at the whole log, where the process does not survive it
 
 
 class Assessing:
-    """Looks at the newest log of a hub's engine."""
+    """Looks at the logs of a hub's engine, one after the other: while they grow, and once as a whole."""
 
     def __init__(self, hub: "Hub", scenario: Scenario, vehicle: Vehicle):
         """`scenario` has a test."""
@@ -29,59 +30,65 @@ class Assessing:
         self._tested = Subject(vehicle, spans[-1]["end"], pieces)
         self._hub, self._scenario = hub, scenario
         self._process: AssessProcess | None = None
-        self._folder, self._done = "", True
+        self._folder, self._due, self._tries = "", 0.0, 0
         self._told: dict[str, Any] = {}
 
     async def run(self) -> None:
         """Until cancelled."""
         try:
             while True:
-                began = time.monotonic()
-                grows = self._hub.client.last.get("state", {}).get("folder", "")
-                if grows and grows != self._folder:
-                    self._folder, self._done, self._told = grows, False, {}
-                if self._folder and not self._done:
-                    final = grows != self._folder
-                    await self._look(final)
-                    self._done = final
-                    rests = EVERY - (time.monotonic() - began)
-                    await self._until_over_or(rests)
+                await self.turn()
                 await asyncio.sleep(LOOK)
         finally:
-            if self._process is not None:
-                self._process.close()
+            await self._end_process()
 
-    async def _until_over_or(self, seconds: float) -> None:
-        """So long, or until the log is closed."""
-        until = time.monotonic() + seconds
-        while not self._done and time.monotonic() < until:
-            if self._hub.client.last.get("state", {}).get("folder", "") != self._folder:
-                return
-            await asyncio.sleep(LOOK)
+    async def turn(self) -> None:
+        """Look, if it is time to."""
+        grows = self._growing()
+        if self._folder and grows != self._folder:  # closed: looked at as a whole before the next one comes
+            self._tries += 1
+            if await self._look(final=True) or self._tries >= TRIES:
+                self._folder = ""
+        elif grows and not self._folder:
+            self._folder, self._due, self._tries, self._told = grows, 0.0, 0, {}
+        if self._folder and grows == self._folder and time.monotonic() >= self._due:
+            self._due = time.monotonic() + EVERY
+            await self._look(final=False)
 
-    async def _look(self, final: bool) -> None:
-        """Once, to the end."""
-        if self._process is None:
-            self._process = await asyncio.to_thread(AssessProcess, self._tested)
-        log = Path(self._folder) / "log.mcap"
+    def _growing(self) -> str:
+        """Folder of the log that is written now, "" without one; an engine that is gone writes none."""
+        client = self._hub.client
+        return "" if client.hung else client.last.get("state", {}).get("folder", "")
+
+    async def _look(self, final: bool) -> bool:
+        """Once, to the end; whether the process survived it."""
         self._tell(busy=True, final=final)
         try:
-            self._process.ask(log, final)
+            if self._process is None:
+                self._process = await asyncio.to_thread(AssessProcess, self._tested)
+            self._process.ask(Path(self._folder) / "log.mcap", final)
             while answer := await self._answer(self._process):
                 self._tell(**({"error": ""} | answer))
         except (EOFError, OSError):
-            with contextlib.suppress(OSError):
-                self._process.close()
-            self._process = None
-            self._tell(error="the process that looks at the log ended, or was killed; it is started anew")
+            await self._end_process()
+            self._tell(busy=False, error="the process that looks at the log ended, or was killed")
+            return False
         self._tell(busy=False)
+        return True
+
+    async def _end_process(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            await asyncio.to_thread(process.close)  # it may take a second, and STOP must not wait
 
     @staticmethod
     async def _answer(process: AssessProcess) -> dict[str, Any]:
-        while True:
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
             answer = await asyncio.to_thread(process.answer, 0.2)
             if answer is not None:
                 return answer
+        raise TimeoutError  # an OSError
 
     def _tell(self, **news: Any) -> None:
         self._told |= {"kind": "identify", "folder": self._folder, "command": self._command()} | news

@@ -77,9 +77,12 @@ class Stream:
         why: Why there are no pictures, "" if there are, or may be.
     """
 
-    def __init__(self, feed: Feed | None, why: str, tell: Tell):
-        """`tell` is told of the markers in each picture, and whether there may be any; without a feed `why` not."""
-        self._feed, self.why, self._tell_all = feed, why, tell
+    def __init__(self, feed: Feed | None, why: str, send: Tell, keep: Tell):
+        """`send` tells pages of the markers in each picture, `keep` those to come, too, whether there may be any.
+
+        Without a feed `why` says why not.
+        """
+        self._feed, self.why, self._send, self._keep = feed, why, send, keep
         self._lookers, self._picture = 0, None
         self._news = asyncio.Condition()
         self._task: asyncio.Task[None] | None = None
@@ -87,7 +90,7 @@ class Stream:
         self._say()
 
     def _say(self) -> None:
-        self._tell_all({"kind": "camera", "live": self._feed is not None, "why": self.why})
+        self._keep({"kind": "camera", "live": self._feed is not None, "why": self.why})
 
     @property
     def rests(self) -> bool:
@@ -112,28 +115,37 @@ class Stream:
             self._lookers -= 1
 
     async def _draw(self) -> None:
-        """Until nobody looks, or there are no more."""
+        """Until nobody looks, or there are no more; also for who comes while a process ends."""
         assert self._feed is not None
         try:
-            with await asyncio.to_thread(PictureProcess, self._feed) as process:
-                while self._lookers and not process.why:
-                    picture = await asyncio.to_thread(process.newest)
-                    if picture is None:
-                        await asyncio.sleep(0.01)
-                        continue
-                    await self._tell(picture)
-                    self._tell_all({"kind": "sight", "markers": picture.markers, "picture": list(picture.size)})
-                    self._found("")
-                if self._lookers:
-                    self._found(process.why)
+            while self._lookers and not self.rests:
+                process = await asyncio.to_thread(PictureProcess, self._feed)
+                try:
+                    await self._hand_out(process)
+                finally:
+                    await asyncio.to_thread(process.close)  # it may take seconds, and STOP must not wait
+        except OSError as error:  # no more processes, or no memory
+            self._found(f"the camera's process cannot be started ({error.strerror})")
         finally:
             with contextlib.suppress(RuntimeError):
                 await self._tell(None)
 
+    async def _hand_out(self, process: PictureProcess) -> None:
+        while self._lookers and not process.why:
+            picture = await asyncio.to_thread(process.newest)
+            if picture is None:
+                await asyncio.sleep(0.01)
+                continue
+            await self._tell(picture)
+            self._send({"kind": "sight", "markers": picture.markers, "picture": list(picture.size)})
+            self._found("")
+        if self._lookers:
+            self._found(process.why)
+
     def _found(self, why: str) -> None:
         """Pictures come, or do not; who fails again and again is asked ever more seldom."""
-        self._rest = min(2.0 * self._rest, LONGEST) if why else REST
         self._again = time.monotonic() + self._rest if why else -math.inf
+        self._rest = min(2.0 * self._rest, LONGEST) if why else REST
         if why != self.why:
             self.why = why
             self._say()

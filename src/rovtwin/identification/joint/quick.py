@@ -2,7 +2,8 @@
 
 It is where the joint estimate starts from (`balance`, the equation-error method), made over and over on a log that
 grows. Smoothing takes away part of what it looks at, and noise in the states biases it, so that its widths are made
-wider by a factor that was found on many synthetic tests (see `SCATTER`). What is worth relying on is `identify`.
+wider by a factor that was found on simulated flights of one test with eight truths (see `SCATTER`). What is worth
+relying on is `identify`.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,7 @@
 """Flying over a link: listen, arm, a tick each control period, and thrusters off however it ends."""
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +76,10 @@ def fly_live(
         folder = new_folder(folder)
         metadata = metadata_of(scenario, composed, folder, thrust)
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
-        with LogWriter(folder / "log.mcap", channels, metadata) as log:
-            recorder = LiveRecorder(scenario, log.write_many)
+        with (
+            LogWriter(folder / "log.mcap", channels, metadata) as log,
+            closing(LiveRecorder(scenario, log.write_many, folder)) as recorder,
+        ):
             ending = "not armed"
             if arm(readiness):
                 # It may have drifted while everything was compiled and somebody thought.

@@ -1,10 +1,12 @@
 """What is kept of a flight over a link: estimates, decisions, readings, and how the loop kept time; no truth."""
 
 import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rovtwin.core.errors import LogError
 from rovtwin.core.flow import AutopilotOutput, Measurements
 from rovtwin.core.log import Channel
 from rovtwin.scenario.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
@@ -38,15 +40,22 @@ def _left_out(scenario: Scenario) -> tuple[str, ...]:
 class _Spool:
     """Rows of numbers that are needed at the end of a flight only, on the disk until then: it may take a day."""
 
-    def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(prefix="rovtwin-")
+    def __init__(self, folder: Path):
+        """Raises LogError where nothing can be written."""
+        try:
+            self._file = tempfile.TemporaryFile(dir=folder)  # without a name, and gone with this process
+        except OSError as error:
+            raise LogError(f"{folder}: cannot be written ({error.strerror})") from None
         self._widths: dict[str, int] = {}
 
     def add(self, columns: dict[str, np.ndarray]) -> None:
-        """The same names each time, shapes (n, width) or (n,)."""
+        """The same names each time, shapes (n, width) or (n,). Raises LogError where the disk is full."""
         blocks = {name: values.reshape(len(values), -1).astype(float) for name, values in columns.items()}
         self._widths = {name: block.shape[1] for name, block in blocks.items()}
-        self._file.write(np.hstack(list(blocks.values())).tobytes())
+        try:
+            self._file.write(np.hstack(list(blocks.values())).tobytes())
+        except OSError as error:
+            raise LogError(f"what the scores are made from cannot be written ({error.strerror})") from None
 
     def whole(self) -> dict[str, np.ndarray]:
         """All rows of each name, shapes (n, width)."""
@@ -55,17 +64,21 @@ class _Spool:
         ends = np.cumsum(list(self._widths.values()))[:-1]
         return dict(zip(self._widths, np.split(rows, ends, axis=1), strict=True))
 
+    def close(self) -> None:
+        self._file.close()
+
 
 class LiveRecorder:
     """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate."""
 
-    def __init__(self, scenario: Scenario, write: Write):
+    def __init__(self, scenario: Scenario, write: Write, folder: Path):
+        """Samples go to `write`; what the scores are made from waits in the log's folder."""
         self._dt = scenario.control_dt
         self._log_every = scenario.rates.control // scenario.log.rate
         self._sensors, self._write = scenario.log.sensors, write
         self._left_out = _left_out(scenario)
         self._tick = 0
-        self._spool = _Spool()
+        self._spool = _Spool(folder)
 
     def take(self, measurements: Measurements, decided: AutopilotOutput, host: np.ndarray) -> None:
         """Ticks in a row, leading axis ticks, NumPy; `host` has columns HOST."""
@@ -88,6 +101,10 @@ class LiveRecorder:
                 self._write(name, times, values)
         saturated = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
         self._spool.add({"t": t[logged], "saturated": saturated} | scored)
+
+    def close(self) -> None:
+        """Forget what the scores are made from."""
+        self._spool.close()
 
     @property
     def seconds(self) -> float:
