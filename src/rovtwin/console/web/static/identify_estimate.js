@@ -4,7 +4,8 @@ import {toast} from '/static/page.js';
 
 const TOLD = 0.9;  // of the prior's width, below which the test says something
 const NOTE = 'Quick estimate: the balance of forces along the smoothed path. It starts from what was known before and shows '
-  + 'what the test tells; its intervals, widened for that, hold the truth in about nine of ten cases, fewer in the first half minute. Lags of thrusters and '
+  + 'what the test tells; its intervals, widened for that, held the truth in nine of ten cases in simulated flights of '
+  + 'test_mixed, fewer in the first half minute. Lags of thrusters and '
   + 'linear damping in roll and pitch are left out: smoothing falsifies them. Do not fly with it: make the full estimate.';
 
 const digits = value => (Math.abs(value) >= 1000 || (value && Math.abs(value) < 1e-3) ? value.toExponential(1)
