@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ zmq = pytest.importorskip("zmq")
 
 from tests.console.whole import READY, arm, opened, order, serving, state  # noqa: E402
 
-from rovtwin.console.launch import running  # noqa: E402
+from rovtwin.console.launch import alive, running  # noqa: E402
 
 # Thesis table 8.3; the last one is cancelled.
 TABLE_8_3 = [(6, 0), (6, 3), (0, 3), (0, 6), (6, 6), (6, 9), (0, 9)]
@@ -48,6 +49,15 @@ def page(browser, served):
         page.context.close()
     assert page.complaints == []
     assert page.asked == {"127.0.0.1"}
+
+
+def states(served):
+    """What the engine tells, without a page."""
+    with zmq.Context.instance().socket(zmq.SUB) as ear:
+        ear.setsockopt(zmq.SUBSCRIBE, b'{"kind":"state"')
+        ear.connect(served.place.news)
+        while ear.poll(2000):
+            yield json.loads(ear.recv())
 
 
 def test_the_way_point_mission(page, served):
@@ -113,13 +123,9 @@ def test_killed_console_leaves_the_autopilot_flying_and_finds_it_again(page, ser
     os.kill(served.process.pid, signal.SIGKILL)
     served.process.wait()
     page.wait_for_function("() => document.querySelector('#fact-link').innerText === 'no server'")
-    ear = zmq.Context.instance().socket(zmq.SUB)
-    ear.setsockopt(zmq.SUBSCRIBE, b'{"kind":"state"')
-    ear.connect(served.place.news)
-    assert ear.poll(2000)
-    told = json.loads(ear.recv())
-    ear.close()
-    assert told["armed"] and told["pid"] == pid
+    told = states(served)
+    last = next(told)
+    assert last["armed"] and last["pid"] == pid
     served.start_again()
     back = f"() => window.rovtwin?.last?.state?.pid === {pid} && rovtwin.last.state.armed"
     page.wait_for_function(back, timeout=READY)
@@ -225,3 +231,19 @@ def test_every_control_has_a_name(page):
           .map(one => one.outerHTML.slice(0, 120))"""
     )
     assert nameless == []
+
+
+def test_ctrl_c_ends_all_with_a_page_open(page, served):
+    """The last test: thrusters are off at once, and no page keeps the server from ending."""
+    arm(page)
+    assert order(page, "hold") == ""
+    told = states(served)
+    assert next(told)["armed"]
+    began = time.monotonic()
+    served.process.send_signal(signal.SIGINT)
+    while next(told)["armed"]:
+        assert time.monotonic() - began < 1.0
+    served.process.wait(15)
+    assert not alive(served.place)
+    page.close()  # or it would complain of the server that is gone
+    page.complaints.clear()

@@ -92,6 +92,10 @@ class Client:
             self._stopping.pop(text, None)
         return there
 
+    def off(self) -> None:
+        """Thrusters off, past the engine, for who cannot wait for an answer."""
+        self._press(b"stop at the end")
+
     def _press(self, text: bytes) -> bool:
         """Tell the link's host to stop; whether there is one."""
         try:

@@ -1,7 +1,8 @@
 """The web server: pages by NiceGUI, the live socket, files; on this machine alone unless it is told otherwise."""
 
 import asyncio
-import contextlib
+import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -78,17 +79,12 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
     def index() -> None:
         page(is_test=scenario.test is not None)
 
-    async def rest() -> None:
-        """Ctrl-C: thrusters off before all else."""
-        with contextlib.suppress(LinkError):
-            await hub.client.stop()
-
     tasks: list[asyncio.Task[None]] = []
     app.on_startup(lambda: tasks.append(asyncio.create_task(hub.run())))
     if scenario.test is not None:
         assessing = Assessing(hub, scenario, vehicle)
         app.on_startup(lambda: tasks.append(asyncio.create_task(assessing.run())))
-    app.on_shutdown(rest)
+    app.on_startup(lambda: _when_ended(hub.client.off))
     app.on_shutdown(lambda: [task.cancel() for task in tasks])
     return hub
 
@@ -101,6 +97,14 @@ def build_replay(recording: Recording, gate: Gate, runs: Path) -> None:
     @app.get("/")
     def index() -> Response:
         return RedirectResponse("/replay")
+
+
+def _when_ended(first: Callable[[], object]) -> None:
+    """Do something at Ctrl-C before all else: the server waits for its pages, up to a second."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        before = signal.getsignal(number)
+        if callable(before):
+            signal.signal(number, lambda n, frame, before=before: (first(), before(n, frame)))
 
 
 def open_to(gate: Gate) -> None:
@@ -122,4 +126,5 @@ def run(host: str, port: int) -> None:
         tailwind=False,
         uvicorn_logging_level="error",
         ws_max_size=LARGEST,
+        timeout_graceful_shutdown=1,  # or Ctrl-C would wait for pages that are open, whose pictures never end
     )
