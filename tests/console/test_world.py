@@ -20,7 +20,7 @@ class SmallWorld(WorldLink):
     def __init__(self, clock):
         self._clock_, self._silent, self._truth, self.u = clock, set(), np.zeros(10), []
         TwinLink.__init__(self, self._moved, None, 2, DT, clock)
-        self._reached = np.inf
+        self._reached, self._leash = np.inf, LEASH
 
     def _moved(self, memory, command, k):
         self.u.append(np.asarray(command.u).tolist())
@@ -61,6 +61,28 @@ def test_in_real_time_it_waits_for_nobody():
     link = world(1.0)
     link.tell(("reached", 0.0))
     assert read_all(link)[1] >= 50
+
+
+def test_a_command_counts_from_when_it_comes():
+    """In the period under way, not in those that have passed and were not computed yet."""
+    link = world(0.0)
+    link.arm()
+    link.tell(("pace", time.monotonic(), 2.5 * DT, 0.0))
+    link.send(Command(np.full(2, 0.5)))
+    found, _ = read_all(link)
+    assert link.u == [[0.0, 0.0]] * 2 and [reading.sensor for reading in found] == ["pressure", TRUTH] * 2
+    link.tell(("pace", time.monotonic(), 3.5 * DT, 0.0))
+    read_all(link)
+    assert link.u[2:] == [[0.5, 0.5]]
+
+
+def test_a_test_flown_fast_is_in_step_to_the_tick():
+    link = world(10.0, speed=20.0)
+    link._leash = 0.0
+    for k in range(3):
+        link.tell(("reached", k * DT))  # the command of this tick is here
+        read_all(link)
+        assert link.tick == k + 1
 
 
 def test_stopped_time_stands_and_goes_on_from_there():

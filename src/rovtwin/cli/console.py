@@ -3,13 +3,16 @@
 import secrets
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rovtwin.cli.output import console as screen_of
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rovtwin.scenario.schema import Scenario
 
 PORT = 8800
 
@@ -77,6 +80,7 @@ def console(
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
     wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
+    _require_flyable(wanted, link)
     require_free(host, port)  # or a second console that cannot begin would end the autopilot of the first
     found = running(place)
     if found is None:
@@ -98,6 +102,18 @@ def console(
         _serve(host, port, address if browser else "")
     finally:
         end(place)
+
+
+def _require_flyable(scenario: "Scenario", link: str) -> None:
+    """Raise ConfigError for what the page could only say much later: a link that there is not, a mission in a wall."""
+    from rovtwin.scenario.composition import vehicle_of
+    from rovtwin.scenario.inside import require_inside
+    from rovtwin.scenario.live.connect import opener
+    from rovtwin.scenario.pace import Clock
+
+    require_inside(scenario, vehicle_of(scenario).model())
+    if link != "twin://":
+        opener(link, scenario, Clock())
 
 
 def _serve(host: str, port: int, address: str) -> None:

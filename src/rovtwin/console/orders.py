@@ -34,9 +34,13 @@ class Goto(Strict):
 
 
 class Pilot(Strict):
-    """Sticks: shares of the largest velocity ahead, to starboard, down, and of the largest turn rate."""
+    """Sticks: shares of the largest velocity ahead, to starboard, down, and of the largest turn rate.
+
+    Only one with `begin` starts piloting; others are not heeded once another order has ended it.
+    """
 
     do: Literal["pilot"]
+    begin: bool = False
     surge: Stick = 0.0
     sway: Stick = 0.0
     heave: Stick = 0.0

@@ -11,6 +11,7 @@ from rovtwin.core.yamlfile import parse_yaml
 from rovtwin.scenario.schema import MissionSection, Waypoint
 
 MOST = 512
+PLACES = 3  # decimals of a place in metres
 DEPTHS = 200  # of undo
 
 
@@ -121,7 +122,7 @@ KEYS = ("speed", "acceptance", "hold_time", "heading_deg", "altitude")
 
 def row_of(waypoint: Waypoint) -> dict[str, Any]:
     """A way-point as a row of the table."""
-    x, y, depth = waypoint.position or (0.0, 0.0, 0.0)
+    x, y, depth = (round(value, PLACES) for value in waypoint.position or (0.0, 0.0, 0.0))
     return {"x": x, "y": y, "depth": depth} | {key: getattr(waypoint, key) for key in KEYS}
 
 

@@ -21,28 +21,47 @@ class TwinLink(KeptLink):
         thrusters: Number of thrusters.
         period: Control period [s].
         clock: Time since the start [s]: wall clock for real time, a counter for tests.
+        prompt: Commands count from when they come: what has passed is computed under the one before, as a vehicle
+            has it. Not for a host that is late and plays tick by tick.
     """
 
-    def __init__(self, advance: Advance, memory: Any, thrusters: int, period: float, clock: Callable[[], float]):
+    def __init__(
+        self,
+        advance: Advance,
+        memory: Any,
+        thrusters: int,
+        period: float,
+        clock: Callable[[], float],
+        prompt: bool = False,
+    ):
         super().__init__(thrusters)
         self._advance = advance
         self._period = period
         self._clock = clock
         self.memory = memory
         self._tick = 0
+        self._prompt, self._unread = prompt, list[Measurement]()
 
     @property
     def tick(self) -> int:
         """Control periods simulated so far."""
         return self._tick
 
-    def read(self) -> list[Measurement]:
-        readings: list[Measurement] = []
-        if self._closed:
-            return readings
-        # One period a call at most: a host that comes late reads the missed periods one by one, and loses nothing.
+    @property
+    def is_due(self) -> bool:
+        """Whether a whole period has passed that is not computed yet."""
         # Half a microsecond of grace: k * period and the clock round differently.
-        if (self._tick + 1) * self._period <= self._clock() + 5e-7:
+        return not self._closed and (self._tick + 1) * self._period <= self._clock() + 5e-7
+
+    def send(self, command: Command) -> None:
+        while self._prompt and self.is_due:
+            self._unread = self.read()
+        super().send(command)
+
+    def read(self) -> list[Measurement]:
+        readings, self._unread = self._unread, []
+        # One period a call at most: a host that comes late reads the missed periods one by one, and loses nothing.
+        if self.is_due:
             self.memory, slots = self._advance(self.memory, Command(jnp.asarray(self.command)), self._tick)
             self._tick += 1
             readings += _listed(slots)

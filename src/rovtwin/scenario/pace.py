@@ -1,5 +1,6 @@
 """How well a loop keeps time: a histogram of lateness that stays as small however long the loop runs."""
 
+import math
 import time
 from collections.abc import Callable
 
@@ -23,6 +24,10 @@ class Clock:
 
     def __call__(self) -> float:
         return self._before + (time.monotonic() - self._began) * self.speed
+
+    def next(self, period: float) -> float:
+        """Its next multiple of a period [s]: a computed vehicle takes commands at those."""
+        return math.ceil(self() / period) * period
 
     def run(self, speed: float) -> tuple[float, float, float]:
         """Go on at another speed from now on; what a clock elsewhere has to `follow`."""

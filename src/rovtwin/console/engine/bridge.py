@@ -127,7 +127,7 @@ class Bridge:
             raise ConfigError("no plan was submitted: submit one first")
         if vessel.helm.is_running:
             raise ConfigError("a mission is under way already: hold or abort it first")
-        self._engine.fly(vessel.helm, self._checked(self._engine.plan), len(self._engine.plan))
+        self._engine.fly(vessel.helm, self._checked(self._engine.plan), self._engine.plan)
         self._engine.event("info", f"mission started: {len(self._engine.plan)} way-points")
 
     def _start_test(self, helm: TrialHelm) -> None:
@@ -142,7 +142,7 @@ class Bridge:
         helm = self._for_missions(self._underway())
         depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
         there = Waypoint(position=[order.x, order.y, depth], speed=order.speed)
-        self._engine.fly(helm, self._checked([there]), 1)
+        self._engine.fly(helm, self._checked([there]), [there])
         self._engine.event("info", f"going to north {order.x:.1f} m, east {order.y:.1f} m, depth {depth:.1f} m")
 
     def _pause(self, order: Any) -> None:
@@ -172,6 +172,8 @@ class Bridge:
     def _pilot(self, order: orders.Pilot) -> None:
         helm = self._for_missions(self._underway())
         if not helm.is_piloted:
+            if not order.begin:  # a stick that goes on after Abort, Hold or Start
+                return
             helm.pilot()
             self._engine.event("info", "piloted by hand")
         sticks = np.array([order.surge, order.sway, order.heave, order.yaw])
@@ -191,7 +193,7 @@ class Bridge:
             return {"checks": [{"level": "error", "what": line} for line in str(error).splitlines()]}
         limits = self._engine.vessel.limits
         fast = [i for i, w in enumerate(order.waypoints) if w.speed > limits.speed]
-        checks = [{"level": "ok", "what": "inside tank and fence, above the depth limit"}]
+        checks = [{"level": "ok", "what": _kept(self._engine.scenario_with(order.waypoints))}]
         if fast:
             numbers = ", ".join(str(i + 1) for i in fast)
             checks.append(
@@ -244,6 +246,15 @@ def _fault(order: orders.Inject, thrusters: list[str], sensors: list[str]) -> tu
         return ("sensor", order.sensor, order.works), f"{order.sensor} {'works' if order.works else 'is silent'}"
     north, east = order.current or (0.0, 0.0)
     return ("current", north, east), f"a current of {np.hypot(north, east):.2f} m/s more"
+
+
+def _kept(scenario: Scenario) -> str:
+    """What a plan that was checked keeps within, in words."""
+    fence = scenario.autopilot.supervisor.geofence
+    bounds = ["the tank"] if scenario.world.tank is not None else []
+    bounds += ["the fence"] if fence.limit is not None or fence.polygon is not None else []
+    inside_of = f"inside {' and '.join(bounds)}, " if bounds else "no tank and no fence here; "
+    return f"{inside_of}above the depth limit of {scenario.autopilot.supervisor.deepest:g} m"
 
 
 def require_fenced(scenario: Scenario) -> None:

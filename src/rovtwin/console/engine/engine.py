@@ -144,10 +144,11 @@ class Engine:
         self._let_go("reconnecting")
         self._yard.begin()
 
-    def fly(self, helm: Helm, mission: Mission, count: int) -> None:
-        """Start a mission of so many way-points."""
+    def fly(self, helm: Helm, mission: Mission, waypoints: list[Waypoint]) -> None:
+        """Start a mission through way-points."""
         helm.start(mission)
-        self.count = count
+        self.count = len(waypoints)
+        self._logbook.flown(self.scenario_with(waypoints))
 
     def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""

@@ -15,7 +15,7 @@ from rovtwin.core.log import LogWriter
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
-from rovtwin.scenario.live.flight import metadata_of
+from rovtwin.scenario.live.flight import metadata_of, write_scenario
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
 from rovtwin.scenario.schema import Scenario
 
@@ -43,6 +43,7 @@ class FlightLog:
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder)
         self._rows: list[Any] = []
+        self._flown: Scenario | None = None
         self._chunk = round(CHUNK / scenario.control_dt)
 
     def add(self, late_ms: float, link_age: float) -> None:
@@ -51,10 +52,16 @@ class FlightLog:
         if len(self._rows) >= self._chunk:
             self._flush()
 
+    def flown(self, scenario: Scenario) -> None:
+        """What is flown now; the log was opened with what was known at arming, and ends with the last mission."""
+        self._flown = scenario
+
     def close(self, ending: str) -> dict[str, Any]:
-        """Write what is left and how it ended; the summary."""
+        """Write what is left, what was flown and how it ended; the summary."""
         try:
             self._flush()
+            if self._flown is not None:
+                self._log.annotate({"scenario": write_scenario(self._flown, self._composed, self.folder)})
             summary = self._summary(ending)
             self._log.annotate({"summary": to_json(summary)})
         finally:
@@ -120,6 +127,11 @@ class Logbook:
             opening, self._opening = self._opening, None
             self._flight = opening.result()
             self._flight.began = now
+
+    def flown(self, scenario: Scenario) -> None:
+        """The mission that is flown from now on, for the log of the flight under way."""
+        if self._flight is not None:
+            self._flight.flown(scenario)
 
     def add(self, late_ms: float, link_age: float) -> None:
         """The last tick of the flight under way."""

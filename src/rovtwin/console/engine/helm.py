@@ -89,6 +89,7 @@ class Helm(Steering):
         fresh, memory = self._fresh(start), self._host.memory
 
         def parts(m: Any) -> Any:
-            return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain)
+            # With the monitor: thrusters that were given up are tried again.
+            return (m.supervisor, m.guidance, m.contingency, m.reference, m.control, m.terrain, m.monitor)
 
         return eqx.tree_at(parts, memory, parts(fresh), is_leaf=lambda leaf: leaf is None)

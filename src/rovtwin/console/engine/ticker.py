@@ -23,7 +23,7 @@ class Ticker:
         self.vessel, self._clock, self._dt = vessel, clock, dt
         vessel.ears.drain()
         vessel.helm.restart(vessel.readiness.start)
-        self.ticks, self.began = 0, clock()
+        self.ticks, self.began = 0, clock.next(dt)
         vessel.ears.zero = self.began
         names = vessel.composed.sensor_names
         self._hearing, self._consistency, self._pace = Hearing(names), Consistency(names), Pace()
@@ -64,10 +64,10 @@ class Ticker:
         """
         vessel, clock, t = self.vessel, self._clock, self.t
         fast = clock.speed > 1.0
-        if fast:  # in step with the world: neither outruns the other
-            vessel.link.tell(("reached", self.began + t))
-            if self._hearing.told_until < t - 0.5 * self._dt:
-                return False
+        if fast and self._hearing.told_until < t - 0.5 * self._dt:
+            # In step with the world: neither outruns the other.
+            vessel.link.tell(("reached", self.began + t - self._dt))
+            return False
         readings = self._hearing.news(t, t + 0.5 * self._dt if fast else np.inf)
         late = self._pace.wait(self.began + t, clock, clock.speed)
         if fast and late > SLIP:  # as fast as the computer can, then
@@ -77,6 +77,8 @@ class Ticker:
         command = vessel.helm.tick(readings, ages, wish)
         if armed:
             vessel.link.send(command)
+        if fast:
+            vessel.link.tell(("reached", self.began + t))
         self._consistency.take(t, vessel.helm.output)
         self._late, self._latest = late, max(self._latest, late)
         self.ticks += 1

@@ -18,7 +18,7 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent
 from rovtwin.simulation.twin import Twin, TwinInput, TwinOutput
 
-LEASH = 0.06  # how far the vehicle goes ahead of the autopilot where time runs fast [s]
+LEASH = 0.06  # how far the vehicle goes ahead of the autopilot where time runs fast [s]; in a test not at all
 TRUTH = "truth"  # a reading that no real vehicle gives: eta (6,), water velocity in n (3,), moving surface's height
 
 
@@ -41,7 +41,8 @@ class WorldLink(TwinLink):
         self._step = jax.jit(lambda twin, memory, u, k: _moved(twin, memory, u, k, dt))
         self._truth = np.zeros(10)
         super().__init__(self._advance_, memory, self._healthy.shape[0], dt, clock)
-        self._reached = np.inf  # the autopilot's time, once it tells it [s]
+        self._reached = np.inf  # time whose command the autopilot has sent, once it tells it [s]
+        self._leash = LEASH if composed.scenario.test is None else 0.0
         self._step(self._twin, memory, jnp.zeros_like(self._healthy), 0)  # compiled before anybody waits for it
 
     def _advance_(self, memory: Any, command: Command, k: int) -> Any:
@@ -51,16 +52,18 @@ class WorldLink(TwinLink):
 
     def read(self) -> list[Measurement]:
         before = self.tick
-        if self._leashed():
-            return []
         found = [reading for reading in super().read() if reading.sensor not in self._silent]
         if self.tick > before:
             found.append(Measurement(TRUTH, self._truth, self.tick * self._period))
         return found
 
+    @property
+    def is_due(self) -> bool:
+        return super().is_due and not self._leashed()
+
     def _leashed(self) -> bool:
         """Whether to wait for the autopilot: faster than real time a vehicle must not outrun it."""
-        return self._clock_.speed > 1.0 and self._now() - self._reached > LEASH
+        return self._clock_.speed > 1.0 and self._now() - self._reached > self._leash + 0.5 * self._period
 
     def arm(self) -> None:
         if self._closed:
@@ -81,6 +84,7 @@ class WorldLink(TwinLink):
             self._reached = values[0]
         elif what == "pace":
             self._clock_.follow((values[0], values[1], values[2]))
+            self._prompt = self._clock_.speed <= 1.0  # faster, time is in step with the autopilot
         elif what == "test":
             self._twin = self._with_hand(values[0])
         elif what == "thruster":

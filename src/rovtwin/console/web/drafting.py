@@ -41,6 +41,10 @@ class Drafting:
         if operation is None or what.get("op") not in OPERATIONS:
             raise ConfigError(f"plan: found the operation {what.get('op')!r}, expected one of {', '.join(OPERATIONS)}")
         await operation(what)
+        await self.look()
+
+    async def look(self) -> None:
+        """Check the draft, and tell all."""
         await self._check()
         self._hub.tell_plan()
 

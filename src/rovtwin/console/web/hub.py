@@ -70,7 +70,7 @@ class Hub:
         self.rights, self.draft = Rights(), Draft()
         self._drafting = Drafting(self, SeaCheck(scenario))
         self._browsers: list[Browser] = []
-        self._seen_plan = False
+        self._seen_plan = self._ready = False
         self._tasks: set[asyncio.Task[Any]] = set()
         self._kept: dict[str, str] = {}
 
@@ -156,6 +156,11 @@ class Hub:
             "checks": self._drafting.checks,
         }
 
+    def _drafting_differs(self) -> bool:
+        """Whether a plan was submitted, and what is on the table is another."""
+        told = self.plan()
+        return told["submitted"] and told["changed"]
+
     # From the browsers
 
     async def obey(self, browser: Browser, text: str) -> None:
@@ -179,7 +184,11 @@ class Hub:
             raise RovtwinError(f"{self.rights.holder or 'nobody'} is in control: ask for it first")
         if do not in ANY_AGE:
             _require_new(heard)
-        if do == "pilot":
+        if do == "start" and self._drafting_differs():
+            raise RovtwinError("the plan was changed since it was submitted: Submit it, or Undo")
+        if do == "pilot" and what.get("begin"):
+            await self.client.ask("pilot", **what)
+        elif do == "pilot":
             self.client.tell("pilot", **what)
         elif do == "plan":
             await self._drafting.do(what)
@@ -196,6 +205,12 @@ class Hub:
         if kind == "flown":
             self._plan_told()
             return
+        if kind == "state" and (ready := self.client.last["state"].get("stage") == "ready") != self._ready:
+            self._ready = ready
+            if ready:  # what was checked before there was a vehicle
+                task = asyncio.get_running_loop().create_task(self._drafting.look())
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
         for browser in self._browsers:
             browser.put(text.decode(), kind == "state")
 

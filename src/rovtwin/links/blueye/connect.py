@@ -83,9 +83,11 @@ def _guard(drone: Any, dropped: Callable[[], None]) -> None:
 
 def _said(error: Exception) -> str:
     cause = error.__cause__ or error
+    silent = type(cause).__module__.startswith("requests")  # whose texts are long and say little
+    found = "nobody answers over HTTP" if silent else f"{type(cause).__name__}: {str(cause)[:200]}"
     return (
-        f"cannot be connected ({type(cause).__name__}: {str(cause)[:200]}), expected a Blueye drone of software 3.2 or "
-        "later. Is it on? Without root at the server, set http_proxy as it says"
+        f"cannot be connected ({found}), expected a Blueye drone of software 3.2 or later. Is it on, and the address "
+        "right? A served twin whose HTTP port is not 80 says what http_proxy has to be set to"
     )
 
 

@@ -188,7 +188,7 @@ def _twin(url: Url, scenario: Scenario, clock: Clock) -> Link:
         return memory, moved.measurements
 
     count = twin.model.thrusters.count
-    return TwinLink(advance, memory, count, dt, clock)
+    return TwinLink(advance, memory, count, dt, clock, prompt=clock.speed <= 1.0)
 
 
 def _replay(url: Url, scenario: Scenario, clock: Clock) -> Link:

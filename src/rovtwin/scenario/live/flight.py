@@ -101,9 +101,14 @@ def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bo
     metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
     if scenario.test:
         metadata["test"] = to_json(touched_spans(scenario))
-    metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
-    (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
-    return metadata
+    return metadata | {"scenario": write_scenario(scenario, composed, folder)}
+
+
+def write_scenario(scenario: Scenario, composed: Composed, folder: Path) -> str:
+    """Write what was flown into its folder, so that it can be flown again; the text."""
+    text = dump_scenario(scenario_to_replay(scenario, composed, folder))
+    (folder / "scenario.yaml").write_text(text, encoding="utf-8")
+    return text
 
 
 def _without_world(scenario: Scenario) -> Scenario:
@@ -173,7 +178,7 @@ class _LiveLoop:
         settle()
         self._ears.drain()
         _rewound(self._link)
-        self._ears.zero = began = self._clock()
+        self._ears.zero = began = self._clock.next(self._dt)
         with Interrupt() as interrupt, urgent(self._clock.speed <= 1.0):
             for k in range(self._total):
                 try:

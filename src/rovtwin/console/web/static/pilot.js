@@ -4,6 +4,7 @@ import {live} from '/static/live.js';
 import {said} from '/static/page.js';
 
 const EVERY = 50;  // between two wishes [ms]
+const SETTLED = 1000;  // until the autopilot tells that it is piloted [ms]
 const DEAD = 0.12;  // of a gamepad's stick that counts as released
 const KEYS = {
   KeyW: ['surge', 1], KeyS: ['surge', -1], KeyD: ['sway', 1], KeyA: ['sway', -1],
@@ -62,14 +63,16 @@ mount('pilot', section => {
   const shown = make('p', {class: 'muted', role: 'status'});
   const slider = make('input', {type: 'range', min: 0.1, max: 1, step: 0.1, value: gain, 'aria-label': 'Share of full speed'});
   slider.addEventListener('input', () => { gain = Number(slider.value); });
+  let since = 0; // when piloting began
   const set = value => {
     on = value;
+    since = performance.now();
     down.clear();
     toggle.textContent = on ? 'Stop piloting (hold)' : 'Start piloting';
     toggle.setAttribute('aria-pressed', on);
   };
   toggle.addEventListener('click', async () => {
-    if (on) { set(false); said(live.send({do: 'hold'})); } else if (await said(live.send({do: 'pilot'}))) set(true);
+    if (on) { set(false); said(live.send({do: 'hold'})); } else if (await said(live.send({do: 'pilot', begin: true}))) set(true);
   });
   section.append(toggle, make('div', {class: 'sticks'},
     stick('Ahead, sideways', 'sway', 'surge', -1), stick('Turn, up and down', 'yaw', 'heave', 1)),
@@ -85,7 +88,8 @@ mount('pilot', section => {
   const release = live.on('state', state => {
     const may = state.armed && live.last.rights?.may && !state.replay;
     toggle.disabled = !may;
-    if (on && !may) set(false);
+    const ended = state.phase !== 'piloted' && performance.now() - since > SETTLED; // by another order, or a fail-safe
+    if (on && (!may || ended)) set(false);
   });
   return () => { clearInterval(timer); release(); };
 });
