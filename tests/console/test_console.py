@@ -15,6 +15,7 @@ zmq = pytest.importorskip("zmq")
 from tests.console.whole import READY, arm, opened, order, serving, state  # noqa: E402
 
 from rovtwin.console.launch import alive, running  # noqa: E402
+from rovtwin.scenario.files import load_scenario  # noqa: E402
 
 # Thesis table 8.3; the last one is cancelled.
 TABLE_8_3 = [(6, 0), (6, 3), (0, 3), (0, 6), (6, 6), (6, 9), (0, 9)]
@@ -88,6 +89,8 @@ def test_the_way_point_mission(page, served):
     page.click("#arm")  # disarm
     page.wait_for_function("() => !rovtwin.last.state.armed && rovtwin.last.state.folder === ''")
     summary = json.loads((served.folder / found["folder"] / "summary.json").read_text())
+    # Armed before it was planned, and yet the folder tells what was flown.
+    assert len(load_scenario(str(served.folder / found["folder"] / "scenario.yaml"), (), None).waypoints) == 6
     assert summary["completed"] and (served.folder / found["folder"] / "log.mcap").stat().st_size > 100_000
 
 
@@ -130,6 +133,39 @@ def test_killed_console_leaves_the_autopilot_flying_and_finds_it_again(page, ser
     back = f"() => window.rovtwin?.last?.state?.pid === {pid} && rovtwin.last.state.armed"
     page.wait_for_function(back, timeout=READY)
     page.complaints.clear()  # of the server that was gone
+
+
+def test_abort_ends_piloting_though_a_stick_goes_on(page):
+    arm(page)
+    assert order(page, "pilot", begin=True, surge=0.5) == ""
+    page.evaluate("() => { window.stick = setInterval(() => rovtwin.tell({do: 'pilot', surge: 0.5}), 50); }")
+    page.wait_for_function("() => rovtwin.last.state.phase === 'piloted' && rovtwin.last.state.u.some(u => u !== 0)")
+    for do, phase in (("abort", "aborted"), ("hold", "paused")):
+        assert order(page, do) == ""
+        page.wait_for_function(f"() => rovtwin.last.state.phase === '{phase}'")
+        page.wait_for_timeout(300)
+        assert state(page)["phase"] == phase and (do != "abort" or not any(state(page)["u"]))
+    page.evaluate("() => clearInterval(stick)")
+
+
+def test_a_plan_that_was_changed_is_not_started_and_what_was_given_up_is_tried_again(page):
+    arm(page)
+    assert order(page, "plan", op="template", name="square", x=0, y=0, side=4, depth=2) == ""
+    assert order(page, "plan", op="submit") == ""
+    assert order(page, "plan", op="cancel_last") == ""
+    assert "changed since it was submitted" in order(page, "start")
+    assert order(page, "plan", op="undo") == ""
+    assert order(page, "inject", fault="thruster", thruster=0, share=0.0) == ""
+    assert order(page, "start") == ""
+    page.wait_for_function("() => rovtwin.last.state.reason === 'thruster failed'", timeout=60_000)
+    assert order(page, "inject", fault="thruster", thruster=0, share=1.0) == ""
+    assert order(page, "disarm") == ""
+    page.wait_for_function("() => !rovtwin.last.state.armed")
+    arm(page)
+    assert order(page, "start") == ""
+    page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
+    page.wait_for_timeout(500)
+    assert state(page)["reason"] == "" and min(state(page)["health"]) > 0.5
 
 
 def test_two_operators(page, browser, served):

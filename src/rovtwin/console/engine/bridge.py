@@ -11,6 +11,7 @@ import zmq
 from rovtwin.console import orders
 from rovtwin.console.engine.engine import Engine
 from rovtwin.console.engine.helm import Helm
+from rovtwin.console.engine.state import counted
 from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Vessel
 from rovtwin.console.wire import FRESH, encode
@@ -128,7 +129,7 @@ class Bridge:
         if vessel.helm.is_running:
             raise ConfigError("a mission is under way already: hold or abort it first")
         self._engine.fly(vessel.helm, self._checked(self._engine.plan), self._engine.plan)
-        self._engine.event("info", f"mission started: {len(self._engine.plan)} way-points")
+        self._engine.event("info", f"mission started: {counted(len(self._engine.plan))}")
 
     def _start_test(self, helm: TrialHelm) -> None:
         test = self._engine.test

@@ -15,7 +15,7 @@ from rovtwin.console.engine.flights import Logbook
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
-from rovtwin.console.engine.state import Changes, flown, plan_told
+from rovtwin.console.engine.state import Changes, counted, flown, plan_told
 from rovtwin.console.engine.switch import ArmSwitch
 from rovtwin.console.engine.telling import Teller
 from rovtwin.console.engine.ticker import Ticker
@@ -165,7 +165,7 @@ class Engine:
         """What the next start flies."""
         self.plan, self.submitted = list(waypoints), True
         self._teller.publish(self._plan_told())
-        self.event("info", f"plan submitted: {len(self.plan)} way-points")
+        self.event("info", f"plan submitted: {counted(len(self.plan))}")
 
     def scenario_with(self, waypoints: list[Waypoint]) -> Scenario:
         """The scenario, with these way-points for its mission; a test's as it is."""

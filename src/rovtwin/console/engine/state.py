@@ -167,6 +167,11 @@ def progress(phase: str, waypoint: int, waypoints: int, to_go: float, length: fl
     return min((waypoint + along) / waypoints, 1.0)
 
 
+def counted(waypoints: int) -> str:
+    """So many way-points, in words."""
+    return "1 way-point" if waypoints == 1 else f"{waypoints} way-points"
+
+
 def plan_told(waypoints: list[Waypoint], submitted: bool, datum: Datum) -> dict[str, Any]:
     """The message that tells of a plan; places on the map are told in metres, too."""
     rows = [
