@@ -9,19 +9,20 @@ const COLUMNS = [
 ];
 const BLANK = new Set(['heading_deg']);
 const plan = order => said(live.send({do: 'plan', ...order}));
+const rounded = value => (Number.isFinite(value) ? Number(value.toFixed(2)) : '');
 
 function button(text, label, onclick, id) {
   return make('button', {class: 'action', 'aria-label': label, title: label, id, onclick}, text);
 }
 
 function cell(row, i, [key, label, step]) {
-  const value = row[key];
-  const input = make('input', {type: 'number', step, value: value ?? '', 'aria-label': `${label} of way-point ${i + 1}`,
+  const value = rounded(row[key]);
+  const input = make('input', {type: 'number', step, value, 'aria-label': `${label} of way-point ${i + 1}`,
     placeholder: BLANK.has(key) ? 'leg' : '', class: 'cell-input'});
-  input.addEventListener('change', () => {
+  input.addEventListener('change', async () => {
     const empty = input.value.trim() === '';
-    if (empty && !BLANK.has(key)) { input.value = value; return; }
-    plan({op: 'edit', i, [key]: empty ? null : Number(input.value)});
+    const taken = (!empty || BLANK.has(key)) && await plan({op: 'edit', i, [key]: empty ? null : Number(input.value)});
+    if (!taken) input.value = value; // what the plan has
   });
   return make('td', {}, input);
 }
@@ -85,7 +86,7 @@ mount('plan', section => {
   const cancel = button('Cancel last', 'Take the last way-point away', () => plan({op: 'cancel_last'}), 'cancel-last');
   const clear = button('Clear', 'Take all way-points away', () => plan({op: 'clear'}), 'clear');
   const square = button('Square', 'A square from where the vehicle is', () => plan({op: 'template', name: 'square',
-    depth: live.last.state?.eta?.[2] ?? 1, side: 4}));
+    depth: rounded(Math.max(0, live.last.state?.eta?.[2] ?? 1)), side: 4}));
   const say = make('p', {class: 'muted', id: 'plan-summary', role: 'status'});
   const checks = make('ul', {class: 'checks', 'aria-label': 'Checks of the plan'});
   const submit = button('Submit', 'Submit the plan to the autopilot', () => plan({op: 'submit'}), 'submit');
