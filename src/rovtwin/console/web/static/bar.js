@@ -67,11 +67,11 @@ mount('bar', bar => {
       facts.control(rights.watchers > 1 ? `${who}, ${rights.watchers} watch` : who, rights.may ? 'ok' : 'warn');
       control.textContent = rights.may ? 'Give control' : rights.in_control ? 'Ask for control' : 'Take control';
       control.hidden = rights.may && !rights.asked && rights.watchers < 2;
-      if (rights.may && rights.asked) asked(rights.asked);
+      asked(rights.may ? rights.asked : null);
     }),
   ];
   const timer = setInterval(() => connection(facts), 200);
-  return () => { release.forEach(one => one()); clearInterval(timer); };
+  return () => { release.forEach(one => one()); clearInterval(timer); asked(null); };
 });
 
 function armOrder() {
@@ -80,16 +80,20 @@ function armOrder() {
   return state?.armed ? 'disarm' : 'arm';
 }
 
-let asking = null;
+let question = null; // {who, box}
+/** Asks whether `who` may have control, for as long as they want it; null takes the question away. */
 function asked(who) {
-  if (asking === who) return;
-  asking = who;
-  const answer = order => { box.remove(); asking = null; said(live.send({do: order})); };
+  if (who === (question?.who ?? null)) return;
+  question?.box.remove();
+  question = null;
+  if (who === null) return;
+  const answer = order => said(live.send({do: order}));
   const box = make('div', {class: 'toast', role: 'alertdialog', 'aria-label': `${who} asks for control`},
     `${who} asks for control `,
     make('button', {class: 'action', onclick: () => answer('give')}, 'Give'),
     make('button', {class: 'action', onclick: () => answer('refuse')}, 'Keep'));
   document.body.append(box);
+  question = {who, box};
 }
 
 function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 'take'})); }
