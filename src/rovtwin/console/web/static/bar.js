@@ -1,10 +1,14 @@
 /** What is always visible: STOP, and whether, how and where the vehicle flies. */
 import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
+import {onMission} from '/static/hud_words.js';
 import {pressStop, said, theme} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
+const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
+let shown = ''; // the alerts
+let question = null; // {who, box}: who asks for control
 const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 
 function fact(label, id) {
@@ -80,7 +84,6 @@ function armOrder() {
   return state?.armed ? 'disarm' : 'arm';
 }
 
-let question = null; // {who, box}
 /** Asks whether `who` may have control, for as long as they want it; null takes the question away. */
 function asked(who) {
   if (who === (question?.who ?? null)) return;
@@ -105,8 +108,6 @@ function connection(facts) {
   else if (old) facts.link('stale', 'danger');
   document.body.classList.toggle('stale', old || !live.connected);
 }
-
-const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
 
 function show(facts, state, arm) {
   const ready = state.stage === 'ready' || state.stage === 'replay';
@@ -133,11 +134,10 @@ function show(facts, state, arm) {
   if (state.trial) facts.position('not told');
   else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
   facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));
-  facts.progress(state.count ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
+  facts.progress(onMission(state) ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
 }
 
-let shown = '';
 function alerts(found) {
   const key = JSON.stringify(found.map(one => [one.level, one.what]));
   if (key === shown) return;
