@@ -78,3 +78,19 @@ def test_a_value_that_is_refused_gives_way_to_the_plans(table, name, typed, plan
     page.get_by_role("alert").filter(has_text="way-point 1: refused").first.wait_for()
     assert page.evaluate("window.sent.at(-1).op") == "edit"
     assert cell(page, name).input_value() == planned
+
+
+def test_a_plan_that_was_changed_is_not_started_before_it_is_submitted(table):
+    page = table((0, 0), (4, 0))
+    assert page.is_enabled("#start")
+    plan = page.evaluate("async () => (await import('/static/live.js')).live.last.plan")
+    page.evaluate("message => window.emit(message)", plan | {"changed": True})
+    assert page.is_disabled("#start")
+    assert "Submit it, or Undo" in page.get_attribute("#start", "title")
+    page.evaluate("message => window.emit(message)", plan)
+    assert page.is_enabled("#start") and "Undo" not in page.get_attribute("#start", "title")
+
+
+def test_one_way_point_is_one(table):
+    assert table((0, 0)).inner_text("#plan-summary").startswith("1 way-point, ")
+    assert table((0, 0), (4, 0)).inner_text("#plan-summary").startswith("2 way-points, ")
