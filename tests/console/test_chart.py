@@ -3,6 +3,12 @@
 import pytest
 from tests.console import messages
 
+COLOUR = """([u, v, name]) => {
+  const colour = getComputedStyle(document.body).getPropertyValue(name).trim();
+  const {data} = document.querySelector('#chart canvas').getContext('2d').getImageData(u - 4, v - 4, 8, 8);
+  return [1, 3, 5].map(i => parseInt(colour.slice(i, i + 2), 16))
+    .every((c, k) => data.some((value, i) => i % 4 === k && Math.abs(value - c) < 12));
+}"""
 SQUARE = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0))
 
 
@@ -82,6 +88,19 @@ def test_a_drag_moves_a_way_point_and_a_refusal_puts_it_back(chart):
     assert moved == pytest.approx({"do": "plan", "op": "move", "i": 1, "x": 5, "y": 3}, abs=0.03)
     assert page.get_by_role("alert").inner_text() == "way-point 2 lies outside the fence"
     assert page.get_by_text("2: N 6.0, E 0.0 m").is_visible()
+
+
+def test_only_a_submitted_plan_is_drawn_as_flown(chart):
+    page = chart()
+    told = messages.plan((0, 0), flown=SQUARE)
+
+    def drawn_beside(plan):
+        emit(page, plan)
+        drawn(page)
+        return page.evaluate(COLOUR, [*at(6, 3), "--plan"])  # midway between two that are flown, not drafted
+
+    assert drawn_beside(told)
+    assert not drawn_beside(told | {"submitted": False})
 
 
 def test_delete_by_key_and_by_button(chart):

@@ -1,6 +1,7 @@
 """Who is in control: the first, then whoever is given it, or finds nobody."""
 
 import pytest
+from tests.console import messages
 
 from rovtwin.console import control
 from rovtwin.console.control import KEPT, Rights
@@ -93,3 +94,20 @@ def test_a_socket_that_lingers_beside_the_new_one_takes_nothing_along(rights):
     assert not rights.leave("b1")
     assert may(rights) == ["b1"]
     assert rights.leave("b1") and rights.told("b2")["in_control"] is None
+
+
+@pytest.mark.parametrize("after", [{"asked": None}, {"may": False, "in_control": "b2"}], ids=["left", "given"])
+def test_the_question_for_control_goes_with_its_reason(open_views, after):
+    page = open_views("bar")
+
+    def told(**changes):
+        page.evaluate("message => window.emit(message)", messages.rights() | changes)
+        return page.get_by_role("alertdialog").evaluate_all("boxes => boxes.map(box => box.ariaLabel)")
+
+    assert told(asked="b2") == ["b2 asks for control"]
+    assert told(asked="b2", watchers=3) == ["b2 asks for control"]
+    assert told(asked="b3") == ["b3 asks for control"]
+    page.get_by_role("button", name="Give", exact=True).click()
+    assert page.evaluate("window.sent") == [{"do": "give"}]
+    assert told(**{"asked": "b3"} | after) == []
+    assert told(asked="b3") == ["b3 asks for control"]  # anew

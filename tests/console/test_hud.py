@@ -15,6 +15,13 @@ COUNT = """([u, v, w, h, name]) => {
   return count;
 }"""
 
+BAR = """async state => {
+  await import('/static/live.js');
+  window.emit(state);
+  document.body.innerHTML = '<div id="alerts"></div><section id="bar"></section>';
+  await import('/static/bar.js');
+}"""
+
 DOT = '<svg xmlns="http://www.w3.org/2000/svg" width="8" height="4"/>'
 
 
@@ -91,10 +98,23 @@ def test_what_it_says_in_words(hud):
         messages.state(waypoint=1, count=3, to_go=5),
         messages.state(phase="held", reason="positions lost", stopped=True),
         messages.state(stage="lost", note="no answer for 2 s", armed=False, count=0),
+        messages.state(phase="piloted"),
+        messages.state(phase="idle"),
     ]
-    flying, held, lost = page.evaluate(script, states)
+    flying, held, lost, piloted, idle = page.evaluate(script, states)
     assert [line["text"] for line in flying["left"]] == ["ARMED", "GO"]
     assert [line["text"] for line in flying["right"]] == ["way-point 2 of 3", "5.0 m to go"]
     assert [line["text"] for line in held["left"]] == ["STOPPED", "HELD: positions lost"]
     assert held["left"][1]["level"] == "hud-danger"
     assert [line["text"] for line in lost["left"]] == ["DISARMED", "lost: no answer for 2 s"] and lost["right"] == []
+    assert [line["text"] for line in piloted["left"]] == ["ARMED", "PILOTED"]
+    assert piloted["right"] == idle["right"] == []  # there is no way-point to go to
+
+
+def test_the_bar_tells_of_a_mission_only_while_one_is_flown(open_views):
+    page = open_views()
+    told = {}
+    for phase in ("go", "paused", "piloted", "idle"):
+        page.evaluate(BAR, messages.state(phase=phase, alerts=[], nis={}, running=True, progress=0.25))
+        told[phase] = page.inner_text("#fact-progress")
+    assert told == {"go": "2/3 · 25 %", "paused": "2/3 · 25 %", "piloted": "none", "idle": "none"}

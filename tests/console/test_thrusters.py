@@ -1,7 +1,19 @@
 """The thrusters' bars: values, limits, what is lost."""
 
+from importlib.util import find_spec
+from pathlib import Path
+
 import pytest
 from tests.console import messages
+
+# As in NiceGUI's own page, where its sheet is a layer.
+POPUP = """sheet => {
+  const style = document.createElement('style');
+  style.textContent = `@layer nicegui { ${sheet} }`;
+  const box = document.createElement('div');
+  Object.assign(box, {id: 'popup', className: 'nicegui-error-popup', ariaHidden: 'false', textContent: 'Lost.'});
+  document.body.append(style, box);
+}"""
 
 
 @pytest.fixture
@@ -38,3 +50,14 @@ def test_full_weak_and_lost_thrusters_are_told_apart(rows):
 def test_without_names_thrusters_are_numbered(rows):
     _, found = rows(messages.setup(thrusters=None), messages.state(u=[0.0, -1.0], health=[1, 1]))
     assert [row[1:3] for row in found] == [["thruster 1", "0.00"], ["thruster 2", "\u22121.00"]]
+
+
+def test_no_box_of_nicegui_covers_them_when_the_connection_is_lost(rows):
+    nicegui = find_spec("nicegui")
+    if nicegui is None or nicegui.origin is None:
+        pytest.skip("needs NiceGUI (pip install 'rovtwin[console]')")
+    sheet = Path(nicegui.origin).with_name("static") / "nicegui.css"
+    page, _ = rows(messages.setup(), messages.state())
+    page.evaluate(POPUP, sheet.read_text(encoding="utf-8"))
+    assert page.locator(".nicegui-error-popup").count() == 1
+    assert not page.locator(".nicegui-error-popup").is_visible()

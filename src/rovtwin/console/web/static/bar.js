@@ -1,10 +1,14 @@
 /** What is always visible: STOP, and whether, how and where the vehicle flies. */
 import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
+import {onMission} from '/static/hud_words.js';
 import {pressStop, said, theme} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
+const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
+let shown = ''; // the alerts
+let question = null; // {who, box}: who asks for control
 const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 
 function fact(label, id) {
@@ -67,11 +71,11 @@ mount('bar', bar => {
       facts.control(rights.watchers > 1 ? `${who}, ${rights.watchers} watch` : who, rights.may ? 'ok' : 'warn');
       control.textContent = rights.may ? 'Give control' : rights.in_control ? 'Ask for control' : 'Take control';
       control.hidden = rights.may && !rights.asked && rights.watchers < 2;
-      if (rights.may && rights.asked) asked(rights.asked);
+      asked(rights.may ? rights.asked : null);
     }),
   ];
   const timer = setInterval(() => connection(facts), 200);
-  return () => { release.forEach(one => one()); clearInterval(timer); };
+  return () => { release.forEach(one => one()); clearInterval(timer); asked(null); };
 });
 
 function armOrder() {
@@ -80,16 +84,19 @@ function armOrder() {
   return state?.armed ? 'disarm' : 'arm';
 }
 
-let asking = null;
+/** Asks whether `who` may have control, for as long as they want it; null takes the question away. */
 function asked(who) {
-  if (asking === who) return;
-  asking = who;
-  const answer = order => { box.remove(); asking = null; said(live.send({do: order})); };
+  if (who === (question?.who ?? null)) return;
+  question?.box.remove();
+  question = null;
+  if (who === null) return;
+  const answer = order => said(live.send({do: order}));
   const box = make('div', {class: 'toast', role: 'alertdialog', 'aria-label': `${who} asks for control`},
     `${who} asks for control `,
     make('button', {class: 'action', onclick: () => answer('give')}, 'Give'),
     make('button', {class: 'action', onclick: () => answer('refuse')}, 'Keep'));
   document.body.append(box);
+  question = {who, box};
 }
 
 function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 'take'})); }
@@ -101,8 +108,6 @@ function connection(facts) {
   else if (old) facts.link('stale', 'danger');
   document.body.classList.toggle('stale', old || !live.connected);
 }
-
-const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
 
 function show(facts, state, arm) {
   const ready = state.stage === 'ready' || state.stage === 'replay';
@@ -129,11 +134,10 @@ function show(facts, state, arm) {
   if (state.trial) facts.position('not told');
   else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
   facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));
-  facts.progress(state.count ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
+  facts.progress(onMission(state) ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
 }
 
-let shown = '';
 function alerts(found) {
   const key = JSON.stringify(found.map(one => [one.level, one.what]));
   if (key === shown) return;

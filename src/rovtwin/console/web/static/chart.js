@@ -208,7 +208,7 @@ live.on('setup', setup => {
 });
 live.on('plan', plan => {
   const fewer = plan.draft.length < (model.plan?.draft.length ?? 0);
-  model.plan = plan;
+  model.plan = plan.submitted ? plan : {...plan, flown: []}; // what a scenario brings along is only drafted
   shown?.changed(fewer ? {pending: null, selected: null, hover: null} : {pending: null});
 });
 live.on('rights', rights => {

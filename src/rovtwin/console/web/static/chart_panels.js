@@ -203,7 +203,7 @@ export class Notice {
     const point = i === null ? null : chart.draft()[i];
     const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
     if (chart.drawing()) return this.#areaText(chart.area);
-    const speed = point?.speed ? `, ${point.speed} m/s` : '';
+    const speed = point?.speed ? `, ${Number(point.speed.toFixed(2))} m/s` : '';
     if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}`;
     const pointer = chart.cursor ? at(chart.cursor) : '';
     if (chart.mode !== 'add' || !chart.may()) return pointer;

@@ -96,7 +96,7 @@ class View {
       const button = this.buttons.get(level);
       button.textContent = `${level} ${many}`;
       button.setAttribute('aria-pressed', String(on));
-      button.setAttribute('aria-label', `${on ? 'Hide' : 'Show'} ${level}: ${many} events`);
+      button.setAttribute('aria-label', `${on ? 'Hide' : 'Show'} ${level}: ${many} event${many === 1 ? '' : 's'}`);
       if (on) shown += many;
     }
     this.none.textContent = happened().length ? 'All events are of levels that are not shown.' : 'Nothing has happened yet.';

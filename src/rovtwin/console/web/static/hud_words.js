@@ -1,5 +1,6 @@
 /** What the head-up display says in words, from the state message; without a page. */
 
+const OFF_MISSION = new Set(['idle', 'piloted']);
 const GRAVE = new Set(['aborted', 'held', 'returning', 'returned', 'surfacing', 'surfaced']);
 
 /** Height over the ground of the altimeter: {text, old} where a vehicle has one, else null; `old` says since when. */
@@ -30,9 +31,13 @@ function thrust({stopped, hung, armed, arming}) {
   return {text: arming ? 'ARMING' : 'DISARMED', level: arming ? 'hud-warn' : 'hud-muted', small: true};
 }
 
+/** Whether way-points mean anything: nothing of a mission is flown before its start, after it, or by hand. */
+export const onMission = ({count, phase, trial}) => Boolean(count) && (Boolean(trial) || !OFF_MISSION.has(phase));
+
 /** `waypoint` counts from 0, people from 1. */
-function progress({count, waypoint, to_go, trial}) {
-  if (!count) return [];
+function progress(state) {
+  const {count, waypoint, to_go, trial} = state;
+  if (!onMission(state)) return [];
   if (trial) {
     return [
       {text: `manoeuvre ${trial.manoeuvre + 1} of ${trial.of}`, small: true},

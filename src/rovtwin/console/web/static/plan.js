@@ -7,21 +7,24 @@ const COLUMNS = [
   ['x', 'North [m]', 0.1], ['y', 'East [m]', 0.1], ['depth', 'Depth [m]', 0.1], ['speed', 'Speed [m/s]', 0.05],
   ['hold_time', 'Hold [s]', 1], ['heading_deg', 'Heading [deg]', 5],
 ];
+const STARTS = 'Start the submitted mission';
+const STALE = 'The plan was changed since it was submitted: Submit it, or Undo';
 const BLANK = new Set(['heading_deg']);
 const plan = order => said(live.send({do: 'plan', ...order}));
+const rounded = value => (Number.isFinite(value) ? Number(value.toFixed(2)) : '');
 
 function button(text, label, onclick, id) {
   return make('button', {class: 'action', 'aria-label': label, title: label, id, onclick}, text);
 }
 
 function cell(row, i, [key, label, step]) {
-  const value = row[key];
-  const input = make('input', {type: 'number', step, value: value ?? '', 'aria-label': `${label} of way-point ${i + 1}`,
+  const value = rounded(row[key]);
+  const input = make('input', {type: 'number', step, value, 'aria-label': `${label} of way-point ${i + 1}`,
     placeholder: BLANK.has(key) ? 'leg' : '', class: 'cell-input'});
-  input.addEventListener('change', () => {
+  input.addEventListener('change', async () => {
     const empty = input.value.trim() === '';
-    if (empty && !BLANK.has(key)) { input.value = value; return; }
-    plan({op: 'edit', i, [key]: empty ? null : Number(input.value)});
+    const taken = (!empty || BLANK.has(key)) && await plan({op: 'edit', i, [key]: empty ? null : Number(input.value)});
+    if (!taken) input.value = value; // what the plan has
   });
   return make('td', {}, input);
 }
@@ -68,7 +71,8 @@ function files() {
 
 function summary(message) {
   const minutes = message.seconds / 60;
-  const text = `${message.draft.length} way-points, ${message.length.toFixed(1)} m, `
+  const many = message.draft.length;
+  const text = `${many} way-point${many === 1 ? '' : 's'}, ${message.length.toFixed(1)} m, `
     + `${minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`} at these speeds`;
   const state = !message.submitted ? 'not submitted' : message.changed ? 'changed since it was submitted' : 'submitted';
   return `${text}; ${state}`;
@@ -85,12 +89,12 @@ mount('plan', section => {
   const cancel = button('Cancel last', 'Take the last way-point away', () => plan({op: 'cancel_last'}), 'cancel-last');
   const clear = button('Clear', 'Take all way-points away', () => plan({op: 'clear'}), 'clear');
   const square = button('Square', 'A square from where the vehicle is', () => plan({op: 'template', name: 'square',
-    depth: live.last.state?.eta?.[2] ?? 1, side: 4}));
+    depth: rounded(Math.max(0, live.last.state?.eta?.[2] ?? 1)), side: 4}));
   const say = make('p', {class: 'muted', id: 'plan-summary', role: 'status'});
   const checks = make('ul', {class: 'checks', 'aria-label': 'Checks of the plan'});
   const submit = button('Submit', 'Submit the plan to the autopilot', () => plan({op: 'submit'}), 'submit');
   const order = (text, label, what, id) => button(text, label, () => said(live.send({do: what})), id);
-  const start = order('Start', 'Start the submitted mission', 'start', 'start');
+  const start = order('Start', STARTS, 'start', 'start');
   const pause = order('Pause', 'Pause the mission and stay', 'pause', 'pause');
   const resume = order('Resume', 'Go on with the mission', 'resume', 'resume');
   const hold = order('Hold', 'Stay here', 'hold', 'hold');
@@ -106,7 +110,9 @@ mount('plan', section => {
     undo.disabled ||= !message?.undo;
     redo.disabled ||= !message?.redo;
     cancel.disabled ||= !message?.draft.length;
-    start.disabled ||= !state?.armed || !message?.submitted;
+    const stale = message?.submitted && message.changed;
+    start.disabled ||= !state?.armed || !message?.submitted || stale;
+    start.title = stale ? STALE : STARTS;
     [pause, resume, hold, abort].forEach(one => { one.disabled ||= !state?.armed; });
   };
   let shown = '';

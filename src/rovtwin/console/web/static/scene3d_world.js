@@ -167,7 +167,7 @@ export class World {
   setPlan(message) {
     this.message = message;
     const {flown = [], draft = [], submitted} = message ?? {};
-    this.points = submitted || !draft.length ? flown : draft;
+    this.points = submitted ? flown : draft;
     clear(this.plan);
     const outside = this.#beyond();
     if (outside) this.#setRoom();

@@ -1,0 +1,96 @@
+"""The table of way-points: what its cells show, what a refusal leaves, when a mission may be started."""
+
+import pytest
+from tests.console import messages
+
+WIDEST = "-123.45"
+AS_ON_THE_PAGE = """() => {
+  const page = document.createElement('main');
+  page.className = 'views';
+  document.querySelector('#plan').className = 'form';
+  document.querySelector('#plan .table').style.paddingRight = '15px'; // Playwright hides scroll bars
+  page.append(...['i', 'i'].map(name => document.createElement(name)), document.querySelector('#plan').parentElement);
+  document.body.append(page);
+}"""
+SIZES = [(1366, 768), (1920, 1080)]
+
+
+@pytest.fixture
+def table(open_views):
+    """The form with these way-points, in control of a vehicle that is armed."""
+
+    def opened(*points, **changes):
+        page = open_views("plan")
+        told = messages.plan(*points, flown=points) | {"changed": False, "length": 4.0, "seconds": 20.0}
+        for message in (messages.state(), messages.rights(), told | changes):
+            page.evaluate("message => window.emit(message)", message)
+        return page
+
+    return opened
+
+
+def cell(page, name: str, i: int = 1):
+    return page.get_by_label(f"{name} of way-point {i}", exact=True)
+
+
+def test_numbers_have_two_decimals_at_most(table):
+    rows = [{"x": -0.849, "y": 2.077, "depth": 2.00079385, "speed": 0.12345, "hold_time": 0, "heading_deg": None}]
+    page = table((0, 0), draft=rows)
+    shown = page.locator("#plan .cell-input").evaluate_all("cells => cells.map(cell => cell.value)")
+    assert shown == ["-0.85", "2.08", "2", "0.12", "0", ""]
+
+
+def test_a_square_is_laid_at_a_depth_that_can_be_read(table):
+    page = table((0, 0))
+    page.evaluate("message => window.emit(message)", messages.state(eta=[0, 0, 2.00079385, 0, 0, 0]))
+    page.get_by_role("button", name="A square from where the vehicle is").click()
+    assert page.evaluate("window.sent.at(-1).depth") == 2.0
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_no_cell_cuts_its_number_off_and_no_row_its_buttons(table, size):
+    page = table((0, 0))
+    before = page.viewport_size
+    page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+    try:
+        page.evaluate(AS_ON_THE_PAGE)
+        cut = """(cells, widest) => cells.map(cell => {
+          cell.value = widest;
+          const style = getComputedStyle(cell);
+          const pen = document.createElement('canvas').getContext('2d');
+          pen.font = `${style.fontSize} ${style.fontFamily}`;
+          const room = cell.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+          return room - pen.measureText(widest).width;
+        })"""
+        assert min(page.locator("#plan .cell-input").evaluate_all(cut, WIDEST)) >= 0
+        over = "table => table.scrollWidth - table.clientWidth"
+        assert page.locator("#plan .table").evaluate(over) <= 0
+    finally:
+        page.set_viewport_size(before)
+
+
+@pytest.mark.parametrize(("name", "typed", "planned"), [("Depth [m]", "-3", "3"), ("Speed [m/s]", "0", "0.2")])
+def test_a_value_that_is_refused_gives_way_to_the_plans(table, name, typed, planned):
+    page = table((0, 0), (4, 0))
+    page.evaluate("window.refuse = 'way-point 1: refused'")
+    cell(page, name).fill(typed)
+    cell(page, name).press("Enter")
+    page.get_by_role("alert").filter(has_text="way-point 1: refused").first.wait_for()
+    assert page.evaluate("window.sent.at(-1).op") == "edit"
+    assert cell(page, name).input_value() == planned
+
+
+def test_a_plan_that_was_changed_is_not_started_before_it_is_submitted(table):
+    page = table((0, 0), (4, 0))
+    assert page.is_enabled("#start")
+    plan = page.evaluate("async () => (await import('/static/live.js')).live.last.plan")
+    page.evaluate("message => window.emit(message)", plan | {"changed": True})
+    assert page.is_disabled("#start")
+    assert "Submit it, or Undo" in page.get_attribute("#start", "title")
+    page.evaluate("message => window.emit(message)", plan)
+    assert page.is_enabled("#start") and "Undo" not in page.get_attribute("#start", "title")
+
+
+def test_one_way_point_is_one(table):
+    assert table((0, 0)).inner_text("#plan-summary").startswith("1 way-point, ")
+    assert table((0, 0), (4, 0)).inner_text("#plan-summary").startswith("2 way-points, ")
