@@ -9,6 +9,7 @@ COLOUR = """([u, v, name]) => {
   return [1, 3, 5].map(i => parseInt(colour.slice(i, i + 2), 16))
     .every((c, k) => data.some((value, i) => i % 4 === k && Math.abs(value - c) < 12));
 }"""
+TOOLS = {"top": 0.0, "right": 0.0}  # what the buttons cover [px]
 SQUARE = ((0.0, 0.0), (6.0, 0.0), (6.0, 6.0))
 
 
@@ -21,6 +22,8 @@ def chart(open_views):
         for message in (messages.setup(), messages.state(), messages.plan(*SQUARE), messages.rights(may)):
             emit(page, message)
         drawn(page)
+        edit, view = (page.get_by_role("toolbar", name=name).bounding_box() for name in ("Edit the", "View of the"))
+        TOOLS.update(top=edit["y"] + edit["height"] if edit else 0.0, right=900 - view["x"])
         return page
 
     return opened
@@ -41,9 +44,9 @@ def sent(page):
 
 
 def at(x: float, y: float) -> tuple[float, float]:
-    """Pixel of a place on a chart of 900 x 600 fitted to the tank of `messages`: 13 m high less the margins."""
-    scale = (600 - 2 * 54) / 13
-    return 450 + (y - 5) * scale, 300 - (x - 4.5) * scale
+    """Pixel of a place on a chart of 900 x 600 fitted to the tank of `messages`: 13 m less margins and buttons."""
+    scale = (600 - TOOLS["top"] - 2 * 54) / 13
+    return 450 - TOOLS["right"] / 2 + (y - 5) * scale, 300 + TOOLS["top"] / 2 - (x - 4.5) * scale
 
 
 def press(page, name: str):
@@ -145,8 +148,10 @@ def test_an_area_becomes_a_lawn_mower(chart, hand):
             page.mouse.click(*at(x, y))
     page.get_by_label("Line spacing").fill("1.5")
     page.get_by_label("Depth").fill("2")
+    page.get_by_label("Stay inside the area").set_checked(hand == "polygon")
     press(page, "Make plan")
     (asked,) = sent(page)
+    assert asked.pop("inside") == (hand == "polygon")
     assert [pytest.approx(corner, abs=0.03) for corner in corners] == asked.pop("area")
     expected = {"do": "plan", "op": "template", "name": "lawnmower", "spacing": 1.5, "depth": 2, "speed": 0.2}
     assert asked == expected
@@ -213,7 +218,7 @@ def test_fingers_pinch_and_press_long(chart):
     press(page, "Add way-points by clicking")
     page.touchscreen.tap(u + 150, v)
     (added,) = sent(page)
-    assert (added["x"], added["y"]) == pytest.approx((4.5, 5 + 75 / ((600 - 108) / 13)), abs=0.03)
+    assert (added["x"], added["y"]) == pytest.approx((4.5, 5 + 75 / (at(4.5, 6)[0] - u)), abs=0.03)
     touch("touchStart", (u, v))
     page.get_by_role("menuitem", name="Add way-point here").wait_for()
     touch("touchEnd")

@@ -150,6 +150,7 @@ def test_abort_ends_piloting_though_a_stick_goes_on(page):
 
 def test_a_plan_that_was_changed_is_not_started_and_what_was_given_up_is_tried_again(page):
     arm(page)
+    assert "nothing to resume" in order(page, "resume")
     assert order(page, "plan", op="template", name="square", x=0, y=0, side=4, depth=2) == ""
     assert order(page, "plan", op="submit") == ""
     assert order(page, "plan", op="cancel_last") == ""
@@ -158,6 +159,7 @@ def test_a_plan_that_was_changed_is_not_started_and_what_was_given_up_is_tried_a
     assert order(page, "inject", fault="thruster", thruster=0, share=0.0) == ""
     assert order(page, "start") == ""
     page.wait_for_function("() => rovtwin.last.state.reason === 'thruster failed'", timeout=60_000)
+    assert "was not paused; Start flies it" in order(page, "resume") and page.locator("#resume").is_disabled()
     assert order(page, "inject", fault="thruster", thruster=0, share=1.0) == ""
     assert order(page, "disarm") == ""
     page.wait_for_function("() => !rovtwin.last.state.armed")

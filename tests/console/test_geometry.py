@@ -53,6 +53,17 @@ def test_fit_shows_the_whole_box_and_zoom_has_limits(module):
     assert (lone, closest, nothing) == (40, 2000, None)
 
 
+def test_fit_leaves_the_edges_that_buttons_cover(module):
+    script = """g => {
+      const view = new g.View(800, 400);
+      view.fit(g.boxOf([{x: 0, y: 0}, {x: 10, y: 10}]), 30, {top: 60, right: 90});
+      return [view.toScreen({x: 10, y: 0}), view.toScreen({x: 0, y: 10}), view.scale];
+    }"""
+    upper, lower, scale = module(script)
+    assert (upper["v"], lower["v"]) == pytest.approx((90, 370)) and scale == pytest.approx(28)
+    assert (upper["u"] + lower["u"]) / 2 == pytest.approx((800 - 90) / 2)
+
+
 def test_ellipse_of_a_turned_covariance(module):
     turn, long, short = 0.4, 3.0, 0.5
     c, s = math.cos(turn), math.sin(turn)

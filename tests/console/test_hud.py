@@ -118,3 +118,21 @@ def test_the_bar_tells_of_a_mission_only_while_one_is_flown(open_views):
         page.evaluate(BAR, messages.state(phase=phase, alerts=[], nis={}, running=True, progress=0.25))
         told[phase] = page.inner_text("#fact-progress")
     assert told == {"go": "2/3 · 25 %", "paused": "2/3 · 25 %", "piloted": "none", "idle": "none"}
+
+
+def test_the_bar_says_when_time_goes_slower_than_was_asked_for(open_views):
+    """Ten seconds of states in two of ours: five times as fast, where four or twenty were wanted."""
+    page = open_views()
+    told = {}
+    for speed in (4, 20):
+        page.evaluate(BAR, messages.state(t=0.0, speed=speed, running=True, alerts=[], nis={}))
+        for k in range(1, 51):
+            page.evaluate(
+                "message => window.emit(message)",
+                messages.state(t=0.2 * k, speed=speed, running=True, alerts=[], nis={}),
+            )
+            page.wait_for_timeout(40)
+        told[speed] = page.inner_text("#fact-time"), page.locator("#fact-time").get_attribute("data-level")
+    assert told[4] == ("10.0 s ×4", "")
+    text, level = told[20]
+    assert text.startswith("10.0 s ×20, reached ×") and 3.0 < float(text.split("×")[-1]) <= 5.0 and level == "warn"

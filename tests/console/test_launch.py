@@ -71,13 +71,8 @@ def test_who_looks_for_an_engine_keeps_none_from_beginning(place, monkeypatch):
 def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):
     pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
     from rovtwin.cli.console import console
-    from rovtwin.scenario import files
-
-    class Wanted:
-        name, test = "calm", None
 
     done = []
-    monkeypatch.setattr(files, "load_scenario", lambda *_: Wanted())
     monkeypatch.setattr(launch, "start", lambda *_: done.append("start"))
     monkeypatch.setattr(launch, "end", lambda *_: done.append("end"))
     with socket.socket() as other:

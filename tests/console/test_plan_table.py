@@ -92,5 +92,5 @@ def test_a_plan_that_was_changed_is_not_started_before_it_is_submitted(table):
 
 
 def test_one_way_point_is_one(table):
-    assert table((0, 0)).inner_text("#plan-summary").startswith("1 way-point, ")
+    assert table((0, 0)).inner_text("#plan-summary").startswith("1 way-point; ")
     assert table((0, 0), (4, 0)).inner_text("#plan-summary").startswith("2 way-points, ")

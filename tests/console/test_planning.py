@@ -121,3 +121,14 @@ def test_a_square_comes_back_to_its_corner():
     rows = square(1.0, 2.0, 4.0, 3.0, 0.2)
     assert [(row["x"], row["y"]) for row in rows] == [(1.0, 2.0), (5.0, 2.0), (5.0, 6.0), (1.0, 6.0), (1.0, 2.0)]
     assert planning.Draft().rows == []
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_lawn_mower_stays_inside_where_that_is_wanted(inside):
+    pytest.importorskip("shapely", reason="needs shapely: pip install 'rovtwin[survey]'")
+    from rovtwin.console.web.drafting import _lawnmower
+
+    rows = _lawnmower([[0, 0], [8, 0], [8, 8], [0, 8]], 2.0, 3.0, 0.2, inside)
+    places = [value for row in rows for value in (row["x"], row["y"])]
+    assert len(rows) >= 8 and {row["depth"] for row in rows} == {3.0}
+    assert (min(places) >= 0.0 and max(places) <= 8.0) == inside

@@ -1,12 +1,14 @@
 """Flying over a link: URLs, listening before arming, what is flown and logged, what ends it."""
 
 import time
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 import rovtwin.scenario.live.connect as connecting
 from rovtwin.core import numerics
+from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
 from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.link import Link, Source
@@ -286,6 +288,8 @@ def test_a_flight_over_a_link_is_logged_without_truth(flight):
     log = Log.read(flown.folder / "log.mcap")
     assert not any(name.startswith("truth/") for name in log.channels)
     assert log.metadata["live"] == "true"
+    began = datetime.fromisoformat(datum_of(log.metadata).utc_start)
+    assert 1.0 < (datetime.now(UTC) - began).total_seconds() < 300.0, "its zero is the time of day"
     timing = log["host/timing"]
     assert len(timing) == 1001 and timing["thrust_on"].all()
     assert flown.summary["judged_by"] == "the autopilot's own estimate"
@@ -310,6 +314,18 @@ def test_who_does_not_arm_moves_nothing(tmp_path, scenario):
     link.send = lambda command: sent.append(command)
     flown = fly_live(scenario, link, [], clock, tmp_path / "run", arm=lambda ready: False)
     assert sent == [] and flown.summary["reason"] == "not armed" and not flown.completed
+
+
+def test_without_thrust_everything_is_computed_and_nothing_moves(tmp_path, scenario):
+    clock = Clock(SPEED)
+    link = connect("twin://", scenario, clock)
+    sent = []
+    link.send = lambda command: sent.append(np.array(command.u))
+    short = scenario.model_copy(update={"duration": 3.0})
+    flown = fly_live(short, link, [], clock, tmp_path / "run", arm=lambda ready: True, thrust=False)
+    assert len(sent) == 151 and not np.any(sent)
+    assert np.abs(flown.log["autopilot/command"].values).max() > 0.1
+    assert not flown.log["host/timing"]["thrust_on"].any() and flown.log.metadata["thrust"] == "false"
 
 
 def test_a_vehicle_that_is_lost_in_flight_ends_it(tmp_path, scenario):

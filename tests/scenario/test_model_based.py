@@ -25,16 +25,19 @@ def scenario(name, *changes):
     return load_scenario(name, ["autopilot=model_based", *changes])
 
 
+# A single flight in waves is in the quick set with test_smoothing.py, whole missions with those over links.
 @pytest.fixture(scope="module")
 def in_waves():
     return score_seeds(scenario("lawnmower_waves"), (1, 2, 3))
 
 
+@pytest.mark.slow
 def test_the_mission_is_completed_in_time_and_depth_is_kept(in_waves):
     assert all(run["completed"] and run["duration_s"] < 200 for run in in_waves)
     assert mean_over(in_waves, "depth_rms_m") < 5e-3
 
 
+@pytest.mark.slow
 def test_the_path_is_kept_as_well_as_it_is_known(in_waves):
     """Three seeds: the error of a mean over three is a quarter of it."""
     bound = mean_over(in_waves, "bound_position_m")
@@ -42,6 +45,7 @@ def test_the_path_is_kept_as_well_as_it_is_known(in_waves):
     assert mean_over(in_waves, "cross_track_rms_m") < 1.4 * np.hypot(bound, 0.05)
 
 
+@pytest.mark.slow
 def test_the_filter_is_about_as_wrong_as_it_says(in_waves):
     assert 0.8 < mean_over(in_waves, "nees_position_mean") < 3.5
 

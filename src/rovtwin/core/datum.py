@@ -12,7 +12,7 @@ pymap3d has it.
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -136,6 +136,11 @@ def utc_text(text: str) -> str:
     if time.tzinfo is None:
         raise ConfigError(f"utc_start: found {text!r} without a zone, {wanted}: add a Z if it is UTC")
     return time.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def utc_now(ahead: float = 0.0) -> str:
+    """The time in so many seconds, ISO 8601 in UTC to the millisecond."""
+    return (datetime.now(UTC) + timedelta(seconds=ahead)).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def datum_of(metadata: Mapping[str, str]) -> Datum | None:

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.steering import Steering
+from rovtwin.core.datum import utc_now
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
-from rovtwin.scenario.live.flight import metadata_of, write_scenario
+from rovtwin.scenario.live.flight import beginning, metadata_of, write_scenario
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
 from rovtwin.scenario.schema import Scenario
 
@@ -43,8 +44,14 @@ class FlightLog:
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder)
         self._rows: list[Any] = []
+        self._scenario = scenario
         self._flown: Scenario | None = None
         self._chunk = round(CHUNK / scenario.control_dt)
+
+    def begin(self, now: float) -> None:
+        """Its time zero is now, by the clock of the helm's readings [s]."""
+        self.began = now
+        self._log.annotate(beginning(self._scenario, utc_now()))
 
     def add(self, late_ms: float, link_age: float) -> None:
         """The helm's last tick."""
@@ -126,7 +133,7 @@ class Logbook:
         if self._opening is not None:
             opening, self._opening = self._opening, None
             self._flight = opening.result()
-            self._flight.began = now
+            self._flight.begin(now)
 
     def flown(self, scenario: Scenario) -> None:
         """The mission that is flown from now on, for the log of the flight under way."""

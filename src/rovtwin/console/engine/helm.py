@@ -7,7 +7,7 @@ import numpy as np
 
 from rovtwin.console.engine.steering import Steering
 from rovtwin.core.block import Start
-from rovtwin.core.flow import ABORT, ARM, PAUSE, PILOT, RESUME, Mission
+from rovtwin.core.flow import ABORT, ARM, ENDS, PAUSE, PILOT, RESUME, Mission
 from rovtwin.core.numerics import jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.supervisor import MODE_PAUSED, MODE_PILOTED
@@ -74,6 +74,12 @@ class Helm(Steering):
     @property
     def is_piloted(self) -> bool:
         return not self._idle and (self.mode == MODE_PILOTED or self._request == PILOT)
+
+    @property
+    def can_resume(self) -> bool:
+        """Whether a mission waits to be gone on with, paused or under a pilot's hands."""
+        waits = self.mode in (MODE_PAUSED, MODE_PILOTED) or self._request == PAUSE
+        return waits and not self._idle and int(self.output.setpoint.phase) not in ENDS
 
     @property
     def has_terrain(self) -> bool:

@@ -91,7 +91,8 @@ class Drafting:
             rows = square(_value(what, "x", x), _value(what, "y", y), side, depth, speed)
         elif what.get("name") == "lawnmower":
             area, spacing = what.get("area"), _value(what, "spacing", 1.0)
-            rows = await asyncio.to_thread(_lawnmower, area, spacing, depth, speed)
+            inside = what.get("inside", False) is True
+            rows = await asyncio.to_thread(_lawnmower, area, spacing, depth, speed, inside)
         else:
             raise ConfigError(f"template: found {what.get('name')!r}, expected square or lawnmower")
         self._hub.draft.load(rows)
@@ -144,8 +145,8 @@ def _value(what: dict[str, Any], key: str, default: float) -> float:
     return float(found)
 
 
-def _lawnmower(area: Any, spacing: float, depth: float, speed: float) -> list[dict[str, Any]]:
-    """Way-points over an area, by the survey planner."""
+def _lawnmower(area: Any, spacing: float, depth: float, speed: float, inside: bool) -> list[dict[str, Any]]:
+    """Way-points over an area, by the survey planner; turns lie outside of it unless all is to stay inside."""
     if not isinstance(area, list) or len(area) < 3:
         raise ConfigError("lawn-mower: found no area, expected at least three corners [north, east]")
     try:
@@ -162,7 +163,7 @@ def _lawnmower(area: Any, spacing: float, depth: float, speed: float) -> list[di
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "area.yaml"
         file.write_text(yaml.safe_dump({"outline": area}), encoding="utf-8")
-        survey = lay_out(SurveyRequest(file, Swath(spacing, 0.0), depth=depth, speed=speed))
+        survey = lay_out(SurveyRequest(file, Swath(spacing, 0.0), depth=depth, speed=speed, inside=inside))
     if survey.scenario.mission is None:
         raise RovtwinError("lawn-mower: no line fits into the area; make it larger")
     places = [waypoint.position or [0.0, 0.0, depth] for waypoint in survey.scenario.mission.waypoints]

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rovtwin.core.datum import METADATA_KEY, utc_now
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import ENDS, PAUSED, PHASES, Command, Slot
 from rovtwin.core.jsontext import to_json
@@ -89,6 +91,7 @@ def fly_live(
                 if thrust:
                     link.arm()
                 ending = loop.fly(recorder, progress, tell)
+                log.annotate(beginning(scenario, loop.utc_start))
             link.stop()
             summary = _summary(recorder, composed, ending, loop.pace)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
@@ -101,7 +104,12 @@ def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bo
     metadata = provenance(scenario, composed) | {"live": "true", "thrust": str(thrust).lower()}
     if scenario.test:
         metadata["test"] = to_json(touched_spans(scenario))
-    return metadata | {"scenario": write_scenario(scenario, composed, folder)}
+    return metadata | {"scenario": write_scenario(scenario, composed, folder)} | beginning(scenario, utc_now())
+
+
+def beginning(scenario: Scenario, utc_start: str) -> dict[str, str]:
+    """What a log says of its time zero, which no scenario knows: it is the time of day at which the flight began."""
+    return {METADATA_KEY: replace(scenario.origin, utc_start=utc_start).metadata()}
 
 
 def write_scenario(scenario: Scenario, composed: Composed, folder: Path) -> str:
@@ -165,7 +173,7 @@ class _LiveLoop:
         self._total, self._chunk = ticks_in(scenario.duration, self._dt) + 1, ticks_in(CHUNK, self._dt)
         self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
         self._prompter, self._tested = Prompter(scenario), 0
-        self.pace = Pace()
+        self.pace, self.utc_start = Pace(), ""
 
     def start_from(self, readiness: Readiness) -> None:
         """Begin where the vehicle is now."""
@@ -176,9 +184,11 @@ class _LiveLoop:
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""
         settle()
+        _rewound(self._link)  # a short log may have ended by now, and says so when read
         self._ears.drain()
         _rewound(self._link)
         self._ears.zero = began = self._clock.next(self._dt)
+        self.utc_start = utc_now((began - self._clock()) / self._clock.speed)
         with Interrupt() as interrupt, urgent(self._clock.speed <= 1.0):
             for k in range(self._total):
                 try:

@@ -7,6 +7,8 @@ import {pressStop, said, theme} from '/static/page.js';
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
 const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
+const WINDOW = 4;  // over which the speed that is reached is looked at [s]
+const past = []; // {now [ms], t [s], speed} of states in that window
 let shown = ''; // the alerts
 let question = null; // {who, box}: who asks for control
 const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
@@ -118,8 +120,9 @@ function show(facts, state, arm) {
   arm.textContent = lost ? 'Reconnect' : state.armed ? 'Disarm' : 'Arm';
   arm.disabled = !live.last.rights?.may || !(ready || lost) || state.arming || !!state.replay;
   alerts(state.alerts);
-  const pace = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
-  facts.time(`${number(state.t, 1)} s${pace}`, state.running ? '' : 'warn');
+  const asked = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
+  const slow = reached(state);
+  facts.time(`${number(state.t, 1)} s${asked}${slow ? `, reached ×${slow}` : ''}`, state.running && !slow ? '' : 'warn');
   if (!state.eta) return;
   facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'not told', LOUD[state.phase] || '');
   facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
@@ -136,6 +139,19 @@ function show(facts, state, arm) {
   facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));
   facts.progress(onMission(state) ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
+}
+
+/** How many times as fast as ours its time goes, as text, where that is less than was asked for. */
+function reached(state) {
+  const now = performance.now();
+  const before = past.at(-1) ?? {};
+  if (!state.running || before.speed !== state.speed || state.t < before.t) past.length = 0;
+  past.push({now, t: state.t, speed: state.speed});
+  while (past[1] && past[1].now < now - 1e3 * WINDOW) past.shift();
+  const span = (now - past[0].now) / 1e3;
+  if (!state.running || state.replay || span < WINDOW / 2) return '';
+  const speed = (state.t - past[0].t) / span;
+  return speed < 0.9 * state.speed ? speed.toPrecision(2) : '';
 }
 
 function alerts(found) {

@@ -35,6 +35,12 @@ export class Tools {
     ];
   }
 
+  /** What the buttons cover of the chart's upper and right edge [px]. */
+  room() {
+    const [left, right] = this.elements;
+    return {top: left.hidden ? 0 : left.offsetTop + left.offsetHeight, right: right.offsetWidth + 10};
+  }
+
   show() {
     const {chart} = this;
     for (const [name, element] of this.modes) {
@@ -132,6 +138,12 @@ export class AreaForm {
       field('spacing', 'Line spacing', 'm', 2, 0.1),
       field('depth', 'Depth', 'm', 3, 0),
       field('speed', 'Speed', 'm/s', 0.3, 0.01),
+      make(
+        'label',
+        {class: 'chart-check', title: 'Else lines begin at speed before the area, and turns lie outside of it'},
+        make('input', {name: 'inside', type: 'checkbox'}),
+        make('span', {}, 'Stay inside the area'),
+      ),
       make('p', {class: 'chart-small'}, 'Takes the place of the draft; undo brings that back.'),
       make(
         'div',
@@ -167,7 +179,7 @@ export class AreaForm {
     confirm.disabled = true; // a double click asks once
     try {
       const values = ['spacing', 'depth', 'speed'].map(name => [name, Number(elements[name].value)]);
-      await submit(Object.fromEntries(values));
+      await submit({...Object.fromEntries(values), inside: elements.inside.checked});
     } finally {
       confirm.disabled = false;
     }

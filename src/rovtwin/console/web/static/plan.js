@@ -8,6 +8,8 @@ const COLUMNS = [
   ['hold_time', 'Hold [s]', 1], ['heading_deg', 'Heading [deg]', 5],
 ];
 const STARTS = 'Start the submitted mission';
+const RESUMES = 'Go on with the mission';
+const NOT_PAUSED = 'Nothing is paused';
 const STALE = 'The plan was changed since it was submitted: Submit it, or Undo';
 const BLANK = new Set(['heading_deg']);
 const plan = order => said(live.send({do: 'plan', ...order}));
@@ -72,8 +74,9 @@ function files() {
 function summary(message) {
   const minutes = message.seconds / 60;
   const many = message.draft.length;
-  const text = `${many} way-point${many === 1 ? '' : 's'}, ${message.length.toFixed(1)} m, `
-    + `${minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`} at these speeds`;
+  const time = minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`;
+  const text = many < 2 ? `${many} way-point${many ? '' : 's'}`
+    : `${many} way-points, from the first to the last ${message.length.toFixed(1)} m, ${time} at these speeds`;
   const state = !message.submitted ? 'not submitted' : message.changed ? 'changed since it was submitted' : 'submitted';
   return `${text}; ${state}`;
 }
@@ -96,7 +99,7 @@ mount('plan', section => {
   const order = (text, label, what, id) => button(text, label, () => said(live.send({do: what})), id);
   const start = order('Start', STARTS, 'start', 'start');
   const pause = order('Pause', 'Pause the mission and stay', 'pause', 'pause');
-  const resume = order('Resume', 'Go on with the mission', 'resume', 'resume');
+  const resume = order('Resume', RESUMES, 'resume', 'resume');
   const hold = order('Hold', 'Stay here', 'hold', 'hold');
   const abort = order('Abort', 'Abort: thrusters off', 'abort', 'abort');
   section.append(adding(), make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files()), table, say, checks,
@@ -114,6 +117,9 @@ mount('plan', section => {
     start.disabled ||= !state?.armed || !message?.submitted || stale;
     start.title = stale ? STALE : STARTS;
     [pause, resume, hold, abort].forEach(one => { one.disabled ||= !state?.armed; });
+    const waits = ['paused', 'piloted'].includes(state?.phase);
+    resume.disabled ||= !waits;
+    resume.title = waits ? RESUMES : NOT_PAUSED;
   };
   let shown = '';
   const release = [
