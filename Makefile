@@ -3,6 +3,8 @@ PYTHON ?= python3
 JOBS   ?= 2
 VENV   := .venv
 BIN    := $(VENV)/bin
+# What users have, and what developers have besides.
+FULL   := $(VENV)/.full
 STAMP  := $(VENV)/.installed
 
 # Figures are drawn without a display, whoever runs them.
@@ -22,7 +24,7 @@ help: ## print this list
 
 install: $(STAMP) ## make .venv with the package and all extras, at the pinned versions
 
-demo: $(STAMP) ## run the demonstration
+demo: $(FULL) ## run the demonstration
 	$(BIN)/rovtwin demo
 
 test: $(STAMP) browser ## run the tests, without those marked slow
@@ -84,12 +86,12 @@ browser:
 	echo "         Debian: apt install chromium" >&2
 
 # What builds packages goes in first, at its pinned version: ours with hatchling, what comes as source with setuptools.
-$(STAMP): pyproject.toml constraints.txt | check-python
+$(FULL) $(STAMP): pyproject.toml constraints.txt | check-python
 	@if ! $(BIN)/python -c 'import pip' 2>/dev/null; then \
 	  echo "rovtwin: making $(VENV) with $$("$(PYTHON)" --version)"; rm -rf $(VENV); "$(PYTHON)" -m venv $(VENV); fi
-	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) (about 1.2 GB on disk)"
+	@echo "rovtwin: installing the package and its pinned dependencies into $(VENV) ($(if $(filter $(FULL),$@),1.8,2.4) GB on disk)"
 	@$(MAKE) --no-print-directory system
 	@$(PIP) hatchling editables setuptools
-	@$(PIP) --no-build-isolation -e '.[all]'
-	@touch $@
+	@$(PIP) --no-build-isolation -e '.[$(if $(filter $(FULL),$@),full,all)]'
+	@touch $@ $(if $(filter $(STAMP),$@),$(FULL))
 	@echo "rovtwin: done; try $(BIN)/rovtwin --help"
