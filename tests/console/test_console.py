@@ -64,13 +64,13 @@ def states(served):
 def test_the_way_point_mission(page, served):
     """Add the seven points of table 8.3, cancel the last, submit, start: the vehicle flies and says when it is over."""
     page.click("#clear")
-    for x, y in TABLE_8_3:
+    page.wait_for_function("() => rovtwin.last.plan.draft.length === 0")
+    for count, (x, y) in enumerate(TABLE_8_3, start=1):
         page.fill("#new-x", str(x))
         page.fill("#new-y", str(y))
         page.fill("#new-depth", str(DEPTH))
-        count = page.evaluate("rovtwin.last.plan.draft.length")
         page.click("#add")
-        page.wait_for_function(f"() => rovtwin.last.plan.draft.length === {count + 1}")
+        page.wait_for_function(f"() => rovtwin.last.plan.draft.length === {count}")
     page.click("#cancel-last")
     page.wait_for_function("() => rovtwin.last.plan.draft.length === 6")
     assert page.locator("#plan tbody tr").count() == 6

@@ -395,6 +395,8 @@ def test_a_record_has_every_reading_that_came(tmp_path, scenario, hasty):
     assert counts == {"pressure": 2} and vehicle.told == []
     log = Log.read(tmp_path / "pool.mcap")
     np.testing.assert_allclose(log["sensor/pressure"]["depth"], [1.0, 1.5])
+    began = datetime.fromisoformat(datum_of(log.metadata).utc_start)
+    assert abs((datetime.now(UTC) - began).total_seconds()) < 60.0
 
 
 # Time

@@ -2,12 +2,14 @@
 
 import platform
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rovtwin import __version__
+from rovtwin.core.datum import METADATA_KEY
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.belongings import kept_beside, scenes_kept_beside
@@ -41,6 +43,11 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "thrusters": to_json(composed.thruster_names),
         "tether_length": str(composed.paid_out),
     }
+
+
+def beginning(scenario: Scenario, utc_start: str) -> dict[str, str]:
+    """What the log of a vehicle over a link says of its time zero, which no scenario knows: the time of day."""
+    return {METADATA_KEY: replace(scenario.origin, utc_start=utc_start).metadata()}
 
 
 def _datasheet(sensor: Sensor) -> dict[str, Any]:

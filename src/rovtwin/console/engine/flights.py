@@ -16,8 +16,9 @@ from rovtwin.core.log import LogWriter
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
-from rovtwin.scenario.live.flight import beginning, metadata_of, write_scenario
+from rovtwin.scenario.live.flight import metadata_of, write_scenario
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
+from rovtwin.scenario.provenance import beginning
 from rovtwin.scenario.schema import Scenario
 
 logger = logging.getLogger(__name__)

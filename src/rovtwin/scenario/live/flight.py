@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rovtwin.core.datum import METADATA_KEY, utc_now
+from rovtwin.core.datum import utc_now
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import ENDS, PAUSED, PHASES, Command, Slot
 from rovtwin.core.jsontext import to_json
@@ -27,7 +26,7 @@ from rovtwin.scenario.live.manoeuvres import Cue, Prompter, touched_spans
 from rovtwin.scenario.live.readiness import NEEDED, NEEDED_IN_TESTS, TO_COME_HOME, Ears, Readiness, listen
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
 from rovtwin.scenario.pace import Clock, Pace
-from rovtwin.scenario.provenance import provenance, scenario_to_replay
+from rovtwin.scenario.provenance import beginning, provenance, scenario_to_replay
 from rovtwin.scenario.realtime import HostAutopilot
 from rovtwin.scenario.run import CHUNK, above, ticks_in
 from rovtwin.scenario.schema import Scenario
@@ -105,11 +104,6 @@ def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bo
     if scenario.test:
         metadata["test"] = to_json(touched_spans(scenario))
     return metadata | {"scenario": write_scenario(scenario, composed, folder)} | beginning(scenario, utc_now())
-
-
-def beginning(scenario: Scenario, utc_start: str) -> dict[str, str]:
-    """What a log says of its time zero, which no scenario knows: it is the time of day at which the flight began."""
-    return {METADATA_KEY: replace(scenario.origin, utc_start=utc_start).metadata()}
 
 
 def write_scenario(scenario: Scenario, composed: Composed, folder: Path) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core.datum import utc_now
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Channel, LogWriter
 from rovtwin.scenario.channels import SENSORS
@@ -14,6 +15,7 @@ from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.live.readiness import Ears
 from rovtwin.scenario.pace import Clock
+from rovtwin.scenario.provenance import beginning
 from rovtwin.scenario.schema import Scenario
 
 EVERY = 0.01  # between two looks [s]
@@ -41,6 +43,7 @@ def record(
         ears = Ears(link, sources)
         ears.drain()
         ears.zero = began = clock()
+        log.annotate(beginning(scenario, utc_now()))
         shown = 0.0
         while not interrupt.asked and (duration is None or clock() - began < duration):
             for reading in ears.read():
