@@ -101,7 +101,7 @@ def test_stop_is_one_click_or_escape_and_arming_goes_on_from_there(page):
         page.wait_for_function("() => rovtwin.last.state.u.some(u => u !== 0)")
         press()
         page.wait_for_function("() => rovtwin.last.state.stopped && !rovtwin.last.state.armed")
-        assert not any(state(page)["u"])
+        page.wait_for_function("() => rovtwin.last.state.u.every(u => u === 0)")
         page.wait_for_function("() => document.querySelector('#alerts').innerText.includes('STOPPED')")
 
 
@@ -244,6 +244,7 @@ def test_export_and_import_give_the_same_plan(page, tmp_path):
     file = tmp_path / "mission.yaml"
     coming.value.save_as(file)
     page.click("#clear")
+    page.wait_for_function("() => rovtwin.last.plan.draft.length === 0")
     page.set_input_files("#mission-file", str(file))
     page.wait_for_function("() => rovtwin.last.plan.draft.length === 5")
     assert page.evaluate("rovtwin.last.plan.draft") == before
