@@ -1,5 +1,6 @@
 """What all tests share: hypothesis profiles and the reference data beside the repository."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -29,6 +30,13 @@ _LONG = (
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: _LONG.index(item.path.name) if item.path.name in _LONG else len(_LONG))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def settled() -> None:
+    """A full collection takes seconds in the end in a process that compiles so much, and other tests count tenths."""
+    gc.collect()
+    gc.freeze()
 
 
 SHARED = Path(__file__).parents[1] / ".." / "shared"

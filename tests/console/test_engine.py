@@ -106,6 +106,9 @@ class FakeFlight:
     def __init__(self, *_):
         self.folder, self.breaks, self.endings = "runs/1", None, []
 
+    def begin(self, now):
+        pass
+
     def add(self, *_):
         if self.breaks is not None:
             raise self.breaks
