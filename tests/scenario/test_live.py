@@ -269,6 +269,7 @@ def once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(live, "compose", composed_once)
         patch.setattr(live, "HostAutopilot", made)
+        patch.setattr(live, "settle", lambda: None)  # of all that the tests before left: seconds; see test_urgent.py
         yield
 
 
