@@ -16,6 +16,8 @@ PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-re
 SOURCES := src tests $(wildcard benchmarks examples)
 
 .DEFAULT_GOAL := help
+# Two installations into one environment at once would hurt each other.
+.NOTPARALLEL:
 .PHONY: help install demo test test-all bench lint clean check-python system browser
 
 help: ## print this list

@@ -21,9 +21,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 # --no-loadscope-reorder).
 _LONG = (
     *("test_docs.py", "test_joint.py", "test_fail_safes.py", "test_navigation.py", "test_ekf.py", "test_tether.py"),
-    *("test_cli.py", "test_model_based.py", "test_observer.py", "test_filming.py", "test_twin.py", "test_devices.py"),
+    *("test_cli.py", "test_smoothing.py", "test_observer.py", "test_filming.py", "test_twin.py", "test_devices.py"),
     *("test_priority_allocation.py", "test_track.py", "test_autopilot.py", "test_checks.py", "test_commands.py"),
-    *("test_trial.py", "test_smoothing.py", "test_html.py", "test_block_contract.py", "test_free_running.py"),
+    *("test_trial.py", "test_html.py", "test_block_contract.py", "test_free_running.py"),
     *("test_parameters.py", "test_panel.py", "test_thesis.py", "test_observer_model.py", "test_realtime.py"),
 )
 

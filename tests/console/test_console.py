@@ -150,7 +150,6 @@ def test_abort_ends_piloting_though_a_stick_goes_on(page):
 
 def test_a_plan_that_was_changed_is_not_started_and_what_was_given_up_is_tried_again(page):
     arm(page)
-    assert "nothing to resume" in order(page, "resume")
     assert order(page, "plan", op="template", name="square", x=0, y=0, side=4, depth=2) == ""
     assert order(page, "plan", op="submit") == ""
     assert order(page, "plan", op="cancel_last") == ""
@@ -159,7 +158,7 @@ def test_a_plan_that_was_changed_is_not_started_and_what_was_given_up_is_tried_a
     assert order(page, "inject", fault="thruster", thruster=0, share=0.0) == ""
     assert order(page, "start") == ""
     page.wait_for_function("() => rovtwin.last.state.reason === 'thruster failed'", timeout=60_000)
-    assert "was not paused; Start flies it" in order(page, "resume") and page.locator("#resume").is_disabled()
+    assert "nothing to resume" in order(page, "resume") and page.locator("#resume").is_disabled()
     assert order(page, "inject", fault="thruster", thruster=0, share=1.0) == ""
     assert order(page, "disarm") == ""
     page.wait_for_function("() => !rovtwin.last.state.armed")
@@ -168,6 +167,28 @@ def test_a_plan_that_was_changed_is_not_started_and_what_was_given_up_is_tried_a
     page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
     page.wait_for_timeout(500)
     assert state(page)["reason"] == "" and min(state(page)["health"]) > 0.5
+
+
+def test_what_was_begun_and_is_paused_can_be_resumed_and_nothing_else(page):
+    arm(page)
+    assert order(page, "hold") == ""
+    page.wait_for_function("() => rovtwin.last.state.phase === 'paused'")  # but no mission that was begun
+    assert "nothing to resume" in order(page, "resume") and page.locator("#resume").is_disabled()
+    assert order(page, "goto", x=0.0, y=30.0, depth=2.0) == ""
+    page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
+    page.click("#pause")
+    page.wait_for_function("() => rovtwin.last.state.phase === 'paused'")
+    page.click("#resume")
+    page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
+    assert order(page, "pilot", begin=True) == ""
+    page.wait_for_function("() => rovtwin.last.state.phase === 'piloted'")
+    page.click("#resume")
+    page.wait_for_function("() => rovtwin.last.state.phase === 'go'")
+    assert order(page, "abort") == ""
+    page.wait_for_function("() => rovtwin.last.state.phase === 'aborted'")
+    assert order(page, "pilot", begin=True) == ""  # which begins anew: there is nothing to go on with
+    page.wait_for_function("() => rovtwin.last.state.phase === 'piloted'")
+    assert "nothing to resume" in order(page, "resume") and page.locator("#resume").is_disabled()
 
 
 def test_two_operators(page, browser, served):
@@ -234,6 +255,15 @@ def test_a_mission_beyond_the_fence_is_refused(page):
     assert "fence" in order(page, "plan", op="submit")
     assert "fence" in page.evaluate("rovtwin.last.plan.checks[0].what")
     assert order(page, "plan", op="undo") == ""
+
+
+def test_a_lawn_mower_stays_inside_of_its_area_where_that_is_wanted(page):
+    area = [[0, 0], [8, 0], [8, 8], [0, 8]]
+    drawn = {"op": "template", "name": "lawnmower", "area": area, "spacing": 2, "depth": 3, "speed": 0.2}
+    reach = "() => Math.max(...rovtwin.last.plan.draft.flatMap(({x, y}) => [-x, x - 8, -y, y - 8]))"
+    assert order(page, "plan", **drawn, inside=True) == "" and page.evaluate(reach) <= 0.0
+    assert order(page, "plan", **drawn, inside=False) == "" and page.evaluate(reach) > 0.5
+    assert "expected true or false" in order(page, "plan", **drawn, inside="yes")
 
 
 def test_export_and_import_give_the_same_plan(page, tmp_path):

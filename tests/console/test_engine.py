@@ -42,7 +42,7 @@ class FakeLink:
 
 
 class FakeHelm:
-    is_idle, row, output = True, (None, None), None
+    is_idle, can_resume, row, output = True, False, (None, None), None
 
     def __init__(self):
         self.breaks = None
@@ -106,7 +106,7 @@ class FakeFlight:
     def __init__(self, *_):
         self.folder, self.breaks, self.endings = "runs/1", None, []
 
-    def begin(self, now):
+    def begin(self, now, utc):
         pass
 
     def add(self, *_):

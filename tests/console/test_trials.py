@@ -11,6 +11,7 @@ from rovtwin.console.engine.flights import FlightLog
 from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.world import WorldLink
+from rovtwin.core.datum import datum_of
 from rovtwin.core.log import Log
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.scenario.composition import compose
@@ -115,7 +116,7 @@ def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, c
     world._tick = before  # as if the engine had listened for a while
     world.tell(("test", ZERO))
     log = FlightLog(scenario, composed, helm, tmp_path / "run")
-    log.began = ZERO
+    log.begin(ZERO, "2026-05-01T12:00:00.250Z")
     helm.start()
     tilted = []
     for k in range(before, before + 202):
@@ -131,6 +132,7 @@ def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, c
     assert np.abs(tilted[:74]).max() < 5.0 and tilted[120:126].mean() == pytest.approx(30.0, abs=8.0)
     told = Log.read(tmp_path / "run" / "log.mcap")
     assert json.loads(told.metadata["test"])[2]["hand"] and told.metadata["live"] == "true"
+    assert datum_of(told.metadata).utc_start == "2026-05-01T12:00:00.250000Z"
     assert abs(told["sensor/gyro"]["t_valid"][-1] - told["sensor/gyro"].t[-1]) < 0.1
     pull, release = read_records(tmp_path / "run" / "log.mcap", composed.vehicle)
     assert pull.duration == pytest.approx(1.5, abs=0.05)

@@ -132,9 +132,12 @@ def test_the_whole_lawnmower_in_real_time_and_before_it_five_seconds_without_thr
     flight = found["whole"]
     assert flight.completed
     assert flight.summary["late_ms_p99"] < 5.0
-    assert np.abs(found["idle"].log["autopilot/command"].values).max() > 0.1
-    began = np.flatnonzero(truth["truth/command"].values.any(axis=1))[0]
-    assert truth["truth/command"].t[began] > 5.0  # the first that moved the twin was the mission
+    idle = found["idle"].log
+    assert np.abs(idle["autopilot/command"].values).max() > 0.1 and not idle["host/timing"]["thrust_on"].any()
+    command = truth["truth/command"]
+    began = command.t[np.flatnonzero(command.values.any(axis=1))[0]]
+    # The first that moved the twin was the mission, which ended a moment before the twin did.
+    assert began > command.t[-1] - flight.log["autopilot/mode"].t[-1] - 5.0
 
 
 PULLS = """

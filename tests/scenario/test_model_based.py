@@ -25,7 +25,7 @@ def scenario(name, *changes):
     return load_scenario(name, ["autopilot=model_based", *changes])
 
 
-# A single flight in waves is in the quick set with test_smoothing.py, whole missions with those over links.
+# In the quick set are 70 s of a flight in waves (test_smoothing.py) and whole missions in calm water, over links.
 @pytest.fixture(scope="module")
 def in_waves():
     return score_seeds(scenario("lawnmower_waves"), (1, 2, 3))

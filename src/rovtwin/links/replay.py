@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Log
@@ -19,6 +20,7 @@ class ReplayLink(KeptLink):
 
     Attributes:
         duration: Of the log [s].
+        datum: Of the log, if it has one.
     """
 
     def __init__(self, log: Log, thrusters: int, clock: Callable[[], float]):
@@ -33,7 +35,7 @@ class ReplayLink(KeptLink):
                 "the log: found no channel sensor/.., expected readings of sensors. Fly with log.sensors on"
             )
         super().__init__(thrusters)
-        self._clock = clock
+        self._clock, self.datum = clock, datum_of(log.metadata)
         self.duration = float(self._arrivals[-1])
         self.rewind()
 

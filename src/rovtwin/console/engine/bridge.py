@@ -152,10 +152,8 @@ class Bridge:
 
     def _resume(self, order: Any) -> None:
         helm = self._for_missions(self._underway())
-        if helm.is_idle or not self._engine.count:
-            raise ConfigError("nothing to resume: start a mission first")
         if not helm.can_resume:
-            raise ConfigError("nothing to resume: the mission was not paused; Start flies it from its beginning")
+            raise ConfigError("nothing to resume: no mission is paused; Start flies the submitted one")
         helm.resume()
         self._engine.event("info", "resumed")
 

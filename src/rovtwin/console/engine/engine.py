@@ -330,7 +330,7 @@ class Engine:
         ticker = self._ticker
         if ticker is None or not ticker.ticks:
             return state | {"alerts": alerts_of_link(self._stage, self._note)}
-        state |= ticker.told(self.count)
+        state |= ticker.told(self.count) | {"resumable": ticker.vessel.helm.can_resume}
         if self.test is not None:
             state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if ticker.vessel.helm.is_idle:

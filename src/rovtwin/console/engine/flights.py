@@ -49,10 +49,10 @@ class FlightLog:
         self._flown: Scenario | None = None
         self._chunk = round(CHUNK / scenario.control_dt)
 
-    def begin(self, now: float) -> None:
-        """Its time zero is now, by the clock of the helm's readings [s]."""
+    def begin(self, now: float, utc: str) -> None:
+        """Its time zero is now, by the clock of the helm's readings [s] and by the time of day."""
         self.began = now
-        self._log.annotate(beginning(self._scenario, utc_now()))
+        self._log.annotate(beginning(self._scenario, utc))
 
     def add(self, late_ms: float, link_age: float) -> None:
         """The helm's last tick."""
@@ -131,10 +131,11 @@ class Logbook:
         Raises:
             RovtwinError, OSError: It could not be opened.
         """
+        utc = utc_now()  # before waiting for it to be opened
         if self._opening is not None:
             opening, self._opening = self._opening, None
             self._flight = opening.result()
-            self._flight.begin(now)
+            self._flight.begin(now, utc)
 
     def flown(self, scenario: Scenario) -> None:
         """The mission that is flown from now on, for the log of the flight under way."""

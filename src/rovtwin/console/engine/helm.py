@@ -7,7 +7,7 @@ import numpy as np
 
 from rovtwin.console.engine.steering import Steering
 from rovtwin.core.block import Start
-from rovtwin.core.flow import ABORT, ARM, ENDS, PAUSE, PILOT, RESUME, Mission
+from rovtwin.core.flow import ABORT, ARM, PAUSE, PILOT, RESUME, Mission
 from rovtwin.core.numerics import jnp
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.supervisor import MODE_PAUSED, MODE_PILOTED
@@ -36,6 +36,7 @@ class Helm(Steering):
         self.fastest = np.asarray(made.contingency.fastest)
         ready = eqx.tree_at(lambda a: a.mission, made, self.mission, is_leaf=lambda leaf: isinstance(leaf, Mission))
         super().__init__(composed, ready, scenario.control_dt)
+        self._begun = False  # a mission, since thrusters were last at rest
 
     def mission_of(self, scenario: Scenario) -> Mission:
         """A scenario's way-points in the shape that all missions share here."""
@@ -49,6 +50,7 @@ class Helm(Steering):
     def start(self, mission: Mission | None = None) -> None:
         """Fly a mission from its beginning, `mission` or the one submitted."""
         self._begin(self.mission if mission is None else mission, RESUME)
+        self._begun = True
 
     def hold(self) -> None:
         """Stay here: from idle or from a fail-safe with thrusters on again, else as a pause of the mission."""
@@ -58,6 +60,7 @@ class Helm(Steering):
         """Go where the pilot wants."""
         if self._idle or self.mode > MODE_PAUSED:
             self._begin(self.mission, PILOT)
+            self._begun = False
         else:
             self._ask(PILOT)
 
@@ -77,9 +80,16 @@ class Helm(Steering):
 
     @property
     def can_resume(self) -> bool:
-        """Whether a mission waits to be gone on with, paused or under a pilot's hands."""
         waits = self.mode in (MODE_PAUSED, MODE_PILOTED) or self._request == PAUSE
-        return waits and not self._idle and int(self.output.setpoint.phase) not in ENDS
+        return self._begun and waits and not self._idle
+
+    def idle(self) -> None:
+        super().idle()
+        self._begun = False
+
+    def restart(self, start: Start) -> None:
+        super().restart(start)
+        self._begun = False
 
     @property
     def has_terrain(self) -> bool:

@@ -66,6 +66,11 @@ class Steering(abc.ABC):
         return not self._idle and int(self.output.setpoint.phase) in ENDS
 
     @property
+    def can_resume(self) -> bool:
+        """Whether a mission that was begun waits to be gone on with: it is paused, or a pilot has the vehicle."""
+        return False
+
+    @property
     def mode(self) -> int:
         """The supervisor's, one of gnc.supervisor.MODES."""
         return int(self._host.memory.supervisor.mode.mode)

@@ -89,8 +89,7 @@ def fly_live(
                 loop.start_from(listen(ears, also, say, clock.speed, needed=needed))
                 if thrust:
                     link.arm()
-                ending = loop.fly(recorder, progress, tell)
-                log.annotate(beginning(scenario, loop.utc_start))
+                ending = loop.fly(recorder, lambda utc: log.annotate(beginning(scenario, utc)), progress, tell)
             link.stop()
             summary = _summary(recorder, composed, ending, loop.pace)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
@@ -167,14 +166,23 @@ class _LiveLoop:
         self._total, self._chunk = ticks_in(scenario.duration, self._dt) + 1, ticks_in(CHUNK, self._dt)
         self._off = Command(np.zeros(len(composed.thruster_names)))  # type: ignore[arg-type]  (NumPy: for a link)
         self._prompter, self._tested = Prompter(scenario), 0
-        self.pace, self.utc_start = Pace(), ""
+        self.pace = Pace()
 
     def start_from(self, readiness: Readiness) -> None:
         """Begin where the vehicle is now."""
         self._autopilot.restart(self._begin(readiness.start))
 
-    def fly(self, recorder: LiveRecorder, progress: Progress | None, tell: Callable[[Cue], None]) -> str:
-        """Fly to the end of mission or test, the duration, Ctrl-C or a lost link; why it ended, "" for its own end."""
+    def fly(
+        self,
+        recorder: LiveRecorder,
+        began_at: Callable[[str], None],
+        progress: Progress | None,
+        tell: Callable[[Cue], None],
+    ) -> str:
+        """Fly to the end of mission or test, the duration, Ctrl-C or a lost link; why it ended, "" for its own end.
+
+        `began_at` is told the UTC of time zero.
+        """
         rows: list[tuple[np.ndarray, np.ndarray, tuple[float, float, float]]] = []
         ending = ""
         settle()
@@ -182,7 +190,8 @@ class _LiveLoop:
         self._ears.drain()
         _rewound(self._link)
         self._ears.zero = began = self._clock.next(self._dt)
-        self.utc_start = utc_now((began - self._clock()) / self._clock.speed)
+        then = self._link.datum if isinstance(self._link, ReplayLink) else None
+        began_at(then.utc_start if then else utc_now((began - self._clock()) / self._clock.speed))
         with Interrupt() as interrupt, urgent(self._clock.speed <= 1.0):
             for k in range(self._total):
                 try:

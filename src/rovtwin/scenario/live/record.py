@@ -39,6 +39,7 @@ def record(
     counts: Counter[str] = Counter()
     channels = [_channel(name) for name in SENSORS]
     metadata = {"name": scenario.name, "scenario": dump_scenario(scenario), "live": "true"}
+    metadata |= beginning(scenario, utc_now())
     with LogWriter(path, channels, metadata) as log, Interrupt() as interrupt:
         ears = Ears(link, sources)
         ears.drain()

@@ -141,15 +141,16 @@ function show(facts, state, arm) {
     + `${Math.round(100 * state.progress)} %` : 'none', state.phase === 'finished' ? 'ok' : '');
 }
 
-/** How many times as fast as ours its time goes, as text, where that is less than was asked for. */
+/** How many times as fast as ours its time goes, as text, where that is less than was asked for; '' before and after. */
 function reached(state) {
   const now = performance.now();
   const before = past.at(-1) ?? {};
-  if (!state.running || before.speed !== state.speed || state.t < before.t) past.length = 0;
+  const goes = state.running && state.stage === 'ready';
+  if (!goes || before.speed !== state.speed || state.t < before.t) past.length = 0;
   past.push({now, t: state.t, speed: state.speed});
   while (past[1] && past[1].now < now - 1e3 * WINDOW) past.shift();
   const span = (now - past[0].now) / 1e3;
-  if (!state.running || state.replay || span < WINDOW / 2) return '';
+  if (!goes || span < WINDOW / 2) return '';
   const speed = (state.t - past[0].t) / span;
   return speed < 0.9 * state.speed ? speed.toPrecision(2) : '';
 }

@@ -100,8 +100,8 @@ class Chart {
     const box = boxOf(points);
     const all = boxOf([...points, ...fence]);
     const margin = Math.max(30, 0.09 * Math.min(this.view.width, this.view.height));
-    if (all) this.view.fit(box && reach(all) > 3 * reach(box) ? box : all, margin, this.tools.room());
-    this.view.scale = Math.min(this.view.scale, Math.min(this.view.width, this.view.height) / LEAST);
+    const closest = Math.min(this.view.width, this.view.height) / LEAST;
+    if (all) this.view.fit(box && reach(all) > 3 * reach(box) ? box : all, margin, this.tools.room(), closest);
   }
 
   // Editing: everything is asked of the server, and drawn when its plan message comes

@@ -140,10 +140,11 @@ export class AreaForm {
       field('speed', 'Speed', 'm/s', 0.3, 0.01),
       make(
         'label',
-        {class: 'chart-check', title: 'Else lines begin at speed before the area, and turns lie outside of it'},
+        {class: 'chart-check'},
         make('input', {name: 'inside', type: 'checkbox'}),
         make('span', {}, 'Stay inside the area'),
       ),
+      make('p', {class: 'chart-small'}, 'Else turns lie outside of it, so that lines are at full speed.'),
       make('p', {class: 'chart-small'}, 'Takes the place of the draft; undo brings that back.'),
       make(
         'div',

@@ -37,13 +37,13 @@ export class View {
 
   /**
    * Shows all of a box {low, high} with room for a margin [px]; a lone point at 40 px/m. What lies over the upper and
-   * the right edge, {top, right} [px], hides none of it where there is room.
+   * the right edge, {top, right} [px], hides none of it where there is room. `closest` bounds the scale [px/m].
    */
-  fit(box, margin = 60, {top = 0, right = 0} = {}) {
+  fit(box, margin = 60, {top = 0, right = 0} = {}, closest = CLOSEST) {
     const [north, east] = [box.high.x - box.low.x, box.high.y - box.low.y];
-    const room = size => Math.max(size - 2 * margin, size / 4);
-    const scale = Math.min(room(this.height - top) / (north || 1e-9), room(this.width - right) / (east || 1e-9));
-    this.scale = clamp(north || east ? scale : 40, FARTHEST, CLOSEST);
+    const room = (size, covered) => Math.max(size - covered - 2 * margin, size / 4);
+    const scale = Math.min(room(this.height, top) / (north || 1e-9), room(this.width, right) / (east || 1e-9));
+    this.scale = clamp(north || east ? scale : 40, FARTHEST, closest);
     const [x, y] = [(box.low.x + box.high.x) / 2, (box.low.y + box.high.y) / 2];
     this.middle = {x: x + top / 2 / this.scale, y: y + right / 2 / this.scale};
   }

@@ -9,7 +9,7 @@ const COLUMNS = [
 ];
 const STARTS = 'Start the submitted mission';
 const RESUMES = 'Go on with the mission';
-const NOT_PAUSED = 'Nothing is paused';
+const NOT_PAUSED = 'No mission is paused';
 const STALE = 'The plan was changed since it was submitted: Submit it, or Undo';
 const BLANK = new Set(['heading_deg']);
 const plan = order => said(live.send({do: 'plan', ...order}));
@@ -75,8 +75,8 @@ function summary(message) {
   const minutes = message.seconds / 60;
   const many = message.draft.length;
   const time = minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`;
-  const text = many < 2 ? `${many} way-point${many ? '' : 's'}`
-    : `${many} way-points, from the first to the last ${message.length.toFixed(1)} m, ${time} at these speeds`;
+  const along = many > 1 ? `, from the first to the last ${message.length.toFixed(1)} m, ${time} at these speeds` : '';
+  const text = `${many} way-point${many === 1 ? '' : 's'}${along}`;
   const state = !message.submitted ? 'not submitted' : message.changed ? 'changed since it was submitted' : 'submitted';
   return `${text}; ${state}`;
 }
@@ -117,9 +117,8 @@ mount('plan', section => {
     start.disabled ||= !state?.armed || !message?.submitted || stale;
     start.title = stale ? STALE : STARTS;
     [pause, resume, hold, abort].forEach(one => { one.disabled ||= !state?.armed; });
-    const waits = ['paused', 'piloted'].includes(state?.phase);
-    resume.disabled ||= !waits;
-    resume.title = waits ? RESUMES : NOT_PAUSED;
+    resume.disabled ||= !state?.resumable;
+    resume.title = state?.resumable ? RESUMES : NOT_PAUSED;
   };
   let shown = '';
   const release = [
@@ -137,7 +136,7 @@ mount('plan', section => {
   ];
   let before = '';
   release.push(live.on('state', state => {
-    const now = `${state.armed}${state.phase}${state.submitted}`;
+    const now = `${state.armed}${state.phase}${state.submitted}${state.resumable}`;
     if (now !== before) { before = now; able(); }
   }));
   return () => release.forEach(one => one());
