@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("cv2", reason="the camera's view needs OpenCV")
 
 import cv2
-from tests.console.films import CORNER, MARKER, SIZE, filming
+from tests.console.films import CAMERAS, MARKER, filming
 
 from rovtwin.console.pictures import PictureProcess
 from rovtwin.console.video import WIDEST, Filmed, camera_of, public, require_stream
@@ -26,20 +26,23 @@ def newest(process):
     raise AssertionError("neither a picture nor a reason in 60 s")
 
 
-def test_newest_picture_is_made_smaller_and_markers_are_found_until_the_camera_hangs_up():
-    with filming() as film, PictureProcess(Filmed(film.url, "pool")) as process:
+@pytest.mark.parametrize("scheme", CAMERAS)
+def test_newest_picture_fits_and_markers_are_found_until_the_camera_hangs_up(scheme):
+    with filming(scheme) as film, PictureProcess(Filmed(film.url, "pool")) as process:
+        corner, side, (width, height) = film.place
+        share = min(WIDEST / width, 1.0)
         picture = newest(process)
-        assert picture.size == (WIDEST, SIZE[1] * WIDEST // SIZE[0])
+        assert picture.size == (share * width, share * height)
         image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
         assert image.shape == (picture.size[1], picture.size[0], 3)
         (marker,) = picture.markers
-        share = WIDEST / SIZE[0]
         assert marker["id"] == MARKER
-        assert np.abs(np.array(marker["corners"][0]) - np.array(CORNER) * share).max() < 1.5
+        first = np.array(corner)
+        assert np.abs(np.array(marker["corners"])[[0, 2]] - share * np.array([first, first + side])).max() < 1.5
         film.ended.set()
         while newest(process) is not None:
             pass
-        assert "the stream ended" in process.why
+        assert "the stream ended" in process.why and "secret" not in process.why
 
 
 def test_camera_that_is_not_there_is_said_without_its_password():
