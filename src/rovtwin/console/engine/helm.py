@@ -81,7 +81,7 @@ class Helm(Steering):
     @property
     def can_resume(self) -> bool:
         waits = self.mode in (MODE_PAUSED, MODE_PILOTED) or self._request == PAUSE
-        return self._begun and waits and not self._idle
+        return self._begun and waits
 
     def idle(self) -> None:
         super().idle()
