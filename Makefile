@@ -18,10 +18,10 @@ SOURCES := src tests $(wildcard benchmarks examples)
 .DEFAULT_GOAL := help
 # Two installations into one environment at once would hurt each other.
 .NOTPARALLEL:
-.PHONY: help install demo test test-all bench lint clean check-python system browser
+.PHONY: help install demo test test-all interpreters bench lint clean check-python system browser
 
 help: ## print this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 	@echo "  PYTHON=python3.12 picks the interpreter (3.11, 3.12 or 3.13), JOBS=4 the number of test processes."
 
 install: $(STAMP) ## make .venv with the package and all extras, at the pinned versions
@@ -34,6 +34,9 @@ test: $(STAMP) browser ## run the tests, without those marked slow
 
 test-all: $(STAMP) browser ## run all tests
 	$(PYTEST) $(ARGS)
+
+interpreters: $(STAMP) ## resolve the pins on every Python of 3.11, 3.12, 3.13 that is here, and smoke-test on the others
+	$(BIN)/python tests/interpreters.py --jobs $(JOBS) $(ARGS)
 
 bench: $(STAMP) ## run the benchmarks
 	$(BIN)/python benchmarks/run.py $(ARGS)

@@ -15,7 +15,7 @@ from rovtwin.simulation.sensors import Sensor
 SCENARIO = "lawnmower_calm"
 
 
-def composed(overrides: tuple[str, ...] = (), seed: int = 1):
+def composed(overrides: tuple[str, ...] = ("autopilot=thesis",), seed: int = 1):
     return compose(load_scenario(SCENARIO, overrides, seed=seed))
 
 

@@ -22,7 +22,7 @@ found = {"import_jax_s": lap()}
 from rovtwin.scenario import compose, load_scenario
 from rovtwin.scenario.loop import HostLoop
 found["import_rovtwin_s"] = lap()
-run = compose(load_scenario("lawnmower_calm"))
+run = compose(load_scenario("lawnmower_calm", ["autopilot=thesis"]))
 found["compose_s"] = lap()
 loop = HostLoop(run.loop, run.key, run.start, run.scenario.control_dt, 50)
 found["first_start_s"] = lap()

@@ -27,6 +27,7 @@ from rovtwin.core.flow import (
     Host,
     Measurements,
     Mission,
+    Progress,
     Reference,
     Setpoint,
     Slot,
@@ -38,6 +39,7 @@ from rovtwin.gnc.allocation import Allocation, AllocationInput
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.contingency import Contingency, ContingencyInput
 from rovtwin.gnc.control import ControlInput, Pid
+from rovtwin.gnc.course_keeping import CourseInput, CourseKeeping
 from rovtwin.gnc.ekf_tuning import EkfTuning
 from rovtwin.gnc.guidance import Guidance, GuidanceInput
 from rovtwin.gnc.mission import mission
@@ -49,7 +51,6 @@ from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import Watched
-from rovtwin.gnc.steering import Steering, SteeringInput
 from rovtwin.gnc.supervisor import MODE_RETURNING, MODE_RUNNING, Mode, Supervisor
 from rovtwin.gnc.terrain import TerrainFollowing, TerrainInput
 from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
@@ -137,7 +138,8 @@ def setpoints() -> Setpoint:
     eta = jnp.concatenate([START.position + over_time(3, seed=9), over_time(3, seed=10, size=3.0)], axis=1)
     leg = every_tick(START.position), every_tick(START.position + 1.0)
     number = every_tick(jnp.zeros((), dtype=int))
-    return Setpoint(eta, over_time(6, seed=11), *leg, number == 0, number, number + DIVE, number + NO_REASON)
+    state = number + DIVE, number + NO_REASON, number > 0, every_tick(Progress.unsaid())
+    return Setpoint(eta, over_time(6, seed=11), *leg, number == 0, number, *state)
 
 
 def references() -> Reference:
@@ -181,12 +183,13 @@ SENSORS = {
         "offsets": [(0.93, 0.96, [1.0, -2.0])],
         "frozen": [(0.96, 0.99)],
     },
+    "acoustic": {"kind": "position", "rate_hz": 50.0, "errors": "acoustic"},
     "accelerometer": {"rate_hz": 100.0, "noise": 0.03, "bias": 0.017, "lever": (0.1, 0.0, -0.05)},
 }
 
 
 def sensor(kind: str) -> Example:
-    return Example(Sensor(kind, **SENSORS[kind]), sensor_inputs(), PHYSICS, SensorInput(0, 0, None, 0))
+    return Example(Sensor(**({"kind": kind} | SENSORS[kind])), sensor_inputs(), PHYSICS, SensorInput(0, 0, None, 0))
 
 
 def sheared() -> ShearedCurrent:
@@ -273,17 +276,12 @@ def ekf(tuning: EkfTuning) -> Example:
 
 
 def navigation() -> Example:
-    return Example(NavigationFilter(model(), Tuning.of()), ObserverInput(measurements(), commands()))
+    return Example(NavigationFilter(model(), Tuning.of(model())), ObserverInput(measurements(), commands()))
 
 
 def path_guidance() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RUNNING), jnp.asarray(NO_REASON)))
-    return Example(PathGuidance(), GuidanceInput(estimates(), every_tick(way_points()), mode))
-
-
-def steering(kind: Any) -> Example:
-    going = every_tick(jnp.asarray(True))
-    return Example(Steering.of(kind), SteeringInput(over_time(1, seed=43)[:, 0], over_time(1, seed=44)[:, 0], going))
+    return Example(PathGuidance.of(model()), GuidanceInput(estimates(), every_tick(way_points()), mode))
 
 
 def terrain() -> Example:
@@ -300,7 +298,7 @@ def terrain() -> Example:
 
 def contingency() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
-    return Example(Contingency(), ContingencyInput(setpoints(), estimates(), mode, over_time(4, seed=46)))
+    return Example(Contingency.of(model()), ContingencyInput(setpoints(), estimates(), mode, over_time(4, seed=46)))
 
 
 def onboard() -> Example:
@@ -425,15 +423,16 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.path_guidance.PathGuidance": path_guidance,
     "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
     # Modes are integers: there is nothing to differentiate.
-    "gnc.steering.Steering: integral": lambda: steering("ilos"),
-    "gnc.steering.Steering: adaptive": lambda: steering("alos"),
+    "gnc.course_keeping.CourseKeeping": lambda: Example(
+        CourseKeeping.of(model()), CourseInput(setpoints(), estimates())
+    ),
     "gnc.terrain.TerrainFollowing": terrain,
     "gnc.supervisor.Supervisor": lambda: Example(Supervisor(), watched(), differentiable=False),
     # Health is 1 or 0.
     "gnc.thruster_health.ThrusterHealth": lambda: Example(
         ThrusterHealth.of(model()), HealthInput(estimates(), commands()), differentiable=False
     ),
-    "gnc.tracking.PathReference": lambda: Example(PathReference.of(), setpoints()),
+    "gnc.tracking.PathReference": lambda: Example(PathReference.of(model()), setpoints()),
     "gnc.onboard.Onboard": onboard,
     "gnc.onboard.Sense": sense,
     "gnc.tracking.Tracking": tracking,

@@ -15,7 +15,7 @@ from rovtwin.console.wire import Place
 FIGURES = Path(__file__).parents[1] / "figures"
 PORT = 8790
 SMALL, LARGE = {"width": 1366, "height": 768}, {"width": 1920, "height": 1080}
-CONSOLE = ["console", "lawnmower_calm", "--set", "autopilot=model_based", "--set", "cameras=[{scene: pool}]"]
+CONSOLE = ["console", "lawnmower_calm", "--set", "cameras=[{scene: pool}]"]
 
 
 def fly(page: Page) -> None:

@@ -18,7 +18,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "figures")
     folder = parser.parse_args().out
-    flight = fly(load_scenario("lawnmower_calm", [FAULT, "duration=300"]))
+    flight = fly(load_scenario("lawnmower_calm", ["autopilot=thesis", FAULT, "duration=300"]))
     figures(flight.log)["pose"].savefig(folder / "scenarios_fault.png", dpi=100)
 
 

@@ -78,7 +78,7 @@ def parts(model, controller, speed):
     guidance = PathGuidance.of(model)
     if controller != "tracking_limits":  # guidance that does not ask what thrusters can keep up
         guidance = eqx.tree_at(lambda g: g.sustained, guidance, None)
-    return Parts(guidance, PathReference.of(), Tracking.of(model), PriorityAllocation.of(model), gain)
+    return Parts(guidance, PathReference.of(model), Tracking.of(model), PriorityAllocation.of(model), gain)
 
 
 def lqr(model, speed):

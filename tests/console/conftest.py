@@ -91,7 +91,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from rovtwin.scenario.flight import fly
 
     first, second = (f"{{position: [0.6, {y}, 0.5], speed: 0.3, acceptance: 0.3}}" for y in (0, 0.5))
-    scenario = load_scenario("lawnmower_calm", ["duration=60", "name=short", f"mission.waypoints=[{first}, {second}]"])
+    changes = ["autopilot=thesis", "duration=60", "name=short", f"mission.waypoints=[{first}, {second}]"]
+    scenario = load_scenario("lawnmower_calm", changes)
     folder = tmp_path_factory.mktemp("replay") / "runs" / "20261123-101500-short"
     assert fly(scenario, folder).completed
     return folder

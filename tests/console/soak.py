@@ -21,7 +21,7 @@ from playwright.sync_api import Page, sync_playwright
 from rovtwin.console.launch import end, running
 from rovtwin.console.wire import Place
 
-SCENARIO = ["lawnmower_calm", "--set", "autopilot=model_based", "--set", "cameras=[{scene: pool}]"]
+SCENARIO = ["lawnmower_calm", "--set", "cameras=[{scene: pool}]"]
 OVERRUN = 20.0  # a whole control period [ms]
 LISTEN = """offset => {
   window.ages = []; window.pictures = 0; let seen = null;

@@ -6,18 +6,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.scenario.test_feasibility import NO_HEAVE
 
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
+from rovtwin.cli.console import _require_flyable
 from rovtwin.console.engine import engine as module
 from rovtwin.console.engine import flights, ticker, vessel
 from rovtwin.console.engine.bridge import Bridge
+from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import plan_told
 from rovtwin.core.datum import Datum
-from rovtwin.core.errors import LinkError, LogError
+from rovtwin.core.errors import ConfigError, LinkError, LogError
 from rovtwin.core.flow import Command
+from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.pace import Clock
-from rovtwin.scenario.schema import Waypoint
+from rovtwin.scenario.schema import MissionSection, Waypoint
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 
 class FakeLink:
@@ -364,3 +369,62 @@ def test_a_mistake_of_ours_in_an_order_is_answered(bridge):
 def test_a_message_that_is_nested_too_deep_is_not_understood(bridge):
     for text in (b"[" * 100_000, b'{"do":' * 5000, b"\xff", b"null", b"{}"):
         assert "not understood" in bridge.answer(text)["error"]
+
+
+class Moored(Helm):
+    """Of a vehicle that is heard, at a place `at` once it is armed; it flies nothing."""
+
+    is_running, output = False, None  # type: ignore[assignment]
+
+    def __init__(self, model, at):
+        self._has_terrain, self._model = False, model
+        if at is not None:
+            self.output = SimpleNamespace(estimate=SimpleNamespace(eta=np.array([*at, 0.0, 0.0, 0.0])))
+
+
+def moored(bridge, scenario, twin, at=None, model=None):
+    """Gives the bridge an engine with such a vehicle; what it is asked to fly is appended to the list."""
+    model, taken = model or load_vehicle("double_blueye").model(), []
+    composed = SimpleNamespace(model=model, loop=SimpleNamespace(twin=SimpleNamespace(model=model)))
+    bridge._engine = SimpleNamespace(
+        vessel=SimpleNamespace(helm=Moored(model, at), composed=composed),
+        is_twin=twin,
+        switch=SimpleNamespace(armed=at is not None),
+        scenario_with=lambda w: scenario.model_copy(update={"mission": MissionSection(waypoints=w)}),
+        submit=taken.append,
+        fly=lambda *_: taken.append("fly"),
+        event=lambda *_: None,
+    )
+    return taken
+
+
+TOO_FAST = "a current of 2 m/s to the east is more than its top speed"
+
+
+def test_a_mission_that_the_vehicle_cannot_fly_is_refused_in_a_twin(bridge):
+    scenario = load_scenario("square", ["world.current=[0, 2, 0]"])
+    way = [{"position": w.position, "speed": w.speed, "acceptance": w.acceptance} for w in scenario.waypoints]
+    taken = moored(bridge, scenario, twin=True)
+    found = answer(bridge, "submit", time.monotonic(), waypoints=way)
+    assert TOO_FAST in found["error"] and taken == []
+    checks = answer(bridge, "check", time.monotonic(), waypoints=way)["checks"]
+    assert checks[0]["level"] == "error" and TOO_FAST in checks[0]["what"]
+    taken = moored(bridge, scenario, twin=False)  # a real vehicle's water is not the scenario's
+    assert answer(bridge, "submit", time.monotonic(), waypoints=way)["ok"] and len(taken) == 1
+
+
+def test_where_it_can_go_is_judged_from_where_it_is(bridge):
+    """Without thrust in heave it can go to a place as deep as it is, and to no other."""
+    scenario, flat = load_scenario("square"), vehicle_from_dict(NO_HEAVE, "flat").model()
+    assert abs(scenario.start.position[2] - 7.0) > 1.0
+    taken = moored(bridge, scenario, twin=True, at=(5.0, 6.0, 7.0), model=flat)
+    assert answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0, speed=0.2)["ok"] and taken == ["fly"]
+    found = answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0, depth=2.0, speed=0.2)
+    assert "no thrust in heave" in found["error"] and taken == ["fly"]
+
+
+def test_the_console_does_not_begin_with_a_mission_that_cannot_be_flown():
+    scenario = load_scenario("square", ["world.current=[0, 2, 0]"])
+    with pytest.raises(ConfigError, match=TOO_FAST):
+        _require_flyable(scenario, "twin://")
+    _require_flyable(scenario, "blueye://192.168.1.101,192.168.1.102")

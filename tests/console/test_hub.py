@@ -17,6 +17,7 @@ from rovtwin.console.web import browser, drafting, hub, sockets
 from rovtwin.console.wire import Place, encode
 from rovtwin.core.errors import LinkError
 from rovtwin.scenario.files import load_scenario
+from rovtwin.vehicle import load_vehicle
 
 
 class FakeClient:
@@ -96,8 +97,21 @@ def test_junk_is_refused_with_an_answer(desk, text):
     if text.startswith(('{"id": NaN', '{"id": 1, "do": "goto", "self"')):
         return  # what the fake engine makes of it; the real one is strict, see test_orders
     assert answer is None or not answer["ok"]
+    assert "[[[[[" not in text or "nested deeper" in answer["error"]
     assert desk.draft.rows == []
     assert obey(desk, page, {"id": 2, "do": "stop"})["ok"]
+
+
+def test_plans_are_laid_for_the_vehicle_that_is_flown(tmp_path, monkeypatch):
+    """Faster than the Double Blueye could, also where the scenario describes the vehicle itself."""
+    monkeypatch.setattr(hub, "Client", FakeClient)
+    described = load_vehicle("sf30k").to_dict()
+    desk = hub.Hub(Place(tmp_path), load_scenario("square").model_copy(update={"vehicle": described}))
+    assert desk.plan()["own"] == {"speed": 0.4, "acceptance": 0.8}  # which the chart's form begins with
+    page, area = desk.come("b1"), [[0, 0], [20, 0], [20, 20], [0, 20]]
+    for template in ({"name": "square", "side": 9}, {"name": "lawnmower", "area": area, "spacing": 4, "depth": 3}):
+        assert obey(desk, page, {"id": 1, "do": "plan", "op": "template"} | template)["ok"]
+        assert {(row["speed"], row["acceptance"]) for row in desk.draft.rows} == {(0.4, 0.8)}
 
 
 def test_a_mistake_of_ours_is_answered(desk):

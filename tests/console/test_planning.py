@@ -110,6 +110,16 @@ def test_a_file_that_is_no_mission_is_refused(text):
         rows_of(text)
 
 
+def test_what_rows_do_not_say_is_the_vehicle_s_own():
+    own = {"speed": 0.32, "acceptance": 0.5}
+    made = Draft(own=own)
+    made.add({"x": 0.0, "y": 0.0})
+    made.load(rows_of("waypoints: [{position: [0, 0, 1]}, {position: [3, 0, 1], speed: 0.1, acceptance: 0.3}]"))
+    assert [(row["speed"], row["acceptance"]) for row in made.rows] == [(0.32, 0.5), (0.1, 0.3)]
+    made.undo()
+    assert made.rows[0].items() >= own.items()
+
+
 def test_length_and_time(draft):
     assert draft.length() == pytest.approx(8.0)
     draft.edit(2, {"hold_time": 10.0})
@@ -128,7 +138,7 @@ def test_a_lawn_mower_stays_inside_where_that_is_wanted(inside):
     pytest.importorskip("shapely", reason="needs shapely: pip install 'rovtwin[survey]'")
     from rovtwin.console.web.drafting import _lawnmower
 
-    rows = _lawnmower([[0, 0], [8, 0], [8, 8], [0, 8]], 2.0, 3.0, 0.2, inside)
+    rows = _lawnmower([[0, 0], [8, 0], [8, 8], [0, 8]], 2.0, 3.0, 0.2, inside, "double_blueye")
     places = [value for row in rows for value in (row["x"], row["y"])]
     assert len(rows) >= 8 and {row["depth"] for row in rows} == {3.0}
     assert (min(places) >= 0.0 and max(places) <= 8.0) == inside

@@ -67,6 +67,15 @@ def test_reference_rate_is_the_slope_of_the_reference(recording):
     np.testing.assert_allclose(recording.state(5.05)["reference_rate"], (after - before) / 0.1, atol=1e-9)
 
 
+def test_what_sensors_read_has_its_unit(recording):
+    """The depth that a pressure sensor tells is in metres; the console called it Pa."""
+    told = recording.setup()["readings"]
+    assert told["pressure"] == {"fields": ["depth"], "units": ["m"]}
+    assert told["position"] == {"fields": ["north", "east"], "units": ["m", "m"]}
+    assert told["attitude"]["units"] == ["rad"] * 3
+    assert told.keys() == set(recording.setup()["sensors"])
+
+
 def test_sensors_are_as_old_as_they_were(recording):
     series = recording.log["sensor/position"]
     t = float(series.t[4]) + 0.3

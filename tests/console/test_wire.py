@@ -3,10 +3,11 @@
 import json
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rovtwin.console.wire import encode
+from rovtwin.console.wire import DEEPEST, decode, encode
 
 VALUES = st.recursive(
     st.one_of(st.floats(), st.integers(), st.booleans(), st.none(), st.text(max_size=4)),
@@ -49,3 +50,28 @@ def test_numbers_of_numpy_and_what_is_not_finite():
         "tuple": [0.5, None, False],
         "empty": [],
     }
+
+
+def nested(levels):
+    return '{"do": ' + "[" * (levels - 1) + "]" * (levels - 1) + "}"
+
+
+@pytest.mark.parametrize("levels", [DEEPEST + 1, 600, 1500, 5000, 100_000])
+def test_what_is_nested_too_deep_is_refused_whatever_the_parser_allows(levels):
+    with pytest.raises(ValueError, match="nested deeper than 16"):
+        decode(nested(levels))
+
+
+def test_messages_come_back_and_what_is_none_is_named():
+    assert decode(encode({"do": "goto", "x": 1.5, "way": [[{"y": 2}]]})) == {
+        "do": "goto",
+        "x": 1.5,
+        "way": [[{"y": 2}]],
+    }
+    assert decode(nested(DEEPEST))["do"]
+    for text in ("[]", "7", "null"):
+        with pytest.raises(ValueError, match="expected an object"):
+            decode(text)
+    for text in ("", "{", b"\xff"):
+        with pytest.raises(ValueError):
+            decode(text)

@@ -22,7 +22,16 @@ from rovtwin.gnc.supervisor import (
 )
 
 DT = 0.1
-BLOCK = Contingency(speed=0.3, acceleration=0.1, surface=0.2, near=0.5)
+BLOCK = Contingency(
+    speed=0.3,
+    acceleration=0.1,
+    settling=0.5,
+    surface=0.2,
+    near=0.5,
+    afloat=0.15,
+    fastest=(0.5, 0.5, 0.2, 0.5),
+    leash=0.7,
+)
 START = Start.at([1.0, -1.0, 0.5], 0.0)
 AT = [6.0, 3.0, 4.0, 0.0, 0.0, np.pi / 2]
 ON_LEG = Setpoint(

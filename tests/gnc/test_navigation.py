@@ -71,7 +71,7 @@ def test_residuals_fall_as_their_slopes_say(state, sensor):
         "attitude": lambda x: readings.attitude(x, slot([0.1, -0.2, 0.8], t=5.0), mount, omega, now, 2.0),
         "pressure": lambda x: readings.pressure(x, slot([3.0], t=5.0), mount, still, jnp.zeros(()), now, 2.0),
         "position": lambda x: readings.position(x, jnp.array([1.0, 2.0]), jnp.zeros(()), jnp.zeros(2), mount),
-        "dvl": lambda x: readings.dvl(x, slot([0.1, 0.2, 0.0], t=5.0), mount, omega, still, now, 2.0),
+        "dvl": lambda x: readings.dvl(x, slot([0.1, 0.2, 0.0], t=5.0), mount, omega, jnp.zeros(3), still, now, 2.0),
     }
     at = state
     if sensor == "attitude":  # a small angle: the slope holds where the reading is
@@ -93,7 +93,7 @@ def test_shares_of_model_sensor_and_waves_leave_no_more_noise_than_any_of_them()
     total = sum(S.values())
     joint = np.diag([S["model"], S["waves"]])
     left = joint - np.outer([S["model"], S["waves"]], [S["model"], S["waves"]]) / total
-    filter = NavigationFilter(double_body(), Tuning.of())
+    filter = NavigationFilter(double_body(), Tuning.of(double_body()))
     one = jnp.ones(3)
     forecast = Forecast(None, None, S["model"] * one, S["waves"] * one, one / total)
     x = NavigationState.at(Start.at((0.0, 0.0, 1.0), 0.7))
@@ -166,7 +166,7 @@ def positions_once_a_second(change=None, late=0.0):
 
 @pytest.fixture(scope="module")
 def at_rest(model):
-    return NavigationFilter(model, Tuning.of(MOUNTS))
+    return NavigationFilter(model, Tuning.of(model, MOUNTS))
 
 
 def test_one_wrong_position_is_refused(at_rest):
@@ -205,7 +205,7 @@ def test_while_nothing_comes_the_filter_grows_unsure(at_rest):
 def test_a_late_position_tells_where_the_vehicle_was(model):
     """At 0.5 m/s and 1.5 s of age, taken as new a reading would be 0.75 m off."""
     speed, age = 0.5, 1.5
-    tuning = Tuning.of({"position": Mount(0.05), "attitude": Mount(1e-3), "gyro": Mount(3e-5)})
+    tuning = Tuning.of(model, {"position": Mount(0.05), "attitude": Mount(1e-3), "gyro": Mount(3e-5)})
     tuning = eqx.tree_at(lambda t: t.initial_std, tuning, tuning.initial_std.at[3].set(1.0))
     sure = NavigationFilter(model, tuning)
 
@@ -256,7 +256,7 @@ def at_a_wrong_start(filter, start):
 @pytest.mark.parametrize("sensor", ["attitude", "pressure"])
 def test_no_sensor_is_locked_out_for_good(model, sensor):
     """A start that is 0.5 rad or 1 m off: what a sensor says in earnest for a third of a second is believed."""
-    filter = NavigationFilter(model, Tuning.of(MOUNTS))
+    filter = NavigationFilter(model, Tuning.of(model, MOUNTS))
     start = Start.at((0.0, 0.0, 3.0 if sensor == "pressure" else 2.0), 0.5 if sensor == "attitude" else 0.0)
 
     eta = np.asarray(at_a_wrong_start(filter, start))
@@ -302,7 +302,7 @@ def test_a_broken_accelerometer_moves_nothing(model, fault):
     if fault == "dead":
         extra[begin:, 2] = 9.81
     nu, bias, sea, eta = map(
-        np.asarray, accelerated(NavigationFilter(model, Tuning.of(ACCELERATED)), jnp.asarray(extra))
+        np.asarray, accelerated(NavigationFilter(model, Tuning.of(model, ACCELERATED)), jnp.asarray(extra))
     )
     assert np.abs(nu[begin:]).max() < 0.05 and np.abs(eta[begin:, :2]).max() < 0.3
     assert np.abs(bias[begin:]).max() < 5.0
@@ -313,7 +313,9 @@ def test_a_force_that_lasts_is_learnt_from_the_accelerometer(model):
     """0.4 m/s2 for good, which a tether that is caught may do: taken for a force within a second, in large part."""
     extra = np.zeros((round(22 / DT), 3))
     extra[round(20 / DT) :, 0] = 0.4
-    _, bias, _, _ = map(np.asarray, accelerated(NavigationFilter(model, Tuning.of(ACCELERATED)), jnp.asarray(extra)))
+    _, bias, _, _ = map(
+        np.asarray, accelerated(NavigationFilter(model, Tuning.of(model, ACCELERATED)), jnp.asarray(extra))
+    )
     mass = float(model.mass[0, 0])
     assert 0.3 * 0.4 * mass < bias[round(21 / DT), 0] < 1.2 * 0.4 * mass
 

@@ -28,7 +28,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Slot
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.ekf_tuning import SENSORS
+from rovtwin.gnc.ekf_tuning import STATES
 from rovtwin.gnc.observer import Ekf, EkfTuning, ObserverInput, squared_norm
 
 RUNS, SECONDS = 16, 100.0
@@ -279,16 +279,16 @@ def test_each_sensor_alone_at_its_own_rate(model, turning, turning_slots, name):
     slots = silent(turning_slots, *(other for other in ALL if other != name))
     _, _, P, _, dof = follow(model, turning, slots)
     k = sorted(ALL).index(name)
-    came = np.asarray(slots[name].valid).sum(1) * len(SENSORS[name])
+    came = np.asarray(slots[name].valid).sum(1) * len(STATES[name])
     assert np.all(dof[:, k] <= came) and dof[:, k].sum() > 0.95 * came.sum()
     assert np.all(np.delete(dof, k, axis=1) == 0)
     # The component that is read is never much less sure than after a single reading.
     read = np.flatnonzero(dof[:, k])
-    for i in SENSORS[name]:
+    for i in STATES[name]:
         assert np.all(P[read, i, i] <= STD[name] ** 2 * 1.1)
     if name in ("position", "pressure"):
         early = slice(0, round(20 / DT))
-        between = np.diff(P[early, SENSORS[name][0], SENSORS[name][0]])[dof[early, k][1:] == 0]
+        between = np.diff(P[early, STATES[name][0], STATES[name][0]])[dof[early, k][1:] == 0]
         assert np.mean(between > 0) > 0.8
 
 

@@ -1,5 +1,6 @@
 """The path through way-points and guidance along it."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 from tests.gnc.flying import DT, LAWNMOWER, estimate_of, points, route, run_lengths
@@ -12,8 +13,19 @@ from rovtwin.gnc.mission import mission
 from rovtwin.gnc.path import piece_of
 from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_PAUSED, MODE_RUNNING, Mode
+from rovtwin.vehicle import load_vehicle
 
-GUIDANCE = PathGuidance()
+GUIDANCE = PathGuidance(
+    acceleration=0.05,
+    sideways=0.06,
+    turn_rate=0.5,
+    lag=0.6,
+    onset=0.4,
+    patience=0.5,
+    depth_tolerance=0.05,
+    rest=0.05,
+    depth_step=0.1,
+)
 START = Start.at((0.0, 0.0, 0.5))
 
 
@@ -23,7 +35,11 @@ def corner(turn_deg, acceptance=0.2, legs=(4.0, 3.0), **options):
     end = np.array([legs[0], 0.0])
     following = end + legs[1] * np.array([np.cos(turn), np.sin(turn)])
     plan = route([tuple(end), tuple(following)], acceptance=acceptance, **options)
-    return piece_of(plan, jnp.asarray(0), jnp.zeros(2), jnp.zeros(()), jnp.asarray(0.06)), end, following
+    return (
+        piece_of(plan, jnp.asarray(0), jnp.zeros(2), jnp.zeros(()), jnp.asarray(0.06), jnp.asarray(0.1)),
+        end,
+        following,
+    )
 
 
 @pytest.mark.parametrize("turn", [-140, -90, -30, 20, 90, 120])
@@ -54,7 +70,7 @@ def test_where_the_vehicle_stops_there_is_no_corner(case):
     if case == "dive":
         corners[1]["depth"] = 4.0
     plan = mission(corners[:1] if case == "last" else corners)
-    piece = piece_of(plan, jnp.asarray(0), jnp.zeros(2), jnp.zeros(()), jnp.asarray(0.06))
+    piece = piece_of(plan, jnp.asarray(0), jnp.zeros(2), jnp.zeros(()), jnp.asarray(0.06), jnp.asarray(0.1))
     assert piece.turn == 0.0 and piece.after == 0.0 and piece.length == pytest.approx(4.0)
 
 
@@ -159,3 +175,32 @@ def test_aborted_it_says_so_and_before_the_start_it_stays_where_the_vehicle_is()
     _, setpoint, _ = flown(route([(8, 0)]), 4, np.zeros(200, dtype=int))
     assert (setpoint.phase == IDLE).all()
     np.testing.assert_allclose(setpoint.eta[:, :2], 0.0, atol=1e-12)
+
+
+@eqx.filter_jit
+def drifting(guidance, plan, psi):
+    """A vehicle that goes to the set-point's place and depth, with the heading psi that the water gives it, (n,)."""
+
+    def tick(carry, psi):
+        memory, eta = carry
+        eta = eta.at[5].set(psi)
+        given = GuidanceInput(estimate_of(eta), plan, Mode(jnp.asarray(MODE_RUNNING), jnp.zeros((), dtype=int)))
+        memory, setpoint = guidance.step(memory, given, DT)
+        dive = jnp.clip(setpoint.eta[2] - eta[2], -0.3 * DT, 0.3 * DT)
+        return (memory, eta.at[:2].set(setpoint.eta[:2]).at[2].add(dive)), setpoint
+
+    begin = guidance.init(jax.random.key(0), START), jnp.array([0, 0, 0.5, 0, 0, 0])
+    return jax.lax.scan(tick, begin, psi)[1]
+
+
+@pytest.mark.parametrize("heading", [{}, {"heading": 0.0}])
+def test_without_thrust_in_yaw_no_dive_and_no_corner_waits_for_a_heading(heading):
+    guidance = PathGuidance.of(load_vehicle("blueye_pioneer").model())
+    psi = jnp.linspace(1.0, 2.5, round(120 / DT))
+    setpoint = drifting(guidance, route([(3, 0), (3, 3)], depth=2.0, **heading), psi)
+    assert run_lengths(setpoint.phase) == [DIVE, GO, HOLD, FINISHED] and run_lengths(setpoint.waypoint) == [0, 1]
+    np.testing.assert_allclose(setpoint.eta[:, 5], psi)
+    # The corner takes nothing from the speed but what its radius does.
+    speed = np.hypot(*np.asarray(setpoint.nu)[:, :2].T)
+    corner = np.hypot(*(np.asarray(setpoint.eta)[:, :2] - [3.0, 0.0]).T) < 0.3
+    assert speed[corner].min() > 0.05

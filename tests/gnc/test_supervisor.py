@@ -324,6 +324,48 @@ def test_a_vehicle_without_positions_does_not_lose_them():
     assert float(go_on(begun(), none, 200.0)[0].watch.silence) == 0.0
 
 
+SECOND = {"leak_2": 1.0, "battery_2": 0.05, "altimeter_2": 0.5}
+
+
+@pytest.mark.parametrize("name", SECOND)
+def test_the_second_sensor_of_a_kind_is_heeded_while_the_first_says_that_all_is_well(name):
+    """They speak in turn: what one says does not undo what the other said."""
+    well = {"leak": 0.0, "battery": 1.0, "altimeter": 9.0}
+    kind = name.removesuffix("_2")
+    pair = Supervisor(Rules.of(CHANGES, FENCE, SHARES, sensors=["position", *well, name]))
+    empty = EMPTY | {name: EMPTY[kind]}
+    estimate = at()
+    heard = jnp.where(jnp.arange(5) == sorted(empty).index("position"), 2.0, 0.0)
+    estimate = dataclasses.replace(estimate, nis=heard, nis_dof=heard)
+    first = watched(estimate=estimate, readings={name: EMPTY[kind]} | reading(kind, well[kind]))
+    second = watched(estimate=estimate, readings={name: reading(kind, SECOND[name])[kind]})
+    memory = begun(supervisor=pair)
+    modes = []
+    for _ in range(12):
+        memory, *_ = go_on(memory, second, supervisor=pair)
+        memory, mode, reason = go_on(memory, first, supervisor=pair)
+        modes.append(mode)
+    expected = {
+        "leak_2": (MODE_SURFACING, flow.LEAK),
+        "battery_2": (MODE_SURFACING, flow.BATTERY_CRITICAL),
+        "altimeter_2": (MODE_HOLDING, flow.ALTITUDE_LIMIT),
+    }
+    assert (modes[-1], reason) == expected[name]
+
+
+def test_positions_of_a_second_sensor_count():
+    estimate = at()
+    heard = jnp.asarray([0.0, 0.0, 0.0, 0.0, 2.0])  # `position` is silent
+    two = {"position_2": EMPTY["position"]}
+    second = watched(estimate=dataclasses.replace(estimate, nis=heard, nis_dof=heard), readings=two)
+    memory, mode, _ = go_on(begun(), second, 130.0)
+    assert mode == MODE_RUNNING and float(memory.watch.silence) == 0.0
+    none = watched(estimate=dataclasses.replace(estimate, nis=0 * heard, nis_dof=0 * heard), readings=two)
+    assert go_on(memory, none, 122.0)[1:] == (MODE_SURFACING, flow.POSITIONS_LOST)
+    off = watched(estimate=dataclasses.replace(estimate, nis=7.0 * heard, nis_dof=heard), readings=two)
+    assert go_on(begun(), off, 20.0)[1:] == (MODE_SURFACING, flow.FILTER_DIVERGED)
+
+
 def test_a_filter_whose_positions_disagree_has_diverged():
     off = dataclasses.replace(at(), nis=7.0 * at().nis)
     assert go_on(begun(), watched(estimate=off), 10.0)[1] == MODE_RUNNING

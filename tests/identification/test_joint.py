@@ -21,6 +21,7 @@ from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import cut
+from rovtwin.identification.judgement.reliance import doubts_about
 from rovtwin.identification.judgement.remarks import about_scale
 from rovtwin.identification.judgement.validation import predict
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -62,6 +63,18 @@ def test_it_settles_and_finds_the_noise(found):
     assert found.solution.converged
     declared = np.concatenate([found.problem.segments.sigma[name] for name in found.problem.segments.levers])
     np.testing.assert_allclose(found.solution.noise.sigma, declared, rtol=0.12)
+
+
+def test_it_is_to_be_relied_on_unless_it_has_not_settled_or_misses_a_signal(found):
+    assert found.doubts == []
+
+    def doubts(solution):
+        return doubts_about(solution, found.problem, found.residuals, [])
+
+    assert "has not settled" in doubts(replace(found.solution, converged=False))[0]
+    noise = found.solution.noise
+    loud = replace(found.solution, noise=replace(noise, sigma=10.0 * np.asarray(noise.sigma)))
+    assert "by more than 5 times the declared noise" in doubts(loud)[0]
 
 
 def test_the_truth_lies_within_the_widths(found, truth):

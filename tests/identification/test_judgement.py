@@ -1,5 +1,7 @@
 """Blind directions in words, tested ranges, what old results and stated priors mean for new ones."""
 
+import json
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -8,13 +10,15 @@ from tests.identification.synthetic import record, steps_command
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
 from rovtwin.identification.judgement.verdict import _in_words
+from rovtwin.scenario.composition import _say_doubts, compose
+from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 
@@ -103,6 +107,70 @@ def test_meshes_travel_with_the_file(old, tmp_path):
     moved = (tmp_path / "out").rename(tmp_path / "elsewhere")
     assert str(tmp_path) not in (moved / "found.yaml").read_text()
     assert load_vehicle(moved / "found.yaml").file.parts[-1].visuals[0].mesh == str(moved / "found/meshes/sonar.stl")
+
+
+DOUBT = "the estimate has not settled, so no width means anything"
+
+
+@pytest.fixture
+def doubtful(old, tmp_path):
+    """A file that somebody kept with --keep, and one with a part more."""
+    data = old.to_dict()
+    data["identified"]["estimate"]["doubts"] = [DOUBT]
+    (tmp_path / "kept.yaml").write_text(to_yaml(data, "rovtwin identify --keep"))
+    new = {key: value for key, value in data.items() if key != "identified"}
+    (tmp_path / "new.yaml").write_text(to_yaml(new | {"parts": [*data["parts"], EXTRA]}, "a text editor"))
+    return tmp_path
+
+
+def identify_command(folder, *more):
+    words = ["identify", str(folder / "new.yaml"), "--prior", str(folder / "kept.yaml"), "-o", str(folder / "out.yaml")]
+    return CliRunner().invoke(app, [*words, *more])
+
+
+def test_what_is_not_to_be_relied_on_is_no_prior_unless_asked_for(doubtful):
+    said = identify_command(doubtful)
+    assert isinstance(said.exception, IdentificationError) and not (doubtful / "out.yaml").exists()
+    assert "kept.yaml: found an identification that is not to be relied on" in str(said.exception)
+    assert "--keep" in str(said.exception)
+    kept = identify_command(doubtful, "--keep")
+    assert kept.exit_code == 1 and "Not to be relied on: its prior kept.yaml" in " ".join(kept.output.split())
+    assert load_vehicle(doubtful / "out.yaml").doubts == [f"its prior kept.yaml: {DOUBT}"]
+
+
+def test_a_result_that_is_not_to_be_relied_on_is_written_with_keep_only(old, tmp_path, monkeypatch):
+    (tmp_path / "kept.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    (tmp_path / "new.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    assert identify_command(tmp_path).exit_code == 0
+    (tmp_path / "out.yaml").unlink()
+    monkeypatch.setattr("rovtwin.identification.identify.doubts_of_prior", lambda old: [DOUBT])
+    said = identify_command(tmp_path, "--json")
+    assert said.exit_code == 1 and not (tmp_path / "out.yaml").exists()
+    told = json.loads(said.stdout)
+    assert (told["reliable"], told["doubts"], told["file"]) == (False, [DOUBT], None)
+    assert identify_command(tmp_path, "--keep").exit_code == 1
+    assert load_vehicle(tmp_path / "out.yaml").doubts == [DOUBT]
+
+
+def test_it_is_said_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch):
+    path = str(doubtful / "kept.yaml")
+    for command in ("check", "show"):
+        assert DOUBT in " ".join(CliRunner().invoke(app, ["vehicle", command, path]).output.split())
+    # Another test of this process may have heard it; libraries of others set up logging for themselves.
+    _say_doubts.cache_clear()
+    monkeypatch.setattr(logging.getLogger("rovtwin.scenario.composition"), "disabled", False)
+    caplog.set_level("WARNING", "rovtwin")
+    caplog.clear()
+    for _ in range(2):
+        compose(load_scenario("lawnmower_calm", [f"vehicle={path}"]))
+    assert [r.getMessage() for r in caplog.records if DOUBT in r.getMessage()] == [
+        f"kept.yaml: what was identified is not to be relied on: {DOUBT}"
+    ]
+
+
+def test_files_written_before_have_no_doubts(old):
+    assert old.doubts == [] and load_vehicle("double_blueye").doubts == []
+    assert "doubts" not in old.to_dict()["identified"]["estimate"]
 
 
 def test_an_identified_vehicle_is_no_part_of_another(old, tmp_path):

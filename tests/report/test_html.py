@@ -215,6 +215,11 @@ def test_verdict_names_the_reason():
 def test_verdict_of_a_run_that_ran_out_of_time():
     found = verdict(with_summary(completed=False, phase="go", reason="", duration_s=1500.0))
     assert found.good is False and found.headline == "Not completed: stopped after 1500 s in phase “go”"
+    why = "way-point 3 of 7 was not reached: from 212 s the vehicle stayed 0.7 m east of it"
+    reason = f"not finished after 1500 s: {why}"
+    found = verdict(with_summary(completed=False, phase="go", reason=reason, duration_s=1500.0))
+    assert found.headline == "Not completed: stopped after 1500 s in phase “go”"
+    assert found.sentences[0] == f"W{why[1:]}."
 
 
 def test_verdict_without_summary_is_read_from_the_phases():

@@ -14,6 +14,7 @@ from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.problem import Noise
+from rovtwin.identification.judgement.reliance import doubts_about
 from rovtwin.identification.judgement.remarks import about_thrust
 from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.judgement.verdict import Blind, verdicts
@@ -123,12 +124,18 @@ def test_the_verdict_comes_first_and_says_what_was_learnt_and_what_not(page, res
 
 def test_what_did_not_settle_or_was_not_held_out_is_bad_news(result):
     now = curves_of(result)[0]
+
+    def judged(**changes: Any) -> Any:
+        changed = replace(result, **changes)
+        doubts = doubts_about(changed.solution, changed.problem, changed.residuals, changed.held_out)
+        return replace(changed, doubts=doubts)
+
     unsettled: Any = SimpleNamespace(**vars(result.solution) | {"converged": False})
-    bad = verdict(replace(result, solution=unsettled), now)
+    bad = verdict(judged(solution=unsettled), now)
     assert bad.good is False and "has not settled" in bad.headline
     loud: Any = SimpleNamespace(**vars(result.solution) | {"noise": Noise(np.array([0.01, 0.06, 9.0]), np.ones(12))})
-    assert "misses gyro.q by more than 5 times" in verdict(replace(result, solution=loud), now).headline
-    astray = replace(result, held_out=[prediction("two", fit=-20.0)])
+    assert "misses gyro.q by more than 5 times" in verdict(judged(solution=loud), now).headline
+    astray = judged(held_out=[prediction("two", fit=-20.0)])
     assert "worse than their mean" in verdict(astray, now).headline
     assert any("No test was held out" in s for s in verdict(replace(result, held_out=[]), now).sentences)
     still = replace(result, held_out=[prediction("two", excited=False)])

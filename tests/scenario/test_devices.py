@@ -26,7 +26,7 @@ LINE = """faults=[
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     """Seven seconds with one fault of every kind, given on the command line, and an altimeter."""
-    settings = [LINE, "duration=7", "world.floor=20", "sensors.altimeter=true", "name=broken"]
+    settings = [LINE, "autopilot=thesis", "duration=7", "world.floor=20", "sensors.altimeter=true", "name=broken"]
     return fly(load_scenario("lawnmower_calm", settings), tmp_path_factory.mktemp("runs") / "broken")
 
 
@@ -140,7 +140,14 @@ def test_instruments_that_cannot_be_are_refused(said, setting):
 @pytest.mark.slow
 def test_a_snagged_tether_holds_the_vehicle_back():
     """Going north with the tether of one unit caught behind it at 10 s, it gets less far than without."""
-    common = ["world.tethers={}", "start.position=[0, 0, 3]", "duration=40", "name=caught", "log.sensors=false"]
+    common = [
+        "autopilot=thesis",
+        "world.tethers={}",
+        "start.position=[0, 0, 3]",
+        "duration=40",
+        "name=caught",
+        "log.sensors=false",
+    ]
     # The one that stays free is caught after its end: one compiled program serves both.
     faults = (f"faults=[{{at: {at}, tether: port, fault: snagged}}]" for at in (1000, 10))
     free, caught = (fly(load_scenario("lawnmower_calm", [*common, fault])) for fault in faults)
@@ -171,7 +178,8 @@ def test_a_tether_that_is_not_there_cannot_snag(said, settings):
 @pytest.fixture(scope="module")
 def drained(tmp_path_factory):
     """Six seconds on batteries, of which port's has 60 J left: gone in three."""
-    settings = ["battery={charge: {port: 0.000223}}", "sensors.battery=true", "duration=6", "name=drained"]
+    settings = ["battery={charge: {port: 0.000223}}", "sensors.battery=true", "autopilot=thesis", "duration=6",
+                "name=drained"]  # fmt: skip
     return fly(load_scenario("lawnmower_calm", settings), tmp_path_factory.mktemp("runs") / "drained")
 
 

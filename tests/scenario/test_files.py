@@ -1,11 +1,14 @@
 """Scenario and mission files: shipped ones, overrides, mistakes."""
 
+import logging
+
 import pytest
 import yaml
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.files import dump_scenario, list_missions, list_scenarios, load_mission, load_scenario
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.schema.autopilot import _say_replaced
 from rovtwin.scenario.seeds import parse_seeds
 
 
@@ -129,3 +132,47 @@ def test_seeds():
     for bad in ("", "a", "1-", "-3", "5-1", "1-100000000000", "3000000000"):
         with pytest.raises(ConfigError, match="expected"):
             parse_seeds(bad)
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_every_scenario_flies_model_based_unless_it_says_otherwise(name):
+    scenario = load_scenario(name)
+    assert scenario.autopilot.type == "model_based"
+    assert "type: model_based" in dump_scenario(scenario)
+
+
+@pytest.mark.parametrize(
+    "section, expected",
+    [
+        ("thesis", "thesis"),
+        ("thesis_placed", "thesis"),
+        ("thesis_as_printed", "thesis"),
+        ("{type: thesis}", "thesis"),
+        ("{controller: {gains: table_3_2}}", "thesis"),  # files of before: nothing else has these keys
+        ("{observer: {force_walk: 0.1}, guidance: {lookahead: 3}}", "thesis"),
+        ("{supervisor: {depth_limit: 30}}", "model_based"),
+        ("model_based", "model_based"),
+    ],
+)
+def test_which_autopilot_a_section_means(section, expected):
+    assert load_scenario("square", [f"autopilot={section}"]).autopilot.type == expected
+
+
+def test_a_key_of_a_baseline_opens_the_baseline():
+    assert (
+        load_scenario("square", ["autopilot=thesis", "autopilot.supervisor.depth_limit=30"]).autopilot.type == "thesis"
+    )
+
+
+@pytest.mark.parametrize("steering", ["ilos", "alos"])
+def test_steering_that_los_has_replaced_is_flown_as_los_and_said(steering, caplog, monkeypatch):
+    _say_replaced.cache_clear()
+    # Libraries of other tests of this process set up logging for themselves.
+    monkeypatch.setattr(logging.getLogger("rovtwin.scenario.schema.autopilot"), "disabled", False)
+    caplog.set_level("WARNING", "rovtwin")
+    changes = [f"autopilot={{type: model_based, guidance: {{steering: {steering}}}}}"]
+    for _ in range(2):
+        assert load_scenario("square", changes).autopilot.guidance.steering == "los"
+    assert [f"{steering} is flown as los" in line for line in caplog.messages] == [True]
+    with pytest.raises(ConfigError, match=r"autopilot\.\S*guidance\.steering"):
+        load_scenario("square", ["autopilot={type: model_based, guidance: {steering: slos}}"])

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from tests.scenario.test_on_board import scenario as with_parts
 
 import rovtwin.scenario.live.connect as connecting
 from rovtwin.core import numerics
@@ -304,7 +305,7 @@ def test_a_flight_over_a_link_is_logged_without_truth(flight):
     assert len(timing) == 1001 and timing["thrust_on"].all()
     assert flown.summary["judged_by"] == "the autopilot's own estimate"
     assert flown.summary["nees_position_mean"] is None and flown.summary["late_ms_max"] > 0
-    assert flown.summary["reason"] == "not finished after 20 s"
+    assert flown.summary["reason"].startswith("not finished after 20 s: on its way to way-point 1 of 7, ")
     # It dived, by what its pressure sensor says.
     depth = log["sensor/pressure"]
     assert depth["depth"][0] < 0.6 < 1.5 < depth["depth"][-1]
@@ -410,6 +411,17 @@ def test_a_record_has_every_reading_that_came(tmp_path, scenario, hasty):
     np.testing.assert_allclose(log["sensor/pressure"]["depth"], [1.0, 1.5])
     began = datetime.fromisoformat(datum_of(log.metadata).utc_start)
     assert abs((datetime.now(UTC) - began).total_seconds()) < 60.0
+
+
+def test_a_record_has_the_second_sensor_of_a_kind_and_names_once_what_it_leaves_out(tmp_path, hasty):
+    vehicle, said = Fake(), []
+    names = ["pressure", "pressure_2", "leak_2", "strange", "leak_2", "pressure_2"]
+    sent = iter([[], [reading(name, 1.0, t=0.1) for name in names]])
+    vehicle.read = lambda: next(sent, [])
+    path = tmp_path / "pool.mcap"
+    assert record(with_parts(), vehicle, [], Clock(), path, 0.1, warn=said.append) == {"pressure": 1, "pressure_2": 2}
+    np.testing.assert_allclose(Log.read(path)["sensor/pressure_2"]["depth"], [1.0, 1.0])
+    assert [line.partition(":")[0] for line in said] == ["leak_2", "strange"]
 
 
 # Time

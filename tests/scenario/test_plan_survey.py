@@ -38,6 +38,17 @@ def test_what_is_written_is_what_was_laid_out(pool, tmp_path):
     assert "# Laid out by rovtwin plan-survey: pool.yaml" in (tmp_path / "mine.yaml").read_text()
 
 
+def test_speed_acceptance_settling_and_clearance_are_the_vehicle_s_own(pool):
+    """The Double Blueye's are 0.2 m/s, 0.2 m, 4 s and 0.3 m beside the hull."""
+    large = lay_out(SurveyRequest(POOL, Swath(1.6), heading_deg=0.0, vehicle="minerva"))
+    for survey, speed, acceptance, settling in ((pool, 0.2, 0.2, 4.0), (large, 0.32, 0.5, 6.0)):
+        assert {(w.speed, w.acceptance) for w in survey.scenario.waypoints} == {(speed, acceptance)}
+        assert survey.plan.pace.settling == pytest.approx(settling) and survey.plan.pace.speed == speed
+        hull = load_vehicle(survey.scenario.vehicle).model().hull
+        widest = np.linalg.norm(np.asarray(hull.corners)[:, :2], axis=1).max()
+        assert survey.clearance - widest == pytest.approx(1.5 * acceptance)
+
+
 def test_figures_are_plain_and_hang_together(pool):
     said = pool.figures()
     assert json.loads(json.dumps(said)) == said
@@ -133,3 +144,20 @@ def test_a_planned_survey_is_flown_in_the_planned_time_and_sees_the_area(tmp_pat
     swept = shapely.LineString(track[np.abs(track[:, 2] - 3.0) < 0.2, :2]).buffer(0.75)
     area = survey.plan.room.area
     assert swept.intersection(area).area / area.area > 0.97
+
+
+def test_lines_are_those_of_the_imager(pool, tmp_path):
+    """An imager 0.2 m to starboard: way-points lie 0.2 m to port of its lines, and the user is told."""
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(
+        "name: mine\nrestoring: {buoyancy: neutral}\nparts:\n- {name: rov, part: double_blueye}\n"
+        "- name: eye\n  pose: {position: [0, 0.2, 0.1]}\n  sensors: [{name: slit, kind: imager}]\n"
+    )
+    survey = lay_out(SurveyRequest(POOL, Swath(1.6), 0.0, vehicle=str(mine), inside=True, sees="eye.slit"))
+    corners = survey.plan.path.corners
+    places = np.array([waypoint.position[:2] for waypoint in survey.scenario.waypoints])
+    away = np.linalg.norm(places - corners, axis=1)
+    assert np.median(away) == pytest.approx(0.2, abs=2e-3)
+    assert any("eye.slit, which sits 0 m ahead and 0.2 m to the right" in remark for remark in survey.remarks)
+    with pytest.raises(ConfigError, match="no such imager or camera; there are: .*uhi.camera, eye.slit"):
+        lay_out(SurveyRequest(POOL, Swath(1.6), vehicle=str(mine), sees="eye.slot"))

@@ -13,7 +13,8 @@ from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
 from rovtwin.scenario.plan_tank import Tank
-from rovtwin.scenario.plan_tests import what_is_known
+from rovtwin.scenario.plan_tests import require_possible, what_is_known
+from rovtwin.scenario.trial_scales import TrialScales
 from rovtwin.vehicle import load_vehicle
 
 
@@ -34,8 +35,8 @@ def test_the_distance_to_walls_counts_every_side():
 
 
 def test_candidates_excite_only_what_thrusters_push():
-    pair = candidates(np.asarray(load_vehicle("double_blueye").model().thrusters.configuration), 1)
-    heavy = candidates(np.asarray(load_vehicle("bluerov2_heavy").model().thrusters.configuration), 1)
+    pair = candidates(TrialScales.of(load_vehicle("double_blueye").model()), 1)
+    heavy = candidates(TrialScales.of(load_vehicle("bluerov2_heavy").model()), 1)
 
     def axes(found):
         return {axis for one in found for axis in [*one.get("axes", {}), *([one["axis"]] if "axis" in one else [])]}
@@ -43,14 +44,45 @@ def test_candidates_excite_only_what_thrusters_push():
     assert axes(pair) == {"surge", "sway", "heave", "roll", "yaw"}
     assert axes(heavy) == {"surge", "sway", "heave", "roll", "pitch", "yaw"}
     assert all(in_words(one) for one in pair)
-    again = candidates(np.asarray(load_vehicle("double_blueye").model().thrusters.configuration), 1)
+    again = candidates(TrialScales.of(load_vehicle("double_blueye").model()), 1)
     assert pair == again
 
 
 def test_the_steady_steps_are_the_thesis_protocol_pull_by_pull():
-    pulls = thesis_pulls()
+    pulls = thesis_pulls("double_blueye")
     assert len(pulls) == 6 + 4 + 4 + 5 + 2
     assert all(len(one["levels"]) == 1 for one in pulls if one["manoeuvre"] == "steps")
+
+
+def test_a_vehicle_without_sway_is_planned_for_without_sway(no_sway):
+    vehicle = load_vehicle(no_sway)
+    pulls = thesis_pulls(str(no_sway))
+    found = candidates(TrialScales.of(vehicle.model()), 1)
+    for one in (*pulls, *found):
+        assert "sway" not in {*one.get("axes", {}), one.get("axis")}
+    assert {one["axis"] for one in pulls if "axis" in one} == {"surge", "heave", "yaw"}
+
+
+def test_times_of_candidates_are_the_vehicles_own(no_sway):
+    """A pull lasts as many rises of speed on a light vehicle as on a heavy one."""
+    light, heavy = TrialScales.of(load_vehicle(no_sway).model()), TrialScales.of(load_vehicle("double_blueye").model())
+    assert light.unit < heavy.unit
+
+    def halves(scales):
+        return sorted({one["half"] for one in candidates(scales, 1) if one["manoeuvre"] == "doublets"})
+
+    ratio = np.array(halves(light)) / halves(heavy)
+    assert ratio == pytest.approx(np.full(3, light.unit / heavy.unit), rel=0.02)
+
+
+def test_a_tank_that_is_too_small_to_turn_in_is_said_with_the_size_it_takes():
+    vehicle = load_vehicle("double_blueye")
+    scales = TrialScales.of(vehicle.model())
+    with pytest.raises(ConfigError, match=r"found 6x1x1.5, but .* only turns on the spot, .* in a tank of 6x1\.\dx1.5"):
+        require_possible(vehicle, scales, Tank(6.0, 1.0, 1.5), some=True)
+    require_possible(vehicle, scales, Tank(6.0, 3.0, 1.5), some=True)
+    with pytest.raises(ConfigError, match="no thruster that pushes and nothing that rights it"):
+        require_possible(vehicle, scales, Tank(6.0, 3.0, 1.5), some=False)
 
 
 @pytest.mark.slow  # ten seconds to compile

@@ -36,6 +36,13 @@ def flown(**changes) -> Flown:
     return Flown(**(base | changes))
 
 
+def test_largest_roll_and_pitch_of_the_run_either_way():
+    eta = np.zeros((1001, 6))
+    eta[5, 3], eta[7, 4], eta[9, 4] = np.radians([12.0, 20.0, -35.0])
+    result = score(flown(eta=eta))
+    assert (result["roll_max_deg"], result["pitch_max_deg"]) == pytest.approx((12.0, 35.0))
+
+
 def test_scores_of_a_known_run():
     result = score(flown())
     assert result["completed"] and result["phase"] == "finished" and result["reason"] == ""

@@ -4,11 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from tests.scenario.test_stalls import NO_SWAY
 
-from rovtwin.scenario.composition import compose
+from rovtwin.scenario.composition import compose, vehicle_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
+from rovtwin.scenario.limits import Limits
+from rovtwin.scenario.schema import WorldSection
 from rovtwin.scenario.sea import holdings, moves, places, sea_report, verdict, worst
+from rovtwin.vehicle import list_library
 
 STATION = "mission.waypoints=[{position: [0, 0, 3], heading_deg: 0, hold_time: 10000}]"
 
@@ -66,6 +70,32 @@ def test_lines():
     assert "cannot hold: takes" in verdict(compose(load_scenario("lawnmower_calm", ["world.net_buoyancy=80"])))[1]
 
 
+@pytest.mark.filterwarnings("error")
+def test_without_sway_it_turns_into_the_current():
+    """A cross current cannot be stemmed at the heading that is asked for; from ahead it can, up to its top speed."""
+    words = [STATION, "world.current=[0, 0.07, 0]", "start.position=[0, 0, 3]"]
+    scenario = load_scenario("lawnmower_calm", words).model_copy(update={"vehicle": NO_SWAY})
+    report = sea_report(compose(scenario))
+    assert report["verdict"] == "turns" and report["places"][0]["heading_into_flow_deg"] == pytest.approx(270)
+    assert "in sway, which thrusters cannot give at this heading" in report["line"]
+    assert "with the bow into the current, heading 270 deg" in report["line"]
+    stems, limits = report["stems_m_s"], Limits.of(compose(scenario).model)
+    assert stems["abeam"] == 0.0 and stems["off the bow"] < 0.01
+    assert stems["ahead"] == pytest.approx(limits.top[0, 1], rel=0.02)
+    assert stems["astern"] == pytest.approx(limits.top[0, 0], rel=0.02)
+    fast = sea_report(compose(scenario.model_copy(update={"world": WorldSection(current=[0, 2, 0])})))
+    assert fast["verdict"] == "drifts"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("vehicle", list_library())
+def test_no_warning_of_numpy_on_any_vehicle(vehicle):
+    scenario = load_scenario("lawnmower_calm", [STATION, "world.current=[0, 0.05, 0]", f"vehicle={vehicle}"])
+    if vehicle_of(scenario).thruster_names:
+        report = sea_report(compose(scenario))
+        assert set(report["stems_m_s"]) == {"ahead", "off the bow", "abeam", "astern"}
+
+
 def test_the_line_says_that_tethers_are_not_in_it():
     tethered = compose(load_scenario("square_tether", ["world.current=[0,0.1,0]"]))
     assert verdict(tethered)[1].endswith(" (without the tethers' pull)")
@@ -99,7 +129,7 @@ def test_where_it_says_that_it_cannot_hold_the_mission_drifts_away(sea):
     scenario = in_a_sea(**sea)
     expected = worst(holdings(compose(scenario)))
     assert expected.verdict == "drifts"
-    eta = fly(scenario).log["truth/eta"]
+    eta = fly(scenario, refuse=False).log["truth/eta"]
     late = eta.t > 120
     speed = np.polyfit(eta.t[late], eta["x"][late], 1)[0]
     # Overpowered, it is turned by the flow and pushes with surge and sway together: somewhat slower than foreseen.

@@ -87,7 +87,12 @@ def test_the_log_says_how_it_pulls_and_where_it_lies():
     """In a current of 0.3 m/s to the east, 20 m paid out, the boat 10 m to the south."""
     scenario = load_scenario(
         "lawnmower_calm_tether",
-        ["duration=3", "world.current=[0,0.3,0]", "world.tethers={anchor: [-10, 0, 0], paid_out: 20}"],
+        [
+            "autopilot=thesis",
+            "duration=3",
+            "world.current=[0,0.3,0]",
+            "world.tethers={anchor: [-10, 0, 0], paid_out: 20}",
+        ],
     )
     log = fly(scenario).log
     pull, shape = log["truth/tether/port_tether"], log["truth/tether_shape/port_tether"]

@@ -11,11 +11,13 @@ from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
-from rovtwin.gnc.trial import mixing
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.gnc.trial import HoldingGains, mixing
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.verdict import verdict
-from rovtwin.scenario.compose_trial import pieces_of, spans_of
+from rovtwin.scenario.compose_sensors import sensors_of
+from rovtwin.scenario.compose_trial import pieces_of, spans_of, trial_of
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.flight import fly
@@ -24,6 +26,7 @@ from rovtwin.scenario.records import free_spans, trial_records
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.mismatch import perturbed
 from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.files import list_library
 
 MANOEUVRES = [
     {"manoeuvre": "steps", "axis": "surge", "levels": [0.6], "duration": 5, "alternate": True, "home": 8},
@@ -208,6 +211,47 @@ def test_shipped_tests_compose_and_end_in_time():
         assert spans_of(scenario)[-1]["end"] < scenario.duration
         assert scenario.log.rate == scenario.rates.control == 50
         compose(scenario)
+
+
+LIBRARY_TESTS = [name for name in list_scenarios() if load_scenario(name).test]
+
+
+@pytest.mark.parametrize("vehicle", [*list_library(), "no_sway"])
+@pytest.mark.parametrize("name", LIBRARY_TESTS)
+def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name, vehicle, no_sway):
+    reference = str(no_sway) if vehicle == "no_sway" else vehicle
+    model = load_vehicle(reference).model()
+    able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
+    try:
+        scenario = load_scenario(name, [f"vehicle={reference}"])
+    except ConfigError as error:
+        assert "nothing of this test is left" in str(error)
+        assert not able.any() or (name == "free_running_sway" and "sway is left out" in str(error))
+        return
+    vehicle = load_vehicle(reference)
+    trial = trial_of(scenario, model, vehicle, sensors_of(scenario, vehicle))
+    excited = np.abs(np.asarray(trial.timeline.share)).max(axis=0) > 0
+    assert not excited[~able].any()
+    assert spans_of(scenario)[-1]["end"] <= scenario.duration
+    for axis in {"surge", "sway", "heave"} - {("surge", "sway", "heave")[i] for i in range(3) if able[i]}:
+        if name == "test_steps_thesis":
+            assert f"{axis} is left out: no thruster pushes there" in scenario.test.notes
+
+
+def test_a_test_of_ones_own_that_asks_for_sway_is_refused_without_sway(no_sway):
+    with pytest.raises(ConfigError, match="cannot push in sway, expected one of surge, heave"):
+        compose(short([STEP | {"axis": "sway"}], vehicle=str(no_sway)))
+
+
+def test_holding_is_placed_from_the_vehicle(no_sway):
+    """Stiffness over inertia is the bandwidth squared, whatever the vehicle's mass and thrust."""
+    for name in ("double_blueye", "bluerov2_heavy", no_sway):
+        model = load_vehicle(name).model()
+        scales, gains = VehicleScales.of(model), HoldingGains.of(model)
+        held = np.asarray(gains.stiffness) * scales.force / np.diagonal(np.asarray(model.mass))
+        share = np.sqrt(held) / scales.bandwidth
+        assert share[[0, 2]] == pytest.approx([0.7, 0.7], rel=1e-4)
+        assert np.isfinite(float(gains.reach)) == (name is no_sway)
 
 
 def test_the_thesis_protocol_has_the_levels_of_its_tables():

@@ -9,7 +9,9 @@ from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.sensors import KINDS, Sensor, SensorInput, table_5_7
+from rovtwin.core.sensors import SENSORS
+from rovtwin.simulation.sensor_kinds import IDEAL
+from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
 
 START, DT = Start.at(), 0.002
 SEA = Environment.calm(floor=jnp.asarray(20.0))
@@ -34,7 +36,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
 
 def ideal(sensor, seen=SOMEWHERE):
-    return np.asarray(KINDS[sensor.kind][1](sensor, SensorInput(seen, NU_DOT, jnp.array(0), SEA)))
+    return np.asarray(IDEAL[sensor.kind](sensor, SensorInput(seen, NU_DOT, jnp.array(0), SEA)))
 
 
 @pytest.mark.parametrize("rate", [1.0, 7.0, 10.0, 42.0, 100.0, 333.333, 500.0])
@@ -78,9 +80,9 @@ def test_absent_between_ticks_and_never_the_same_twice():
     np.testing.assert_allclose(t_valid[valid], (np.flatnonzero(valid) + 1) * DT, rtol=1e-15)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SENSORS)
 def test_noise_and_bias_of_every_kind(kind):
-    n = KINDS[kind][0]
+    n = SENSORS[kind].size
     sigma, bias = np.array([0.01, 0.02, 0.03])[:n], np.array([0.1, -0.2, 0.05])[:n]
     sensor = Sensor(kind, 500.0, noise=sigma, bias=bias)
     value, valid, _ = record(sensor, 6000)
@@ -168,7 +170,7 @@ def test_attitude_stays_wrapped():
     assert (psi > 3).any() and (psi < -3).any()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SENSORS)
 def test_gradient_of_a_reading_is_finite(kind):
     """With respect to the sensor's parameters, the vehicle's state and its acceleration; the bias's is one."""
 
@@ -193,7 +195,7 @@ def test_randomness_is_the_seeds():
 
 
 def test_table_5_7():
-    sensors = table_5_7(dvl=True)
+    sensors = table_5_7(extra=["dvl"])
     expected = {
         "position": (1, 0.5, 0.0),
         "pressure": (42, 1e-3, 0.0),
@@ -210,6 +212,15 @@ def test_table_5_7():
     assert np.all(printed["gyro"].bias == 0.017) and np.all(printed["accelerometer"].bias == 6.8e-6)
     late = table_5_7(changes={"position": {"latency": 0.5, "rate_hz": 2.0}})["position"]
     assert late.latency_steps == 250 and late.rate == 2000 and np.all(late.noise == 0.5)
+
+
+def test_a_dvl_reads_while_the_floor_is_in_its_range():
+    """The floor lies 17 m below SOMEWHERE; without a floor it reads whatever its range is."""
+    near, far = Sensor("dvl", 10.0, max_range=16.0), Sensor("dvl", 10.0, max_range=40.0)
+    close = Sensor("dvl", 10.0, min_range=40.0)
+    assert not record(near, 500)[1].any() and not record(close, 500)[1].any() and record(far, 500)[1].sum() == 10
+    seen = SensorInput(SOMEWHERE, NU_DOT, jnp.array(499), Environment.calm())
+    assert bool(near.step(near.init(jax.random.key(0), START), seen, DT)[1].valid[0])
 
 
 def test_a_step_of_another_length_is_a_mistake():

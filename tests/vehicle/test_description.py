@@ -45,7 +45,7 @@ def test_part_files_are_found_beside_the_vehicle_then_in_the_library(tmp_path):
     found = load_vehicle(tmp_path / "my.yaml")
     assert found.assembly.solid.mass == pytest.approx(13.0)
     assert found.assembly.solid.center_of_gravity == pytest.approx([0, 0, 0.6 / 13])
-    assert found.thruster_names == ["rov.surge", "rov.sway", "rov.heave"]
+    assert found.thruster_names == ["surge", "sway", "heave"]
 
 
 def test_a_sensor_is_added_by_a_file_that_holds_the_vehicle():

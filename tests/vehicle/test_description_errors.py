@@ -40,6 +40,30 @@ CASES = {
     "rigid body": ({"rigid_body": {"inertia": [1, 1, 9]}}, "rigid_body.inertia: no body has"),
     "two numbers": ({"center_of_gravity": [0, 0]}, "center_of_gravity: found 2 values, expected 3"),
     "boolean": ({"center_of_gravity": [True, 0, 0]}, "center_of_gravity[0]: found True, expected a number"),
+    "noise per axis": (
+        {"sensors": [{"name": "d", "kind": "dvl", "noise": [0.1, -0.1, 0.1]}]},
+        "sensors[0].noise[1]: found -0.1, expected a number of at least 0",
+    ),
+    "axes": (
+        {"sensors": [{"name": "p", "kind": "pressure", "noise": [0.1, 0.1]}]},
+        "sensors[0]: found 2 numbers for noise of kind pressure, expected 1",
+    ),
+    "imu figures": (
+        {"sensors": [{"name": "imu", "kind": "imu", "noise": 0.1}]},
+        "sensors[0]: found noise of an imu, expected accelerometer: {noise: ..} or gyro: {..}",
+    ),
+    "gyro of a DVL": (
+        {"sensors": [{"name": "d", "kind": "dvl", "gyro": {"noise": 0.1}}]},
+        "sensors[0]: found gyro of a sensor of kind dvl, expected it of an imu only",
+    ),
+    "ranges": (
+        {"sensors": [{"name": "a", "kind": "altimeter", "min_range": 5, "max_range": 2}]},
+        "sensors[0]: found min_range 5 and max_range 2 m, expected less",
+    ),
+    "spare": (
+        {"sensors": [{"name": "imu", "kind": "imu"}], "spare_sensors": ["ium"]},
+        "v.yaml: spare_sensors: found 'ium', expected one of imu. Did you mean 'imu'?",
+    ),
     "shape twice": ({"shape": {"sphere": 1, "box": [1, 1, 1]}}, "shape: found box and sphere, expected one of box"),
     "shape none": ({"shape": {}}, "shape: found none, expected one of box, cylinder, sphere, ellipsoid"),
     "shape flat": ({"shape": {"box": [1, 0, 1]}}, "shape.box[1]: found 0, expected a number greater than 0"),
@@ -68,7 +92,7 @@ CASES = {
     ),
     "part missing": (
         {"parts": [{"name": "a", "part": "blueye_pionee"}]},
-        "v.yaml: parts[0].part: blueye_pionee: no such vehicle in the library",
+        "v.yaml: parts[0].part: blueye_pionee: no such vehicle or device in the library",
     ),
     "part missing, near": ({"parts": [{"name": "a", "part": "uih"}]}, "Did you mean 'uhi'?"),
     "part file missing": ({"parts": [{"name": "a", "part": "w.yaml"}]}, "no such file. Did you mean 'v.yaml'?"),
@@ -151,7 +175,7 @@ def test_bad_vehicle_file(case, tmp_path):
     [
         ("double_bluey", "Did you mean 'double_blueye'?"),
         ("no/such.yaml", "no such file"),
-        ("nothing_like_it_at_all", "Known: bluerov2, bluerov2_heavy, blueye_pioneer, double_blueye"),
+        ("nothing_like_it_at_all", "Known: .*bluerov2_heavy.* double_blueye.* dvl_a50"),
     ],
 )
 def test_a_vehicle_that_is_not_there(name, said):

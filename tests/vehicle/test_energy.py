@@ -37,6 +37,27 @@ def test_a_thruster_without_a_battery_hangs_on_none():
     assert source.name == "portside" and len(source.feeds) == 1
 
 
+def test_a_device_draws_from_the_battery_around_it_or_the_largest():
+    data = vehicle(battery={"capacity_wh": 100, "hotel_load": 5}, power=2.0)
+    data["parts"][0]["battery"] = {"capacity_wh": 30}
+    data["parts"][0]["parts"][0]["power"] = 7.0  # the pod's
+    loads = {s.name: s.hotel_load for s in vehicle_from_dict(data).power_sources}
+    assert loads == {"vehicle": 5 + 2, "port": 7}
+    pair = {"parts": [{"name": n, "mass": 1, "battery": {"capacity_wh": wh}} for n, wh in (("a", 20), ("b", 30))]}
+    camera = {"name": "camera", "mass": 0.1, "power": 3.0}
+    bolted = {"name": "v", "parts": [*pair["parts"], camera]}
+    assert [s.hotel_load for s in vehicle_from_dict(bolted).power_sources] == [0, 3]
+
+
+def test_a_battery_in_parallel_adds_its_capacity():
+    data = vehicle(battery={"capacity_wh": 100, "hotel_load": 5})
+    data["parts"].append({"name": "spare", "mass": 1, "battery": {"capacity_wh": 40, "parallel": True}})
+    (source,) = vehicle_from_dict(data).power_sources
+    assert (source.name, source.capacity_wh, source.hotel_load, len(source.feeds)) == ("vehicle", 140, 5, 3)
+    alone = vehicle(parts=data["parts"][-1:], battery=None)
+    assert [s.capacity_wh for s in vehicle_from_dict(alone).power_sources] == [40]
+
+
 def test_power_is_that_of_the_file_or_of_a_t200():
     c = vehicle_from_dict(vehicle()).specific_power()
     np.testing.assert_allclose(c, [[2.0, 2.0], T200_POWER, T200_POWER])  # 128 W at 16 N: 128 / 16^1.5

@@ -12,6 +12,8 @@ from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, ro
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.dynamics import State, plant_step, rollout
+from rovtwin.vehicle.findings import uncontrollable
+from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.show import sources
 from rovtwin.vehicle.soundness import driving_velocity
 from rovtwin.vehicle.thrust_curve import read_bollard_csv
@@ -28,6 +30,7 @@ from rovtwin.vehicle.trim import (
     steady_speed,
 )
 
+DOCS = Path(__file__).parents[2] / "docs" / "vehicles.md"
 T200 = Path(__file__).parents[2] / ".." / "shared" / "data" / "t200"
 
 linearised_at = jax.jit(linearised)
@@ -59,6 +62,50 @@ def test_every_file_is_sound(name):
 @pytest.mark.parametrize("name", list_library())
 def test_every_file_says_where_its_values_come_from(name):
     assert sources(load_vehicle(name))
+
+
+@pytest.mark.parametrize("name", list_library())
+def test_every_vehicle_floats_upright_moves_and_is_in_the_docs(name):
+    found = load_vehicle(name)
+    model = found.model()
+    rest = hang(model)
+    assert abs(float(rest.net_buoyancy)) < 0.05 * float(model.weight)
+    assert min(rest.stiffness) > 0 and np.abs(rest.trim).max() < np.radians(2)
+    top = steady_speed(model, 0, float(reach(model)[0, 1]))
+    assert 0.2 < top < 3.0
+    rows = [line for line in DOCS.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{name}` |")]
+    assert len(rows) == 2, "docs/vehicles.md: a row in the library's table and one in that of what each can do"
+    # The speed printed there is the model's: `python -m docs.scripts.fleet`.
+    assert rows[1].split("|")[5].strip() == f"{top:.2f}"
+
+
+@pytest.mark.parametrize("name", list_library())
+def test_every_thruster_and_total_has_a_source_or_is_called_an_estimate(name):
+    file = load_vehicle(name).file
+
+    def said(body, key):
+        return bool(body.source or key in body.sources or any(key in word for word in body.sources))
+
+    def walk(body, inherited=False):
+        known = inherited or bool(body.source) or bool(body.sources)
+        if body.mass is not None or body.shape is not None:
+            assert known, f"{name}: mass or shape without a source"
+        for thruster in body.thrusters:
+            assert thruster.source or said(body, "thrusters"), f"{name}: {thruster.name}"
+        for part in body.parts:
+            walk(part, known)
+
+    walk(file)
+
+
+def test_the_library_differs_in_kind():
+    """Masses over nearly three decades; vehicles without sway, without pitch, with all six directions; a mesh."""
+    fleet = [load_vehicle(name) for name in list_library()]
+    masses = [vehicle.assembly.solid.mass for vehicle in fleet]
+    missing = [set(uncontrollable(np.asarray(vehicle.model().thrusters.configuration))) for vehicle in fleet]
+    assert len(fleet) >= 13 and min(masses) < 5 and max(masses) > 1000
+    assert {"sway (Y)"} in missing and {"pitch (M)"} in missing and {"roll (K)"} in missing and set() in missing
+    assert any(vehicle.file.shape is not None and vehicle.file.shape.mesh for vehicle in fleet)
 
 
 def test_the_thesis_vehicle_is_as_printed():
@@ -143,7 +190,7 @@ def test_bluerov2_heavy_is_von_benzon_2022():
     model = load_vehicle("bluerov2_heavy").model()
     np.testing.assert_allclose(diagonal(model.rigid_body_mass), [13.5, 13.5, 13.5, 0.26, 0.23, 0.37])
     np.testing.assert_allclose(diagonal(model.added_mass), [6.36, 7.12, 18.68, 0.189, 0.135, 0.222])
-    np.testing.assert_allclose(diagonal(model.linear_damping_ahead), [13.7, 0, 33, 0, 0.8, 0])
+    np.testing.assert_allclose(diagonal(model.linear_damping_ahead), [13.7, 0, 33, 0, 0.8, 0.07])  # yaw: Wu (2018)
     np.testing.assert_allclose(diagonal(model.quadratic_damping_ahead), [141, 217, 190, 1.19, 0.47, 1.5])
     assert float(model.buoyancy) == pytest.approx(1000 * 9.81 * 0.0134)
     s, yaw = np.sqrt(0.5), 0.1888
@@ -279,3 +326,17 @@ def test_natural_periods():
     model = load_vehicle("double_blueye").model()
     M, k = np.asarray(model.mass), 294.3 * 0.025
     np.testing.assert_allclose(hang(model).periods, 2 * np.pi * np.sqrt([M[3, 3] / k, M[4, 4] / k]), rtol=1e-6)
+
+
+# As they were before parts had power, mesh shapes and sensor figures: what was identified then still holds.
+MADE_WITH = {
+    "bluerov2": "60781fa6c52e83f9",
+    "blueye_pioneer": "d22547e9b62b463c",
+    "double_blueye": "4fbfe472b2aab434",
+    "double_blueye_thesis": "9a242fe4d2e20e2c",
+}
+
+
+@pytest.mark.parametrize("name", MADE_WITH)
+def test_what_was_identified_before_still_fits_its_parts(name):
+    assert fingerprint(load_vehicle(name).file) == MADE_WITH[name]

@@ -12,6 +12,7 @@ from rovtwin.campaign.schema import Campaign
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.scenario.batch import same_program, score_run, score_together
 from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.feasibility import require_feasible
 
 Row = dict[str, Any]
 
@@ -42,7 +43,9 @@ def fly_samples(
     runs: dict[int, Composed] = {}
     for index in indices:
         try:
-            runs[index] = compose(scenario_at(campaign, index))
+            run = compose(scenario_at(campaign, index))
+            require_feasible(run.scenario, run.loop.twin.model)
+            runs[index] = run
         except (RovtwinError, ArithmeticError, ValueError) as error:  # one bad sample must not ground the others
             rows[index] = row_of_failure(index, draws(campaign, index), _said(error))
     numbers = list(runs)

@@ -5,6 +5,7 @@ from typing import Any
 
 from rovtwin.core.config import near, said_kind
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.schema import Waypoint
 
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+|\*)\]")
 SWITCHES = {"world.mismatch": "true", "world.tethers": "true", "battery": "true", "world.waves": "{drift: 0.03}"}
@@ -46,7 +47,7 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
     for step in ahead:
         places = [(here[k], _said(said, k)) for here, said in places for k in _keys(here, step, said, where)]
     for here, said in places:
-        for key in _keys(here, last, said, where, new=said.startswith("vehicle")):
+        for key in _keys(here, last, said, where, new=_may_be_new(said, last)):
             found = here.get(key) if isinstance(here, dict) else here[key]
             if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
                 within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
@@ -60,7 +61,7 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
 def _keys(here: Any, step: str | int, said: str, where: str, new: bool = False) -> list[Any]:
     """Keys that a step means: one, or all numbers of a list for "*".
 
-    A `new` key need not be there yet: a vehicle's data holds no defaults, and its own schema says what it knows.
+    A `new` key need not be there yet, see `_may_be_new`.
     """
     if here is None:
         hint = f"; switch it on: set: {{{said}: {SWITCHES[said]}}}" if said in SWITCHES else ""
@@ -79,6 +80,16 @@ def _keys(here: Any, step: str | int, said: str, where: str, new: bool = False) 
     raise ConfigError(
         f"{where}: {said or 'the scenario'} is {said_kind(here)}, expected {wanted} for the path to go on"
     )
+
+
+def _may_be_new(said: str, key: str | int) -> bool:
+    """Whether a key need not be there yet below what is `said`: what the vehicle fills in is left out of a mission.
+
+    A vehicle's data holds no defaults, and its own schema says what it knows.
+    """
+    if said.startswith("mission.waypoints["):
+        return key in Waypoint.model_fields
+    return said.startswith("vehicle") or (not said and key == "duration")
 
 
 def _said(before: str, step: str | int) -> str:

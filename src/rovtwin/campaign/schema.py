@@ -97,6 +97,20 @@ def _found(scenario: str | dict[str, Any], where: str, folder: Path | None) -> t
 def _written_out(scenario: Scenario, vehicle_varies: bool) -> dict[str, Any]:
     """All of a scenario as plain data, its vehicle included, unless that is what varies."""
     from rovtwin.scenario.composition import vehicle_of  # loads JAX, which the schema alone does not need
+    from rovtwin.scenario.fitting import fitted
 
-    data = scenario.model_dump(mode="json")
-    return data if vehicle_varies else data | {"vehicle": vehicle_of(scenario).to_dict()}
+    if vehicle_varies:
+        return _left_open(scenario)
+    vehicle = vehicle_of(scenario)
+    return fitted(scenario, vehicle.model()).model_dump(mode="json") | {"vehicle": vehicle.to_dict()}
+
+
+def _left_open(scenario: Scenario) -> dict[str, Any]:
+    """All of a scenario but what its mission leaves out, which each vehicle that is drawn fills in (`fitting`)."""
+    whole = scenario.model_dump(mode="json")
+    if scenario.mission is not None:
+        said = scenario.mission.model_dump(mode="json", exclude_unset=True)
+        whole["mission"]["waypoints"] = said["waypoints"]
+    if "duration" not in scenario.model_fields_set:
+        del whole["duration"]
+    return whole

@@ -32,12 +32,17 @@ def summarise(campaign: Campaign, table: pa.Table) -> dict[str, Any]:
         "completed": completed,
         "completed_share": completed / flown if flown else None,
         "completed_interval": list(share_interval(completed, flown)) if flown else None,
-        "reasons": dict(Counter(row["reason"] for row in failures(table)).most_common()),
+        "reasons": dict(Counter(_kind(str(row["reason"])) for row in failures(table)).most_common()),
         "scores": {name: quantiles(values) for name in SCORES if np.isfinite(values := column(table, name)).any()},
         "correlations": correlations(campaign, table),
         "wall_s": float(wall_time(table)),
         "cpu_per_mission_s": float(np.mean(column(table, "cpu_s"))) if flown else None,
     }
+
+
+def _kind(reason: str) -> str:
+    """What several missions may share of a reason: where a mission stalled is its own."""
+    return reason.split(":")[0] if reason.startswith("not finished") else reason
 
 
 def column(table: pa.Table, name: str) -> np.ndarray:

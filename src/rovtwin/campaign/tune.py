@@ -7,7 +7,7 @@ import numpy as np
 
 from rovtwin.campaign.tune_cost import FAILED, Cost
 from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, Crew, Figures, Fleet, crew_of, fleet_of, seas_of
-from rovtwin.campaign.tune_parameters import Space, model_based, value_of, with_values
+from rovtwin.campaign.tune_parameters import Space, start_of, value_of, with_values
 from rovtwin.campaign.tune_plants import Plants, plants_of
 from rovtwin.campaign.tune_result import Judged, Tuned, Wish
 from rovtwin.campaign.tune_search import Search, search
@@ -42,7 +42,7 @@ def tune(wish: Wish, progress: Progress = lambda *_: None) -> Tuned:
 def _checked(wish: Wish) -> ModelBasedSection:
     if wish.scenario.mission is None:
         raise ConfigError(f"{wish.scenario.name}: is a test, not a mission: it has no scores to tune for")
-    section = model_based(wish.scenario.autopilot, wish.scenario.name)
+    section = start_of(wish.scenario)
     if not wish.budget > 0:
         raise ConfigError(f"--budget-s: found {wish.budget:g}, expected more than 0 seconds; the usual is 170")
     numbers = (("--plants", 1, wish.plants), ("--held-out", 2, wish.held_out), ("--evaluations", 1, wish.evaluations))

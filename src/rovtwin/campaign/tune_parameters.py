@@ -9,8 +9,9 @@ import numpy as np
 from rovtwin.core.config import near, parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.scenario.compose_autopilot import DESIGN_FORCE_WALK
-from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection
+from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario
+from rovtwin.scenario.vehicle_defaults import with_vehicle_defaults
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
@@ -80,16 +81,25 @@ def model_based(section: AutopilotSection, where: str) -> ModelBasedSection:
     return section
 
 
+def start_of(scenario: Scenario) -> ModelBasedSection:
+    """The scenario's autopilot with numbers in place of what it leaves to the vehicle: where the search begins.
+
+    Raises:
+        ConfigError: It is another autopilot's.
+    """
+    section = model_based(scenario.autopilot, scenario.name)
+    filled = with_vehicle_defaults(section, vehicle_of(scenario).model())
+    return model_based(filled, scenario.name).model_copy(update={"tuned": None})
+
+
 def value_of(section: ModelBasedSection, name: str) -> float:
-    """A parameter's value in a section, the default where the section leaves it to that."""
+    """A parameter's value in a section that has the vehicle's own filled in (`with_vehicle_defaults`)."""
     part, key, *axis = name.split(".")
     if part == "control":
         found = getattr(section.control, key)
         return float(found[AXES.index(axis[0])] if axis else found)
     found = getattr(section.navigation, key)
-    if found is None:
-        found = DESIGN_FORCE_WALK if key == "force_walk" else inspect.signature(Tuning.of).parameters[key].default
-    return float(found)
+    return float(inspect.signature(Tuning.of).parameters[key].default if found is None else found)
 
 
 def with_values(section: ModelBasedSection, values: Mapping[str, float]) -> ModelBasedSection:

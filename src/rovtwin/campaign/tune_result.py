@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 
 from rovtwin.campaign.tune_cost import TERMS, Cost, terms_of
 from rovtwin.campaign.tune_flights import Figures
-from rovtwin.campaign.tune_parameters import Tunable, value_of
+from rovtwin.campaign.tune_parameters import Tunable, start_of, value_of
 from rovtwin.campaign.tune_search import Search
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
 
@@ -107,9 +107,7 @@ class Tuned:
     @property
     def search_start(self) -> ModelBasedSection:
         """The scenario's own autopilot."""
-        start = self.wish.scenario.autopilot
-        assert isinstance(start, ModelBasedSection)  # else nothing was tuned
-        return start.model_copy(update={"tuned": None})
+        return start_of(self.wish.scenario)
 
 
 def paired(differences: np.ndarray) -> tuple[float, float, float]:

@@ -62,6 +62,7 @@ def console(
     from rovtwin.console.video import camera_of, require_stream
     from rovtwin.console.wire import Place
     from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.trimmed import trimmed
 
     screen = screen_of(False)
     token = None if host in LOOPBACK else secrets.token_urlsafe(12)
@@ -79,13 +80,16 @@ def console(
         require_stream(camera)
     if speed != 1.0 and link != "twin://":
         raise ConfigError(f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours")
-    wanted, place = load_scenario(scenario, overrides or (), seed), Place.of(port)
+    wanted, place = _sized(load_scenario(scenario, overrides or (), seed)), Place.of(port)
+    wanted, ballast = trimmed(wanted) if link == "twin://" else (wanted, "")
     _require_flyable(wanted, link)
     require_free(host, port)  # or a second console that cannot begin would end the autopilot of the first
     found = running(place)
     if found is None:
         start(place, wanted, link, sensor or [], speed, runs)
         screen.print(f"autopilot started: {wanted.name} over {link}", markup=False)
+        if ballast:
+            screen.print(ballast, markup=False, soft_wrap=True)
     else:
         screen.print(
             f"found an autopilot that flies {found.scenario} over {found.link} since before: watching that one. "
@@ -104,15 +108,32 @@ def console(
         end(place)
 
 
-def _require_flyable(scenario: "Scenario", link: str) -> None:
-    """Raise ConfigError for what the page could only say much later: a link that there is not, a mission in a wall."""
+def _sized(wanted: "Scenario") -> "Scenario":
+    """With what its mission leaves out, from the vehicle."""
     from rovtwin.scenario.composition import vehicle_of
+    from rovtwin.scenario.fitting import fitted
+
+    return fitted(wanted, vehicle_of(wanted).model())
+
+
+def _require_flyable(scenario: "Scenario", link: str) -> None:
+    """Raise ConfigError for what the page could only say much later: a link that there is not, a mission in a wall.
+
+    Nor is one begun that the vehicle cannot fly at all; the water of a real one is not the scenario's.
+    """
+    from rovtwin.scenario.compose_world import plant_of
+    from rovtwin.scenario.composition import keys_of, vehicle_of
+    from rovtwin.scenario.feasibility import require_feasible
     from rovtwin.scenario.inside import require_inside
     from rovtwin.scenario.live.connect import opener
     from rovtwin.scenario.pace import Clock
 
-    require_inside(scenario, vehicle_of(scenario).model())
-    if link != "twin://":
+    vehicle, twin = vehicle_of(scenario), link == "twin://"
+    model = vehicle.model()
+    require_inside(scenario, model)
+    truth = plant_of(scenario.world, vehicle, model, keys_of(scenario.seed)[0]) if twin else model
+    require_feasible(scenario, truth, known_world=twin)
+    if not twin:
         opener(link, scenario, Clock())
 
 

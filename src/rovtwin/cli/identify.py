@@ -45,13 +45,17 @@ def identify(
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("identified.yaml"),
     report: Annotated[bool, typer.Option(help="Write the HTML report beside it.")] = True,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Write, or start from, a file that is not to be relied on; it says so.")
+    ] = False,
     trust_logs: Annotated[bool, typer.Option("--trust-logs", help="Go on where checks say a log is wrong.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Estimate a vehicle's parameters from its tests, with covariance, and write them as a vehicle file.
 
     The file flies at once: [bold]rovtwin fly lawnmower_calm --set vehicle=identified.yaml[/bold]. The report says what
-    was learnt and what was not; what no test could tell stays at the prior and is named.
+    was learnt and what was not; what no test could tell stays at the prior and is named. A result that is not to be
+    relied on is written with --keep only; exit code 1, and the report says why.
 
     From logs of rovtwin itself: [bold]rovtwin identify double_blueye runs/*/log.mcap -o identified.yaml[/bold]
 
@@ -83,6 +87,7 @@ def identify(
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)
+    old = _prior(prior, keep)
     tests: dict[Path, bool] = {}
     given, held_back = logs, validate
     if track is not None:
@@ -99,7 +104,7 @@ def identify(
             free=free or (said.file.free if said else []),
             prior=said.file.prior if said else None,
             anchors=said.file.anchors if said else (),
-            old=load_vehicle(prior) if prior else None,
+            old=old,
             options=said.file.options if said else None,
             progress=told,
         )
@@ -107,18 +112,39 @@ def identify(
     more += [word for pattern in free or [] for word in ("--free", f"'{pattern}'")]
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
     more += ["--trust-logs"] if trust_logs else []
+    more += ["--keep"] if keep else []
     more += ["--track", track] if track else []
-    # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
-    data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
-    out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
+    written = keep or not result.doubts
+    if written:
+        # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
+        data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
+        out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
-        emit(as_object(result) | {"file": str(out), "report": None if page is None else str(page)})
+        files = {"file": str(out) if written else None, "report": None if page is None else str(page)}
+        emit(as_object(result) | files)
     else:
         _print(screen, result)
-        screen.print(f"\nwritten: {out}" + (f"   report: {page}" if page else ""), markup=False)
-    settled = result.solution is None or result.solution.converged
-    raise typer.Exit(DONE if settled else FAILED)
+        told = f"written: {out}" if written else f"not written: {out}; to have it all the same, add --keep"
+        screen.print(f"\n{told}" + (f"   report: {page}" if page else ""), markup=False)
+    raise typer.Exit(FAILED if result.doubts else DONE)
+
+
+def _prior(path: str | None, keep: bool) -> Any:
+    """An earlier identification.
+
+    Raises:
+        IdentificationError: It is not to be relied on, and nobody said to use it all the same.
+    """
+    from rovtwin.vehicle import load_vehicle
+
+    old = None if path is None else load_vehicle(path)
+    if old is not None and old.doubts and not keep:
+        raise IdentificationError(
+            f"--prior {path}: found an identification that is not to be relied on: {'; '.join(old.doubts)}. Identify "
+            "that vehicle again, or add --keep to start from it all the same"
+        )
+    return old
 
 
 def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict[Path, bool]:
@@ -309,6 +335,8 @@ def as_object(result: "Identification") -> dict[str, Any]:
         "tests": result.records,
         "predictions": scores,
         "converged": result.solution is None or result.solution.converged,
+        "reliable": not result.doubts,
+        "doubts": result.doubts,
         "seconds": result.seconds,
     }
 
@@ -318,7 +346,7 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 def _print(screen: Console, result: "Identification") -> None:
     from rovtwin.report.identification_tables import between, estimated
-    from rovtwin.report.identification_words import doubts_about, in_families, is_coupling
+    from rovtwin.report.identification_words import in_families, is_coupling
 
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
@@ -351,8 +379,8 @@ def _print(screen: Console, result: "Identification") -> None:
             screen.print(f"\n{heading}", style="bold")
             for line in lines:
                 screen.print(f"- {line}", markup=False)
-    if result.solution is not None and (doubts := doubts_about(result)):
-        screen.print(f"\nNot to be relied on: {'; '.join(doubts)}", style="bold red", markup=False)
+    if result.doubts:
+        screen.print(f"\nNot to be relied on: {'; '.join(result.doubts)}", style="bold red", markup=False)
     screen.print(f"\n{result.seconds:.0f} s", style="dim")
 
 

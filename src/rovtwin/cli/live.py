@@ -48,12 +48,12 @@ def fly_link(
     from contextlib import ExitStack
 
     from rovtwin.scenario.flight import run_folder
-    from rovtwin.scenario.live.connect import connect, described, source
+    from rovtwin.scenario.live.connect import as_read, connect, described, source
     from rovtwin.scenario.live.flight import fly_live
 
     if not armed and not sys.stdin.isatty():
         raise ConfigError("fly --link: found no terminal to ask on before thrusters may turn; add --arm if they may")
-    clock = _clock(speed, link)
+    clock, scenario = _clock(speed, link), as_read(link, scenario)
     with ExitStack() as stack:
         with progress_bar("") as bar:
             bar.add_task(f"connecting to {link}", total=None)
@@ -83,6 +83,7 @@ def fly_link(
             progress=lambda t, phase: bar.update(task, completed=t, description=f"{scenario.name}: {phase}"),
             say=lambda text: bar.update(task, description=text),
             tell=lambda cue: _tell(cue, bar.console),
+            warn=lambda line: screen.print(f"{scenario.name}: {line}", markup=False, soft_wrap=True),
         )
 
 
@@ -176,7 +177,16 @@ def record(
         task = bar.add_task(f"recording {link}", total=duration)
         sources = [stack.enter_context(source(url, clock)) for url in sensor or ()]
         vehicle = stack.enter_context(connect(link, wanted, clock, observe=True))
-        counts = record_it(wanted, vehicle, sources, clock, out, duration, lambda t: bar.update(task, completed=t))
+        counts = record_it(
+            wanted,
+            vehicle,
+            sources,
+            clock,
+            out,
+            duration,
+            lambda t: bar.update(task, completed=t),
+            lambda line: screen.print(line, style="yellow", markup=False, soft_wrap=True),
+        )
     rows = table("recorded", "sensor", "readings")
     for name, count in sorted(counts.items()):
         rows.add_row(name, str(count))

@@ -22,7 +22,7 @@ def plan_survey(
     depth: Annotated[float | None, typer.Option(help="Of the lines [m]; default 3.")] = None,
     altitude: Annotated[float | None, typer.Option(help="In place of a depth: over the floor [m].")] = None,
     floor: Annotated[float | None, typer.Option(help="Depth of the sea floor [m]; default the scenario's.")] = None,
-    speed: Annotated[float, typer.Option(help="On the lines [m/s].")] = 0.2,
+    speed: Annotated[float | None, typer.Option(help="On the lines [m/s]; default the vehicle's own.")] = None,
     clearance: Annotated[
         float | None, typer.Option(help="Of the vehicle's origin from holes [m]; default its hull and a margin.")
     ] = None,
@@ -32,6 +32,9 @@ def plan_survey(
     ),
     datum: Annotated[
         str | None, typer.Option(help="latitude,longitude of the frame's origin, or auto: the area's middle.")
+    ] = None,
+    sees: Annotated[
+        str | None, typer.Option(help="Imager or camera whose swath it is; default the vehicle's first imager.")
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Scenario to write.")] = Path("survey.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a picture, .png, .svg or .pdf.")] = None,
@@ -51,7 +54,7 @@ def plan_survey(
 
     request = SurveyRequest(
         area, Swath(swath, overlap), _heading(heading), scenario, vehicle, depth, altitude, floor, speed, clearance,
-        inside, datum,
+        inside, datum, sees,
     )  # fmt: skip
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console(True), transient=True) as bar:

@@ -118,6 +118,8 @@ def _print_what_it_counts_on(plan: "Plan", minutes: float, bollard: float) -> No
         )
     else:
         screen.print("nobody pulled on a scale (--bollard 0): no test can tell the scale of forces and masses")
+    for note in plan.notes:
+        screen.print(note, markup=False, soft_wrap=True)
     left = minutes - float(plan.expected.minutes[-1])
     if left > 0.05:
         screen.print(f"{60 * left:.0f} s of the {minutes:g} minutes are left over: no other manoeuvre fits into them")
@@ -142,6 +144,7 @@ def _as_data(plan: "Plan") -> dict[str, Any]:
         "each_minute": expected.each_minute(),
         "room_m": plan.room,
         "manoeuvres": plan.manoeuvres,
+        "notes": plan.notes,
     }
 
 

@@ -14,6 +14,7 @@ from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovtwin.scenario.schema import Scenario
+    from rovtwin.vehicle import Model
 
 FIGURES = (
     ("duration", "duration_s", "s"),
@@ -61,7 +62,7 @@ def fly(
 ) -> None:
     """Fly a scenario; write log, complete scenario, report and figures to runs/<time>-<name>/.
 
-    With --link the vehicle is not computed here: [bold]rovtwin fly lawnmower_calm --set autopilot=model_based --link
+    With --link the vehicle is not computed here: [bold]rovtwin fly lawnmower_calm --link
     blueye://127.0.0.2,127.0.0.3 --sensor ugps://127.0.0.1:8080[/bold] flies what `rovtwin serve` serves, or two real
     drones. Thrusters turn only after you say so, and stop however this program ends. Tests fly so, too: what comes, and
     when a hand has to tilt the vehicle and let go, is said as it comes.
@@ -102,22 +103,25 @@ def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tup
 
 
 def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
-    """A line before a flight in moving water, one before one on empty batteries, or tuned for other parts."""
+    """A line before a flight in moving water; on empty batteries, tuned for other parts, with assumed sensors."""
     from rovtwin.scenario.compose_autopilot import tuned_for_another
     from rovtwin.scenario.compose_battery import empty_at_start
+    from rovtwin.scenario.compose_sensors import on_board
     from rovtwin.scenario.composition import compose, vehicle_of
     from rovtwin.scenario.sea import moves, verdict
 
     if moves(scenario):
         screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
-    noted = getattr(scenario.autopilot, "tuned", None)
-    other = tuned_for_another(scenario.autopilot, vehicle_of(scenario)) if noted else None
-    for said in (empty_at_start(scenario), other):
+    noted, vehicle = getattr(scenario.autopilot, "tuned", None), vehicle_of(scenario)
+    other = tuned_for_another(scenario.autopilot, vehicle) if noted else None
+    assumed = on_board(scenario, vehicle).line(vehicle) if vehicle.thruster_names else None  # else it does not fly
+    changed = scenario.test.notes if scenario.test else []
+    for said in (empty_at_start(scenario), other, assumed, *changed):
         if said:
             screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
 
 
-def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **cameras: bool) -> Any:
+def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **more: Any) -> Any:
     with progress_bar("{task.completed:.0f} s simulated") as bar:
         task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
         from rovtwin.scenario.flight import fly as fly_it
@@ -127,7 +131,11 @@ def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, s
             bar.update(task, completed=t, description=f"{scenario.name}: {phase}")
 
         folder = out or run_folder(scenario.name)
-        flight = fly_it(scenario, folder, realtime=realtime, progress=progress, **cameras)
+
+        def say(line: str) -> None:
+            screen.print(f"{scenario.name}: {line}", markup=False, soft_wrap=True)
+
+        flight = fly_it(scenario, folder, realtime=realtime, progress=progress, say=say, **more)
         if report:
             bar.update(task, description=f"{scenario.name}: writing the report")
             from rovtwin.report import write_report
@@ -150,6 +158,8 @@ def _closing_table(flight: Any, screen: Console) -> None:
         if summary.get(key) is not None and judged:
             rows.add_row(label, figure(100 * summary[key] if unit == "%" else summary[key], unit))
     screen.print(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", style="bold", markup=False)
+    if summary.get("why"):
+        screen.print(f"  {summary['why']}", markup=False)
     for one in summary["decisions"]:
         screen.print(f"  {one['t']:7.1f} s  {one['what']}: {one['cause']}", markup=False)
     screen.print(rows)
@@ -191,7 +201,7 @@ def demo(
     out: Annotated[Path | None, typer.Option(help="Folder; default runs/<time>-demo.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly the Double Blueye's lawn-mower in calm water and in waves, and identify it from its own camera.
+    """Fly the Double Blueye's lawn-mower in waves, then with a payload bolted on, and identify it from its own camera.
 
     The page that comes out holds the flights beside the thesis's published behaviour.
     """
@@ -200,21 +210,24 @@ def demo(
 
     screen = console(as_json)
     screen.print(
-        "Three flights: the thesis's gains in calm water and in waves, then gains placed from the vehicle's model; "
-        "then a short test filmed by the vehicle, and its parameters from that."
+        "The lawn-mower in waves, by the thesis's gains (the baseline) and by the model-based autopilot (the default); "
+        "then a Doppler log and a sonar are bolted on, the vehicle is tested, identified and flown again; then a short "
+        "test filmed by the vehicle's own camera, and its parameters from that."
     )
-    screen.print(
-        "In waves the thesis's gains are expected to fail: they have no integral against the drift (see the page).\n"
-    )
+    screen.print("The thesis's gains are expected to fail: they have no integral against the drift (see the page).\n")
     folder = out or run_folder("demo")
     with ExitStack() as stack:
 
         def say(what: str) -> None:
             stack.pop_all().close()
             bar = stack.enter_context(progress_bar(""))
-            bar.add_task(f"camera and markers: {what}", total=None)
+            bar.add_task(what, total=None)
 
-        result = run_demo(folder, lambda scenario, where: _fly(scenario, where, False, True, screen), say)
+        def fly(scenario: "Scenario", where: Path, truth: "Model | None") -> Any:
+            stack.pop_all().close()
+            return _fly(scenario, where, False, True, screen, truth=truth)
+
+        result = run_demo(folder, fly, say)
     if result["camera"].get("left_out"):
         screen.print(f"left out: {result['camera']['left_out']}", markup=False, soft_wrap=True)
     screen.print(f"\nOpen [bold]{result['report']}[/bold] in a browser.", soft_wrap=True)

@@ -38,46 +38,55 @@ def list_all(as_json: AsJson = False) -> None:
 
 @scenario_app.command("show")
 def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
-    """Print a scenario in full, with all defaults: a file to start from."""
+    """Print a scenario in full, with all defaults: a file to start from. As remarks, the sensors that will fly."""
+    from rovtwin.scenario.compose_sensors import listed
+    from rovtwin.scenario.composition import vehicle_of
     from rovtwin.scenario.files import dump_scenario, load_scenario
 
     found = load_scenario(scenario, overrides or (), seed)
     if as_json:
         emit(found.model_dump(mode="json"))
-    else:
-        typer.echo(dump_scenario(found), nl=False)
+        return
+    typer.echo(dump_scenario(found), nl=False)
+    typer.echo("".join(f"# {line}\n" for line in listed(found, vehicle_of(found))), nl=False)
 
 
 @scenario_app.command("check")
 def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson = False) -> None:
     """Say what is wrong with a scenario, its vehicle and its mission (exit code 2), without flying.
 
-    In waves or current also whether the vehicle can hold its place (`rovtwin sea` says more), and whether a battery is
-    empty from the start.
+    Also what the vehicle cannot do of the mission and what it does instead, in waves or current whether it can hold its
+    place (`rovtwin sea` says more), and whether a battery is empty from the start.
     """
     from rovtwin.scenario.compose_battery import empty_at_start
     from rovtwin.scenario.composition import compose
+    from rovtwin.scenario.feasibility import foreseen
     from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.fitting import assumptions
     from rovtwin.scenario.sea import moves, verdict
 
     found = load_scenario(scenario, overrides or ())
     composed = compose(found)
+    lines = foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model)
+    lines += [taken] if (taken := assumptions(found, composed.scenario)) else []
     holds, line = verdict(composed) if moves(found) else (None, None)
-    empty = empty_at_start(found)
+    empty, assumed = empty_at_start(found), composed.on_board.line(composed.vehicle)
     if as_json:
         emit(
             {
                 "scenario": found.name,
                 "valid": True,
+                "foreseen": lines,
                 "holds_place": holds,
                 "holds_place_line": line,
                 "battery_line": empty,
+                "sensors_line": assumed,
             }
         )
         return
     screen = console(False)
     screen.print(f"{scenario}: usable", markup=False)
-    for said in (line, empty):
+    for said in (*lines, line, empty, assumed):
         if said:
             screen.print(f"- {said}", markup=False, soft_wrap=True)
 

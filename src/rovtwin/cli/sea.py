@@ -24,6 +24,8 @@ def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, 
     screen = console(False)
     screen.print(f"{report['vehicle']} in {report['scenario']}", style="bold", markup=False)
     _print(screen, "required to keep still, and available", report)
+    stems = ", ".join(f"{speed:.2g} m/s from {side}" for side, speed in report["stems_m_s"].items())
+    screen.print(f"a steady current that it stems, heading and depth held: at most {stems}\n", markup=False)
     thesis = report["thesis_force_rms_n"]
     if report["real_sea"]:
         _print(screen, "the same in a real sea of that height and period", report["real_sea"])

@@ -53,16 +53,21 @@ def serve(
 
     [bold]rovtwin serve double_blueye --protocol blueye --protocol ugps[/bold] are two drones at 127.0.0.2 and
     127.0.0.3 for the vendor's SDK, and an Underwater GPS; [bold]rovtwin serve bluerov2_heavy --protocol mavlink[/bold]
-    is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own.
+    is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own. A vehicle that
+    would sink is ballasted first; [bold]--set world.net_buoyancy=0[/bold] leaves it as described.
     """
     from rovtwin.scenario.serving.host import ServedVehicle
     from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of, world_for
+    from rovtwin.scenario.trimmed import trimmed
 
-    scenario = world_for(what, overrides or (), seed)
+    scenario, ballast = trimmed(world_for(what, overrides or (), seed))
+    screen = console(as_json)
+    if ballast:
+        screen.print(ballast, markup=False, soft_wrap=True)
     if protocol == [FIRMWARE]:
         _lockstep(scenario, address or [], port, expose, duration, as_json)
     names = known(protocol or [own_protocol(scenario)])
-    places, screen = places_of(names, address or [], port), console(as_json)
+    places = places_of(names, address or [], port)
     _warn([host for place in places.values() for host in place.hosts], expose, screen)
     screen.print(f"{what}: compiling, some 10 to 30 s", markup=False)
     with progress_bar("") as bar:

@@ -46,7 +46,7 @@ def tune(
     or a usual spread. CMA-ES searches on a short mission; the scenario's own mission judges, on vehicles and noise that
     the search has not seen. With the same seed, and time enough for all evaluations, it finds the same.
 
-    Example: [bold]rovtwin tune lawnmower_hard --set autopilot=model_based[/bold]
+    Example: [bold]rovtwin tune lawnmower_hard[/bold]
 
     Then [bold]rovtwin fly lawnmower_hard --set autopilot=runs/tune-lawnmower_hard/autopilot.yaml[/bold]. Exit code 0:
     better than before on the held-out vehicles; 1: not shown to be (the file is written, too).

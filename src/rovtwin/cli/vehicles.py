@@ -8,9 +8,11 @@ from typing import Annotated
 import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit
+from rovtwin.cli.vehicle_changes import add, diff, remove
 
 vehicle_app = typer.Typer(
-    no_args_is_help=True, help="Look at vehicles: parameters, trim, performance; check files; ballast."
+    no_args_is_help=True,
+    help="Look at vehicles: parameters, trim, performance; check files; bolt devices on; ballast.",
 )
 
 VehicleName = Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")]
@@ -18,14 +20,18 @@ VehicleName = Annotated[str, typer.Argument(metavar="VEHICLE", help="A library n
 
 @vehicle_app.command("list")
 def list_vehicles(as_json: AsJson = False) -> None:
-    """Names of the library's vehicles."""
-    from rovtwin.vehicle import list_library
+    """Names of the library's vehicles, and of the devices that can be bolted onto them (`vehicle add`)."""
+    from rovtwin.vehicle import list_devices, list_library, load_vehicle
 
-    names = list_library()
+    vehicles, devices = list_library(), list_devices()
     if as_json:
-        emit({"vehicles": names})
-    else:
-        console(False).print("\n".join(names))
+        emit({"vehicles": vehicles, "devices": devices})
+        return
+    out = console(False)
+    for title, names in (("vehicles", vehicles), ("devices", devices)):
+        out.print(f"{title}:")
+        for name in names:
+            out.print(f"  {name:<22}{load_vehicle(name).description}", markup=False, no_wrap=True, overflow="ellipsis")
 
 
 Water = Annotated[
@@ -142,6 +148,11 @@ def ballast(
         screen.print(part)
     if out is not None:
         screen.print(f"wrote {out}", markup=False)
+
+
+vehicle_app.command("add")(add)
+vehicle_app.command("remove")(remove)
+vehicle_app.command("diff")(diff)
 
 
 @vehicle_app.command("urdf")

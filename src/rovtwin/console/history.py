@@ -15,6 +15,7 @@ from rovtwin.console.engine.state import TOLD, progress
 from rovtwin.console.replay import Recording
 from rovtwin.console.tape import Held
 from rovtwin.core.flow import PHASES
+from rovtwin.core.sensors import kind_of
 
 MOST = 6000  # rows
 STEP = 0.1  # between two rows at least [s]
@@ -74,7 +75,7 @@ def _sensors(recording: Recording, t: np.ndarray) -> list[Column]:
         last = held.last(t)
         heard = last >= 0
         found.append((f"sensors.{name}.age", 0, np.where(heard, t - held.t[np.maximum(last, 0)], np.nan)))
-        if name in TOLD:
+        if kind_of(name) in TOLD:
             found.append((f"sensors.{name}.value", held.values.shape[1], _where(heard, held, t)))
     return found
 

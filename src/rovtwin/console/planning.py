@@ -21,9 +21,11 @@ class Draft:
     Attributes:
         rows: Each with x, y, depth [m], speed [m/s], acceptance [m], hold_time [s], heading_deg, altitude (None where
             not given).
+        own: Speed and acceptance that rows get which say none: the vehicle's.
     """
 
-    def __init__(self, waypoints: list[Waypoint] | None = None):
+    def __init__(self, waypoints: list[Waypoint] | None = None, own: dict[str, float] | None = None):
+        self.own = {"speed": 0.2, "acceptance": 0.2} if own is None else own
         self.rows: list[dict[str, Any]] = [row_of(waypoint) for waypoint in waypoints or []]
         self._past: list[list[dict[str, Any]]] = []
         self._future: list[list[dict[str, Any]]] = []
@@ -111,7 +113,8 @@ class Draft:
     def _change(self, rows: list[dict[str, Any]]) -> None:
         if len(rows) > MOST:
             raise ConfigError(f"the plan: found {len(rows)} way-points, expected at most {MOST}")
-        checked = [row_of(parse(Waypoint, waypoint_of(row), f"way-point {i + 1}")) for i, row in enumerate(rows)]
+        whole = [self.own | {key: value for key, value in row.items() if value is not None} for row in rows]
+        checked = [row_of(parse(Waypoint, waypoint_of(row), f"way-point {i + 1}")) for i, row in enumerate(whole)]
         self._past = [*self._past[1 - DEPTHS :], self.rows]
         self._future = []
         self.rows = checked
@@ -152,7 +155,7 @@ def waypoint_of(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def rows_of(text: str) -> list[dict[str, Any]]:
-    """The way-points of a mission file, or of a scenario.
+    """The way-points of a mission file, or of a scenario; without the speed and acceptance that it leaves out.
 
     Raises:
         ConfigError: It is none; every mistake is named.
@@ -163,7 +166,9 @@ def rows_of(text: str) -> list[dict[str, Any]]:
     mission = parse(MissionSection, data, "the file")
     if any(waypoint.geodetic for waypoint in mission.waypoints):
         raise ConfigError("the file: found geodetic way-points, expected position: [north, east, down] in metres")
-    return [row_of(waypoint) for waypoint in mission.waypoints]
+    left_out = [{"speed", "acceptance"} - waypoint.model_fields_set for waypoint in mission.waypoints]
+    rows = [row_of(waypoint) for waypoint in mission.waypoints]
+    return [{key: row[key] for key in row if key not in out} for row, out in zip(rows, left_out, strict=True)]
 
 
 def square(x: float, y: float, side: float, depth: float, speed: float) -> list[dict[str, Any]]:

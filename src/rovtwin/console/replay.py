@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.alerts import alerts
-from rovtwin.console.engine.setup import SIZE, described
+from rovtwin.console.engine.setup import SIZE, described, values_of
 from rovtwin.console.engine.state import Hearing, flown
 from rovtwin.console.planning import for_browser, row_from
 from rovtwin.console.tape import Consistency, readings_of, tape_of
@@ -154,7 +154,8 @@ class Recording:
         if self.scenario is not None and self.vehicle is not None:
             fixed = described(self.scenario, self.vehicle)
         home = self.tape["eta"].values[0, :3] if "eta" in self.tape else None
-        names = {"thrusters": self.thrusters, "sensors": sorted(self.readings)}
+        sensors = sorted(self.readings)
+        names = {"thrusters": self.thrusters, "sensors": sensors, "readings": values_of(sensors)}
         return (
             {"kind": "setup", "size": SIZE, "home": home, "twin": "truth" in self.tape, "missing": []} | names | fixed
         )

@@ -19,6 +19,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 
 FRESH = 1.0  # an order older than this is not obeyed: it waited for an autopilot that hung [s]
+DEEPEST = 16  # an order nested deeper is none; how deep JSON may be nested otherwise depends on the Python
 LONGEST = 85  # path of a folder in which sockets have room; theirs may have 107 [bytes]
 
 
@@ -74,6 +75,27 @@ class Place:
 def encode(message: dict[str, Any]) -> bytes:
     """A message as JSON; arrays become lists of nine significant digits, what is not finite becomes null."""
     return json.dumps(_plain(message), allow_nan=False, separators=(",", ":")).encode()
+
+
+def decode(text: str | bytes) -> dict[str, Any]:
+    """The message that a JSON text is, by the standard library's parser, level by level checked for depth.
+
+    Raises:
+        ValueError: It is no JSON object, or nested deeper than 16 levels.
+    """
+    try:
+        message = json.loads(text)
+    except RecursionError:
+        raise ValueError(f"nested deeper than {DEEPEST} levels") from None
+    if not isinstance(message, dict):
+        raise ValueError(f"found {type(message).__name__}, expected an object")
+    level: list[Any] = [message]
+    for _ in range(DEEPEST):
+        level = [inner for outer in level for inner in (outer.values() if isinstance(outer, dict) else outer)]
+        level = [item for item in level if isinstance(item, dict | list)]
+    if level:
+        raise ValueError(f"nested deeper than {DEEPEST} levels")
+    return message
 
 
 def _plain(value: Any) -> Any:

@@ -31,6 +31,9 @@ NO_REASON, NOT_A_NUMBER, OPERATOR, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, L
 FILTER_DIVERGED, POSITIONS_LOST, THRUSTER_FAILED, SATURATED, LINK_LOST, DEADLINE_MISSED = range(8, 14)
 BATTERY_LOW, GEOFENCE, ALTITUDE_LIMIT, TIME_OUT, OPERATOR_SILENT, SENSOR_SILENT, NO_WAY_HOME = range(14, 21)
 
+PROGRESS = ("", "going", "waiting", "limited", "again", "missed", "swept", "heading given up")
+NO_PROGRESS, GOING, WAITING, LIMITED, AGAIN, MISSED, SWEPT, HEADING_GIVEN_UP = range(len(PROGRESS))
+
 NO_REQUEST, PAUSE, RESUME, ABORT, ARM, PILOT = range(6)
 
 FEW_ROWS = 32  # of a mission: up to here a masked sum picks a row faster than an index
@@ -168,6 +171,31 @@ class Mission(eqx.Module):
         )
 
 
+class Progress(eqx.Module):
+    """How guidance gets on, for whoever has to say why a vehicle does not arrive.
+
+    Attributes:
+        state: One of PROGRESS, int. Going: as fast as the leg asks. Waiting: for a vehicle that is behind. Limited: to
+            what thrusters can keep up. Again: at a way-point that was passed outside its acceptance; missed: so often
+            that it counts as such, though it is tried further. Swept: the current is more than thrusters can stem.
+            Heading given up: the place is kept, but not with the heading that was asked for.
+        misses: How often the way-point was passed so, int.
+        possible: Speed over ground along the path that thrusters can keep up [m/s]; negative: swept back.
+        current: That would disturb the vehicle as much as what the filter believes, n [m/s], shape (2,).
+    """
+
+    state: Array
+    misses: Array
+    possible: Array
+    current: Array
+
+    @classmethod
+    def unsaid(cls) -> "Progress":
+        """Of guidance that does not tell."""
+        none = jnp.zeros((), dtype=int)
+        return cls(none, none, jnp.zeros(()), jnp.zeros(2))
+
+
 class Setpoint(eqx.Module):
     """What guidance asks for.
 
@@ -180,6 +208,8 @@ class Setpoint(eqx.Module):
         waypoint: Index of the way-point aimed at, int.
         phase: One of PHASES, int.
         reason: One of REASONS, int.
+        fixed_heading: Whether the heading was asked for, and is not just that of the path, bool.
+        progress: How guidance gets on.
     """
 
     eta: Array
@@ -190,6 +220,8 @@ class Setpoint(eqx.Module):
     waypoint: Array
     phase: Array
     reason: Array
+    fixed_heading: Array = eqx.field(default_factory=lambda: jnp.asarray(False))
+    progress: Progress = eqx.field(default_factory=Progress.unsaid)
 
 
 class Reference(eqx.Module):

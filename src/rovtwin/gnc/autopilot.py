@@ -14,6 +14,7 @@ from rovtwin.core.flow import (
     Measurements,
     Mission,
     Reference,
+    Setpoint,
     Wrench,
 )
 from rovtwin.core.numerics import Array, jax, jnp
@@ -21,6 +22,7 @@ from rovtwin.gnc.ability import FINE, Ability
 from rovtwin.gnc.allocation import Allocation, AllocationInput, Saturation
 from rovtwin.gnc.contingency import Contingency, ContingencyInput, ContingencyMemory
 from rovtwin.gnc.control import ControlInput, Pid
+from rovtwin.gnc.course_keeping import CourseInput, CourseKeeping, CourseMemory
 from rovtwin.gnc.guidance import Guidance, GuidanceInput, GuidanceMemory
 from rovtwin.gnc.observer import ObserverInput
 from rovtwin.gnc.reference import ReferenceModel
@@ -45,6 +47,7 @@ class AutopilotMemory(eqx.Module):
     supervisor: SupervisorMemory
     guidance: GuidanceMemory
     contingency: ContingencyMemory
+    course: CourseMemory | None
     reference: Reference
     control: Any
     allocation: Any
@@ -67,6 +70,7 @@ class Autopilot(Block):
         monitor: Finds thrusters that are lost on the way; None believes in them.
         ability: What can be done without them; None with `monitor`.
         terrain: Turns altitudes of way-points into depths; None where there are none.
+        course: Makes of a set-point one that can be followed without sway; None for a vehicle that crabs.
     """
 
     observer: Block
@@ -81,6 +85,7 @@ class Autopilot(Block):
     monitor: ThrusterHealth | None = None
     ability: Ability | None = None
     terrain: TerrainFollowing | None = None
+    course: CourseKeeping | None = None
 
     @classmethod
     def thesis(
@@ -115,7 +120,7 @@ class Autopilot(Block):
             observer=observer,
             supervisor=supervisor or Supervisor(),
             guidance=Guidance(),
-            contingency=Contingency(),
+            contingency=Contingency.of(model),
             reference=ReferenceModel.thesis(obey_speed),
             control=makers[gains](),
             allocation=Allocation.of(model, saturation=saturation),
@@ -126,7 +131,7 @@ class Autopilot(Block):
     def init(self, key: Array, start: Start) -> AutopilotMemory:
         names = (
             *("observer", "supervisor", "guidance", "reference", "control", "allocation", "contingency", "monitor"),
-            "terrain",
+            *("terrain", "course"),
         )
         keys = jax.random.split(key, len(names))
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
@@ -149,6 +154,7 @@ class Autopilot(Block):
         contingency, setpoint = self.contingency.step(
             memory.contingency, ContingencyInput(asked, known, mode, _fresh(input)), dt
         )
+        course, setpoint = self._steered(memory.course, setpoint, known, dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
         on = mode.active
@@ -168,6 +174,7 @@ class Autopilot(Block):
             supervisor,
             guidance,
             contingency,
+            course,
             reference,
             control,
             allocation,
@@ -184,6 +191,14 @@ class Autopilot(Block):
         if self.terrain is None or memory is None:
             return None, self.mission
         return self.terrain.step(memory, TerrainInput(measurements, estimate, self.mission), dt)
+
+    def _steered(
+        self, memory: CourseMemory | None, setpoint: Setpoint, estimate: Estimate, dt: float
+    ) -> tuple[CourseMemory | None, Setpoint]:
+        """The set-point, with heading and surge for a vehicle that cannot push sideways."""
+        if self.course is None or memory is None:
+            return None, setpoint
+        return self.course.step(memory, CourseInput(setpoint, estimate), dt)
 
     def _monitored(
         self, memory: AutopilotMemory, estimate: Estimate, request: Array, dt: float

@@ -17,6 +17,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.scales import HEAVE, VehicleScales
 from rovtwin.gnc.supervisor import (
     MODE_ABORTED,
     MODE_HOLDING,
@@ -26,6 +27,8 @@ from rovtwin.gnc.supervisor import (
     MODE_SURFACING,
     Mode,
 )
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.model import Model
 
 
 class ContingencyInput(eqx.Module):
@@ -63,22 +66,50 @@ class Contingency(Block):
     Attributes:
         speed: Largest, level and upwards [m/s].
         acceleration: Largest; half of it is planned with for coming to rest [m/s2].
+        settling: Time constant with which the point comes to rest at the end [s].
         surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
         near: How close to home is there [m].
         afloat: How close to the surface is there [m].
-        lead: How far its heading goes ahead of the vehicle's [rad].
         fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
         leash: How far the point goes ahead of a piloted vehicle [m].
+        lead: How far its heading goes ahead of the vehicle's [rad].
     """
 
-    speed: Array = eqx.field(converter=as_array, default=0.2)
-    acceleration: Array = eqx.field(converter=as_array, default=0.1)
-    surface: Array = eqx.field(converter=as_array, default=0.2)
-    near: Array = eqx.field(converter=as_array, default=0.5)
-    afloat: Array = eqx.field(converter=as_array, default=0.15)
+    speed: Array = eqx.field(converter=as_array)
+    acceleration: Array = eqx.field(converter=as_array)
+    settling: Array = eqx.field(converter=as_array)
+    surface: Array = eqx.field(converter=as_array)
+    near: Array = eqx.field(converter=as_array)
+    afloat: Array = eqx.field(converter=as_array)
+    fastest: Array = eqx.field(converter=as_array)
+    leash: Array = eqx.field(converter=as_array)
     lead: Array = eqx.field(converter=as_array, default=0.8)
-    fastest: Array = eqx.field(converter=as_array, default=(0.5, 0.5, 0.2, 0.5))
-    leash: Array = eqx.field(converter=as_array, default=0.7)
+
+    @classmethod
+    def of(
+        cls, model: Model, surface: float | None = None, dive: float | None = None, turn: float | None = None
+    ) -> "Contingency":
+        """For a vehicle.
+
+        Args:
+            model: The vehicle.
+            surface: As far up as it is to come [m]; None: two thirds of its length, which keeps it below.
+            dive: Largest speed up and down [m/s]; None: from the vehicle.
+            turn: Largest turn rate [rad/s]; None: from the vehicle.
+        """
+        scales = VehicleScales.of(model)
+        length, dive = scales.length, scales.dive_speed if dive is None else dive
+        pushed = [i for i in (0, HEAVE) if scales.force[i] > 0.0]
+        return cls(
+            speed=min(scales.surge_speed, dive) if 0 in pushed else dive,
+            acceleration=0.33 * min((scales.acceleration[i] for i in pushed), default=GRAVITY),
+            settling=0.25 / scales.level_bandwidth,
+            surface=0.64 * length if surface is None else surface,
+            near=1.6 * length,
+            afloat=0.48 * length,
+            fastest=[*scales.piloted_speed, dive, scales.turn_rate if turn is None else turn],
+            leash=2.25 * length,
+        )
 
     def init(self, key: Array, start: Start) -> ContingencyMemory:
         heading = euler_from_quaternion(start.attitude)[2]
@@ -143,8 +174,9 @@ class Contingency(Block):
         up = jnp.where(surfacing, jnp.minimum(self.surface - memory.eta[2], 0.0), 0.0)
         goal = jnp.append(level, up)
         distance = jnp.sqrt(goal @ goal + 1e-12)
-        # The square root alone would ask for a jerk at the end; half a second's way keeps it finite.
-        speed = jnp.minimum(self.speed, jnp.minimum(jnp.sqrt(self.acceleration * distance), 2.0 * distance))
+        # The square root alone would ask for a jerk at the end.
+        slow = jnp.minimum(jnp.sqrt(self.acceleration * distance), distance / self.settling)
+        speed = jnp.minimum(self.speed, slow)
         change = goal / distance * speed + wanted - memory.velocity
         size = jnp.sqrt(change @ change + 1e-12)
         return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)

@@ -7,8 +7,9 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array
+from rovtwin.core.sensors import SENSORS, kind_of
 
-SENSORS: dict[str, tuple[int, ...]] = {
+STATES: dict[str, tuple[int, ...]] = {
     "accelerometer": (6, 7, 8),
     "attitude": (3, 4, 5),
     "dvl": (6, 7, 8),
@@ -18,8 +19,8 @@ SENSORS: dict[str, tuple[int, ...]] = {
 }
 """States of the filter that each sensor reads; the accelerometer's entry is the pseudo-measurement (7.7)."""
 
-SENSOR_STD = {"position": 0.5, "pressure": 1e-3, "gyro": 3.08e-5, "attitude": 1e-3, "dvl": 5e-3}
-"""Standard deviation of the sensors of thesis table 5.7 and of a DVL, per axis [m, m, rad/s, rad, m/s]."""
+SENSOR_STD = {name: SENSORS[name].std for name in STATES if name != "accelerometer"}
+"""Usual standard deviation of the sensors that the filter takes in, per axis."""
 
 GATE = {"position": 27.6, "dvl": 30.7}
 """Largest squared normalised innovation believed: chi-square of 2 and 3 degrees of freedom at a tail of 1e-6."""
@@ -59,7 +60,12 @@ class EkfTuning(eqx.Module):
 
     def uses(self, name: str) -> bool:
         """Whether readings of this sensor are taken in; others are passed over."""
-        return name in self.measurement_variance and (name != "accelerometer" or self.pseudo_velocity)
+        kind = kind_of(name)
+        return kind in self.measurement_variance and (kind != "accelerometer" or self.pseudo_velocity)
+
+    def variance_of(self, name: str) -> Array:
+        """R of a sensor; of one of several of a kind, its own or else that of the kind."""
+        return self.measurement_variance.get(name, self.measurement_variance[kind_of(name)])
 
     @classmethod
     def as_printed(cls, dt: float = 0.02) -> "EkfTuning":
@@ -172,8 +178,8 @@ def _initial_variance(initial_force: float) -> Array:
 
 def _check_names(where: str, given: Mapping[str, object]) -> None:
     for name in given:
-        if name not in SENSORS:
-            raise ConfigError(f"{where}: no sensor {name!r}; the filter knows {', '.join(SENSORS)}")
+        if kind_of(name) not in STATES:
+            raise ConfigError(f"{where}: no sensor {name!r}; the filter knows {', '.join(STATES)}")
 
 
 def _check_sizes(**given: float) -> None:

@@ -21,8 +21,10 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate, Measurements, Slot
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ekf_model import discrete_step, product, state_rate
-from rovtwin.gnc.ekf_tuning import SENSORS, EkfTuning
+from rovtwin.gnc.ekf_tuning import STATES, EkfTuning
+from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
 
@@ -44,7 +46,7 @@ class EkfMemory(eqx.Module):
         P: Its covariance, shape (18, 18).
         thrust: Force of each thruster as the model predicts it [N], shape (n,).
         ticks: Number of ticks so far, int; time is `ticks * dt`.
-        rejected: Readings beyond the gate in a row, per sensor in the order of SENSORS, shape (6,), int.
+        rejected: Readings beyond the gate in a row, per sensor in the order of STATES, shape (6,), int.
     """
 
     x: Array
@@ -60,10 +62,13 @@ class Ekf(Block):
     Attributes:
         model: What the filter believes the vehicle to be.
         tuning: See `EkfTuning`.
+        mounts: Sensors that do not sit at CO along the axes of b, by name: their readings are moved there with the
+            attitude that the filter believes, whose error is not counted.
     """
 
     model: Model
     tuning: EkfTuning
+    mounts: dict[str, Mount] = eqx.field(default_factory=dict)
 
     def init(self, key: Array, start: Start) -> EkfMemory:
         """At the start, unaware of velocity and disturbance; `key` is not used."""
@@ -73,7 +78,7 @@ class Ekf(Block):
             P=jnp.diag(self.tuning.initial_variance),
             thrust=jnp.zeros(self.model.thrusters.count),
             ticks=jnp.zeros((), dtype=jnp.int32),
-            rejected=jnp.zeros(len(SENSORS), dtype=jnp.int32),
+            rejected=jnp.zeros(len(STATES), dtype=jnp.int32),
         )
 
     def step(self, memory: EkfMemory, input: ObserverInput, dt: float) -> tuple[EkfMemory, Estimate]:
@@ -82,14 +87,16 @@ class Ekf(Block):
         tau = self.model.thrusters.configuration @ thrust
         rate = state_rate(self.model, x, tau, self.tuning.bias_decay)
         prior = _Prior(self.tuning, x, P, rate, memory.x, memory.ticks * dt, dt)
-        names = sorted(input.measurements)
-        batches, rejected = [], dict(zip(SENSORS, memory.rejected, strict=True))
+        measurements = at_co(input.measurements, self.mounts, x[3:6], x[9:12])
+        names = sorted(measurements)
+        batches, rejected = [], dict(zip(STATES, memory.rejected, strict=True))
         for name in filter(self.tuning.uses, names):
-            batch, rejected[name] = prior.innovations(name, input.measurements[name], rejected[name])
+            kind = kind_of(name)
+            batch, rejected[kind] = prior.innovations(name, measurements[name], rejected[kind])
             batches.append((name, batch))
         x, P, nis, dof = _update(x, P, batches, names)
         x = jnp.concatenate([x[:3], wrap(x[3:6]), x[6:]])
-        counts = jnp.stack([rejected[name] for name in SENSORS])
+        counts = jnp.stack([rejected[name] for name in STATES])
         estimate = Estimate(x[:6], x[6:12], x[12:], P[:12, :12], nis, dof)
         return EkfMemory(x, P, thrust, memory.ticks + 1, counts), estimate
 
@@ -144,18 +151,19 @@ class _Prior(eqx.Module):
 
     def innovations(self, name: str, slot: Slot, rejected: Array) -> tuple[_Scalars, Array]:
         """Scalar measurements of all readings in a slot, and how many were rejected in a row after them."""
-        states, rows = SENSORS[name], slot.valid.shape[0]
+        kind, rows = kind_of(name), slot.valid.shape[0]
+        states = STATES[kind]
         here = slice(states[0], states[-1] + 1)
         z, variance = self._now(name, slot, here)
         used = slot.valid
-        if name in self.tuning.gate:
+        if kind in self.tuning.gate:
             believed = []
             for row in range(rows):
                 S = self.P[here, here] + jnp.diag(variance[row])
                 innovation = z[row] - self.x[here]
-                if name == "attitude":
+                if kind == "attitude":
                     innovation = wrap(innovation)
-                outlier = squared_norm(innovation, S) > self.tuning.gate[name]
+                outlier = squared_norm(innovation, S) > self.tuning.gate[kind]
                 believed.append(used[row] & ~(outlier & (rejected < self.tuning.patience)))
                 rejected = jnp.where(used[row], jnp.where(outlier, rejected + 1, 0), rejected)
             used = jnp.stack(believed)
@@ -164,8 +172,8 @@ class _Prior(eqx.Module):
 
     def _now(self, name: str, slot: Slot, here: slice) -> tuple[Array, Array]:
         """Readings moved on by the state's rate from when they were taken to now, and their variance; (capacity, n)."""
-        R = self.tuning.measurement_variance[name]
-        if name == "accelerometer":
+        R = self.tuning.variance_of(name)
+        if kind_of(name) == "accelerometer":
             return self.previous[here] + slot.value * self.dt, jnp.full(slot.value.shape, R)
         age = self.now - slot.t_valid
         age = jnp.where((age > 0.0) & (age <= self.tuning.max_age), age, 0.0)[:, None]

@@ -2,7 +2,7 @@
 
 An arc of radius R touches both legs at R tan(gamma/2) from their way-point, gamma being the turn, and passes it at
 R (1 / cos(gamma/2) - 1). R is as large as the way-point's acceptance and half of the shorter leg allow. A way-point at
-which the vehicle stops, dives or turns back has none.
+which the vehicle stops, dives or turns back has none, nor has one that asks for a tighter turn than it can make.
 
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, sec. 12.3 (straight lines and
 inscribed circles).
@@ -15,7 +15,6 @@ from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, jnp
 
 SHARPEST = 2.6  # turns beyond this are no corner but a way back [rad]
-DEPTH_STEP = 0.1  # way-points whose depths differ by more are dived to on the spot [m]
 SHORT = 1e-6  # legs below this have no direction [m]
 
 
@@ -71,7 +70,15 @@ class Piece(eqx.Module):
         return place, wrap(jnp.where(on_arc, turned, self.direction)), jnp.where(on_arc, curvature, 0.0)
 
 
-def piece_of(mission: Mission, waypoint: Array, start: Array, heading: Array, sideways: Array) -> Piece:
+def piece_of(
+    mission: Mission,
+    waypoint: Array,
+    start: Array,
+    heading: Array,
+    sideways: Array,
+    depth_step: Array,
+    tightest: Array | float = 0.0,
+) -> Piece:
     """The leg from `start` to a way-point and the corner there.
 
     Args:
@@ -80,6 +87,8 @@ def piece_of(mission: Mission, waypoint: Array, start: Array, heading: Array, si
         start: Where the leg starts [m], shape (2,).
         heading: Direction of a leg too short to have one [rad].
         sideways: Largest acceleration in a corner [m/s2].
+        depth_step: Way-points whose depths differ by more are dived to on the spot [m].
+        tightest: Radius below which a corner is none: the vehicle stops there and turns [m].
     """
     to, then = mission.at(waypoint), mission.at(jnp.minimum(waypoint + 1, mission.count - 1))
     end, following = to.position, then.position
@@ -87,11 +96,13 @@ def piece_of(mission: Mission, waypoint: Array, start: Array, heading: Array, si
     way, direction = _leg(end[:2] - start, heading)
     onwards, next_direction = _leg(following[:2] - end[:2], direction)
     turn = wrap(next_direction - direction)
-    stops = (to.hold_time > 0) | last | (jnp.abs(following[2] - end[2]) > DEPTH_STEP)
+    stops = (to.hold_time > 0) | last | (jnp.abs(following[2] - end[2]) > depth_step)
     smooth = ~stops & (jnp.abs(turn) < SHARPEST) & (way > SHORT) & (onwards > SHORT)
-    bent = smooth & (jnp.abs(turn) > 1e-3)
-    half = jnp.where(bent, 0.5 * jnp.abs(turn), 0.5)
+    bends = jnp.abs(turn) > 1e-3
+    half = jnp.where(smooth & bends, 0.5 * jnp.abs(turn), 0.5)
     radius = jnp.minimum(to.acceptance / (1.0 / jnp.cos(half) - 1.0), 0.5 * jnp.minimum(way, onwards) / jnp.tan(half))
+    smooth = smooth & ~(bends & (radius < tightest))
+    bent = smooth & bends
     radius = jnp.where(bent, radius, 0.0)
     # Beyond the corner the next leg's speed holds.
     ahead = jnp.minimum(to.speed, then.speed)

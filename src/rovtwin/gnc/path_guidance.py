@@ -6,7 +6,8 @@ The point's way s has a speed bounded by the leg's and by what thrusters can kee
 current, here and behind the corner ahead; an acceleration bounded by a share of what thrusters can push (braking may
 take twice as much), and a jerk that lets it change no faster than thrusters do. It waits for a vehicle that is not
 there. The set-point is this point: unlike with a way-point as set-point, being late along the path pulls nothing
-sideways.
+sideways. How a vehicle gets to it that cannot push sideways is `course_keeping`'s business. Lengths, times and
+accelerations are the vehicle's (`scales`).
 
 Reference: Fossen (2021), sec. 12.5 (path following with a speed assignment); Skjetne, Fossen and Kokotovic (2004).
 """
@@ -14,21 +15,42 @@ Reference: Fossen (2021), sec. 12.5 (path following with a speed assignment); Sk
 import dataclasses
 
 import equinox as eqx
-import numpy as np
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import ABORTED, DIVE, FINISHED, GO, HOLD, IDLE, PAUSED, Estimate, Setpoint
+from rovtwin.core.flow import (
+    ABORTED,
+    AGAIN,
+    DIVE,
+    FINISHED,
+    GO,
+    GOING,
+    HOLD,
+    IDLE,
+    LIMITED,
+    MISSED,
+    NO_PROGRESS,
+    PAUSED,
+    SWEPT,
+    WAITING,
+    Estimate,
+    Progress,
+    Setpoint,
+)
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance import GuidanceInput
 from rovtwin.gnc.path import Piece, piece_of
-from rovtwin.gnc.steering import Steering, SteeringInput
+from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, Mode
-from rovtwin.gnc.sustained import SustainedSpeed
+from rovtwin.gnc.sustained import SustainedSpeed, slow_place
+from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import wrench_limits
 
 SLOWEST = 0.1  # share of the leg's speed that is always tried: a wrong estimate must not strand the vehicle
+CLOSE = 0.1  # share of a way-point's acceptance from which the point counts as there
+OFTEN = 5  # passes outside the acceptance after which a way-point counts as missed
+SKID = 0.34  # sine of the drift angle in a corner, with which drag alone bends the path of a vehicle
+NEVER = 1e9  # near a way-point so far [m]
 
 
 class PathMemory(eqx.Module):
@@ -44,7 +66,8 @@ class PathMemory(eqx.Module):
         rate: Of the speed [m/s2].
         on_arc: Whether s counts along the arc, bool.
         eta: Last set-point, shape (6,).
-        learnt: Memory of the steering; None where the vehicle goes sideways as it likes.
+        nearest: How near the vehicle came to the way-point since it last came near it [m].
+        misses: How often it passed it outside its acceptance, int.
     """
 
     phase: Array
@@ -56,7 +79,17 @@ class PathMemory(eqx.Module):
     rate: Array
     on_arc: Array
     eta: Array
-    learnt: Array | None = None
+    nearest: Array
+    misses: Array
+
+
+class Pace(eqx.Module):
+    """How fast the point may go here and in the corner ahead [m/s], thrusters asked, and which share of it, `waits`."""
+
+    here: Array
+    after: Array
+    possible: Array
+    waits: Array
 
 
 class PathGuidance(Block):
@@ -65,98 +98,122 @@ class PathGuidance(Block):
     Attributes:
         acceleration: Largest along the path [m/s2].
         sideways: Largest in a corner [m/s2].
+        turn_rate: Largest in a corner [rad/s].
         lag: Of the speed behind the wanted one [s].
         onset: Twice the acceleration over it is the largest jerk [s].
         patience: How far off the vehicle may be before the point waits, and over how much more it comes to rest [m].
         depth_tolerance: Depth error at which a dive is complete [m].
+        rest: Rate of the depth at which it is [m/s].
+        depth_step: Way-points whose depths differ by more are dived to on the spot [m].
+        tightest: Radius of a corner below which the vehicle stops there and turns [m].
         heading_tolerance: Heading error at which a leg may begin [rad].
-        steering: Line of sight for a vehicle that cannot push sideways; None for one that can, and crabs.
         sustained: How fast thrusters can go; None does not ask.
+        steered: Whether the vehicle turns its bow where it goes (`course_keeping`), instead of crabbing.
+        turns: Whether thrusters turn it; where not, its heading is what it is, and nothing waits for another.
     """
 
-    acceleration: Array = eqx.field(converter=as_array, default=0.05)
-    sideways: Array = eqx.field(converter=as_array, default=0.06)
-    lag: Array = eqx.field(converter=as_array, default=0.6)
-    onset: Array = eqx.field(converter=as_array, default=0.4)
-    patience: Array = eqx.field(converter=as_array, default=0.5)
-    depth_tolerance: Array = eqx.field(converter=as_array, default=0.05)
+    acceleration: Array = eqx.field(converter=as_array)
+    sideways: Array = eqx.field(converter=as_array)
+    turn_rate: Array = eqx.field(converter=as_array)
+    lag: Array = eqx.field(converter=as_array)
+    onset: Array = eqx.field(converter=as_array)
+    patience: Array = eqx.field(converter=as_array)
+    depth_tolerance: Array = eqx.field(converter=as_array)
+    rest: Array = eqx.field(converter=as_array)
+    depth_step: Array = eqx.field(converter=as_array)
+    tightest: Array = eqx.field(converter=as_array, default=0.0)
     heading_tolerance: Array = eqx.field(converter=as_array, default=0.1)
-    steering: Steering | None = None
     sustained: SustainedSpeed | None = None
+    steered: bool = eqx.field(static=True, default=False)
+    turns: bool = eqx.field(static=True, default=True)
 
     @classmethod
-    def of(cls, model: Model, steering: Steering | None = None) -> "PathGuidance":
+    def of(cls, model: Model, steered: bool = False) -> "PathGuidance":
         """Accelerations that leave thrust for drag and disturbances: a quarter of it goes ahead, half sideways."""
-        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
-        push = np.minimum(-lower, upper)[:2] / np.diagonal(np.asarray(model.mass))[:2]
-        ahead, sideways = np.clip(push * [0.25, 0.5], 0.01, 0.1)
-        return cls(acceleration=ahead, sideways=sideways, steering=steering, sustained=SustainedSpeed.of(model))
+        scales, sustained = VehicleScales.of(model), SustainedSpeed.of(model)
+        w, length = scales.level_bandwidth, scales.length
+        ahead, sideways = scales.acceleration[:2] * [0.25, 0.5]
+        speed, tightest = scales.surge_speed, 0.0
+        if steered:  # drag bends the path of a vehicle whose bow points inwards
+            sideways += float(sustained.drag_aside(SKID * speed))
+            tightest = speed**2 / max(sideways, 1e-3 * GRAVITY)
+        return cls(
+            acceleration=max(ahead, 1e-3 * GRAVITY),
+            sideways=max(sideways, 1e-3 * GRAVITY),
+            turn_rate=scales.turn_rate,
+            lag=0.3 / w,
+            onset=0.2 / w,
+            patience=1.6 * length,
+            depth_tolerance=0.16 * length,
+            rest=0.25 * scales.cruise[HEAVE],
+            depth_step=0.32 * length,
+            tightest=tightest,
+            sustained=sustained,
+            steered=steered,
+            turns=bool(scales.force[YAW] > 0.0),
+        )
 
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
         eta = _level(start.position, euler_from_quaternion(start.attitude)[2])
-        learnt = None if self.steering is None else self.steering.init(key, start)
         still = jnp.zeros(())
-        return PathMemory(zero + IDLE, zero, zero, start.position[:2], still, still, still, no, eta, learnt)
+        at = start.position[:2]
+        return PathMemory(zero + IDLE, zero, zero, at, still, still, still, no, eta, still + NEVER, zero)
 
     def step(self, memory: PathMemory, input: GuidanceInput, dt: float) -> tuple[PathMemory, Setpoint]:
         mode = input.mode.mode
         running = (mode == MODE_RUNNING) & (input.mission.count > 0)
         memory = _begin(memory, input.estimate, running)
-        piece = piece_of(input.mission, memory.waypoint, memory.leg_start, memory.eta[5], self.sideways)
+        start, fallback = memory.leg_start, memory.eta[5]
+        limits = self.sideways, self.depth_step, self.tightest
+        piece = piece_of(input.mission, memory.waypoint, start, fallback, *limits)
+        if not self.turns:
+            kept = jnp.ones_like(piece.fixed_heading)
+            piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.eta[5])
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
-        memory, steered = self._steered(memory, input.estimate, place, direction, running & going, dt)
-        heading = jnp.where(piece.fixed_heading, piece.heading, steered)
+        heading = jnp.where(piece.fixed_heading, piece.heading, direction)
         level = jnp.concatenate([place, piece.end[2:]])
         eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
         # A way-point at which the vehicle stays asks for no heading of its own.
         eta = eta.at[5].set(jnp.where((memory.phase == HOLD) & ~piece.fixed_heading, memory.eta[5], eta[5]))
         eta = jnp.where(mode == MODE_IDLE, _level(input.estimate.eta[:3], input.estimate.eta[5]), eta)
 
-        setpoint = _setpoint(memory, piece, input.mode, eta, direction)
-        moved = self._along(memory, piece, input.estimate, eta, direction, running & going, dt)
+        pace = self._pace(piece, input.estimate, eta, direction)
+        progress = self._progress(memory, piece, pace, input.estimate, running & going)
+        setpoint = _setpoint(memory, piece, input.mode, eta, direction, progress)
+        moved = self._along(memory, piece, pace, running & going, dt)
         after = self._advance(moved, piece, input, eta, dt)
         after = jax.tree.map(lambda new, old: jnp.where(running, new, old), after, moved)
         return dataclasses.replace(after, eta=eta), setpoint
 
-    def _steered(
-        self, memory: PathMemory, estimate: Estimate, place: Array, direction: Array, going: Array, dt: float
-    ) -> tuple[PathMemory, Array]:
-        """Heading along the path [rad]: its own direction, or that of the line of sight."""
-        if self.steering is None or memory.learnt is None:
-            return memory, direction
-        off = slow_place(estimate)[:2] - place
-        error = off[1] * jnp.cos(direction) - off[0] * jnp.sin(direction)
-        learnt, heading = self.steering.step(memory.learnt, SteeringInput(error, direction, going), dt)
-        return dataclasses.replace(memory, learnt=learnt), heading
-
-    def _along(
-        self,
-        memory: PathMemory,
-        piece: Piece,
-        estimate: Estimate,
-        eta: Array,
-        direction: Array,
-        going: Array,
-        dt: float,
-    ) -> PathMemory:
-        """The point a tick further."""
+    def _pace(self, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> Pace:
+        """What thrusters and a vehicle that is behind leave of the point's speed."""
         away = eta[:2] - slow_place(estimate)[:2]
-        if self.steering is None:
-            behind = jnp.sqrt(away @ away + 1e-12)
-        else:  # beside the path it comes back by going on
-            behind = jnp.abs(away[0] * jnp.cos(direction) + away[1] * jnp.sin(direction))
+        behind = jnp.sqrt(away @ away + 1e-12)
         # Over a floor that rises the point waits for a vehicle that is still too deep.
         behind = jnp.maximum(behind, slow_place(estimate)[2] - eta[2])
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
+        possible, after = self._sustained(piece, estimate, eta, direction)
+        return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
+
+    def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Array) -> Progress:
+        """In words that a person understands; what is said last weighs most."""
+        state = jnp.where(pace.here < piece.speed, LIMITED, GOING)
+        state = jnp.where(pace.waits < 1.0, WAITING, state)
+        state = jnp.where(pace.possible <= 0.0, SWEPT, state)
+        state = jnp.where(memory.misses > 0, jnp.where(memory.misses < OFTEN, AGAIN, MISSED), state)
+        current = jnp.zeros(2) if self.sustained is None else self.sustained.current(estimate)
+        return Progress(jnp.where(going, state, NO_PROGRESS), memory.misses, pace.possible, current)
+
+    def _along(self, memory: PathMemory, piece: Piece, pace: Pace, going: Array, dt: float) -> PathMemory:
+        """The point a tick further."""
         left = jnp.maximum(piece.length - memory.s, 0.0)
-        here, after = self._sustained(piece, estimate, eta, direction)
         # What can still be braked, the way of lag and onset included: v^2 / 2a + v (lag + onset) = left.
         brake = self.acceleration * (self.lag + self.onset)
-        slower = jnp.sqrt(brake**2 + after**2 + 2.0 * self.acceleration * left) - brake
-        wanted = jnp.where(memory.on_arc, after, jnp.minimum(piece.speed, jnp.maximum(slower, after)))
-        wanted = jnp.where(going, jnp.minimum(wanted, here) * waits, 0.0)
+        slower = jnp.sqrt(brake**2 + pace.after**2 + 2.0 * self.acceleration * left) - brake
+        wanted = jnp.where(memory.on_arc, pace.after, jnp.minimum(piece.speed, jnp.maximum(slower, pace.after)))
+        wanted = jnp.where(going, jnp.minimum(wanted, pace.here) * pace.waits, 0.0)
         asked = jnp.clip((wanted - memory.speed) / self.lag, -2.0 * self.acceleration, self.acceleration)
         change = 2.0 * self.acceleration / self.onset * dt
         rate = memory.rate + jnp.clip(asked - memory.rate, -change, change)
@@ -167,32 +224,40 @@ class PathGuidance(Block):
         return dataclasses.replace(memory, s=s, speed=speed, rate=jnp.where(speed > 0.0, rate, 0.0))
 
     def _sustained(self, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> tuple[Array, Array]:
-        """Largest speeds that thrusters keep up here, and in and behind the corner within what it allows."""
+        """Largest speed that thrusters keep up here, and in and behind the corner within what it allows."""
+        bent = (piece.turn != 0.0) & ~piece.fixed_heading
+        corner = jnp.where(bent, self.turn_rate * piece.radius, jnp.inf)
         if self.sustained is None:
-            return jnp.asarray(jnp.inf), piece.after
+            return jnp.asarray(jnp.inf), jnp.minimum(piece.after, corner)
         current, least = self.sustained.current(estimate), SLOWEST * piece.speed
         following = piece.direction + piece.turn
-        heading = following if self.steering is None else following + eta[5] - direction
-        heading = jnp.where(piece.fixed_heading, piece.heading, heading)
-        here = jnp.maximum(self.sustained.along(direction, eta[5], current), least)
-        behind = self.sustained.along(following, heading, current)
-        # In the corner the vehicle is pushed to its inner side, beside holding against the current.
-        left = [self.sustained.aside(psi, piece.turn, current) for psi in (piece.direction, following)]
-        inwards = jnp.maximum(jnp.minimum(*left), 0.0) * piece.radius
-        bent = (piece.turn != 0.0) & ~piece.fixed_heading
-        corner = jnp.where(bent, jnp.sqrt(jnp.where(bent, inwards, 1.0) + 1e-12), jnp.inf)
+        if self.steered:
+            here, behind = (self.sustained.made_good(course, current) for course in (direction, following))
+        else:
+            heading = jnp.where(piece.fixed_heading, piece.heading, following)
+            here = self.sustained.along(direction, eta[5], current)
+            behind = self.sustained.along(following, heading, current)
+            # In the corner the vehicle is pushed to its inner side, beside holding against the current.
+            left = [self.sustained.aside(psi, piece.turn, current) for psi in (piece.direction, following)]
+            inwards = jnp.maximum(jnp.minimum(*left), 0.0) * piece.radius
+            pushed = jnp.where(bent, jnp.sqrt(jnp.where(bent, inwards, 1.0) + 1e-12), jnp.inf)
+            corner = jnp.minimum(corner, pushed)
         return here, jnp.minimum(piece.after, jnp.maximum(jnp.minimum(behind, corner), least))
 
     def _advance(self, memory: PathMemory, piece: Piece, input: GuidanceInput, eta: Array, dt: float) -> PathMemory:
         """What follows: from the leg to its corner, from the corner to the next leg, from one phase to the next."""
         at, phase = slow_place(input.estimate), memory.phase
-        rests = jnp.abs(input.estimate.nu[2] - input.estimate.wave[5]) < 0.05
+        rests = jnp.abs(input.estimate.nu[2] - input.estimate.wave[5]) < self.rest
         ready = (jnp.abs(at[2] - piece.end[2]) < self.depth_tolerance) & rests
-        ready = ready & (jnp.abs(wrap(eta[5] - input.estimate.eta[5])) < self.heading_tolerance)
+        if not self.steered:
+            ready = ready & (jnp.abs(wrap(eta[5] - input.estimate.eta[5])) < self.heading_tolerance)
         deep = (phase == DIVE) & ready
-        arrived = (phase == GO) & ~memory.on_arc & (piece.after <= 0.0) & (memory.s > piece.length - 0.02)
+        arrived = (
+            (phase == GO) & ~memory.on_arc & (piece.after <= 0.0) & (memory.s > piece.length - CLOSE * piece.acceptance)
+        )
         away = at[:2] - piece.end[:2]
         reached = arrived & (away @ away < piece.acceptance**2)
+        nearest, misses = _missed(memory, piece, arrived, jnp.sqrt(away @ away + 1e-12))
         over = (phase == HOLD) & ((memory.ticks + 1) * dt >= piece.hold_time)
         following = jnp.where(deep, GO, phase)
         following = jnp.where(reached, HOLD, following)
@@ -207,22 +272,27 @@ class PathGuidance(Block):
         stops = over & ~piece.last
         s = jnp.where(rounds, memory.s - piece.length, memory.s)
         s = jnp.where(passes, s - jnp.where(out, piece.arc_length, piece.length), s)
+        on = passes | stops
         return dataclasses.replace(
             memory,
             phase=following,
             ticks=jnp.where(following == phase, memory.ticks + 1, 0),
-            waypoint=memory.waypoint + jnp.where(passes | stops, 1, 0),
+            waypoint=memory.waypoint + jnp.where(on, 1, 0),
             leg_start=jnp.where(passes, corner, jnp.where(stops, piece.end[:2], memory.leg_start)),
             s=jnp.where(stops, 0.0, s),
             speed=jnp.where(stops, 0.0, memory.speed),
             rate=jnp.where(stops, 0.0, memory.rate),
             on_arc=(memory.on_arc | rounds) & ~passes,
+            nearest=jnp.where(on, NEVER, nearest),
+            misses=jnp.where(on, 0, misses),
         )
 
 
-def slow_place(estimate: Estimate) -> Array:
-    """Where the vehicle is but for the waves, n [m], shape (3,)."""
-    return estimate.eta[:3] - estimate.wave[:3]
+def _missed(memory: PathMemory, piece: Piece, arrived: Array, distance: Array) -> tuple[Array, Array]:
+    """How near the way-point the vehicle came, and how often it has gone away from it again by its acceptance."""
+    nearest = jnp.where(arrived, jnp.minimum(memory.nearest, distance), memory.nearest)
+    passed = arrived & (distance > nearest + piece.acceptance)
+    return jnp.where(passed, distance, nearest), memory.misses + jnp.where(passed, 1, 0)
 
 
 def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory:
@@ -235,7 +305,9 @@ def _begin(memory: PathMemory, estimate: Estimate, running: Array) -> PathMemory
     )
 
 
-def _setpoint(memory: PathMemory, piece: Piece, mode: Mode, eta: Array, direction: Array) -> Setpoint:
+def _setpoint(
+    memory: PathMemory, piece: Piece, mode: Mode, eta: Array, direction: Array, progress: Progress
+) -> Setpoint:
     phase = jnp.where(mode.mode == MODE_PAUSED, PAUSED, jnp.where(mode.mode == MODE_IDLE, IDLE, memory.phase))
     # A finished mission stays finished, whatever the operator asks for but an abort.
     phase = jnp.where(memory.phase == FINISHED, FINISHED, phase)
@@ -245,7 +317,8 @@ def _setpoint(memory: PathMemory, piece: Piece, mode: Mode, eta: Array, directio
     nu = jnp.concatenate([way, jnp.zeros(3)])
     start = jnp.concatenate([memory.leg_start, piece.end[2:]])
     on_leg = (phase == GO) & ~memory.on_arc
-    return Setpoint(eta, nu, start, piece.end, on_leg, memory.waypoint, phase, mode.reason)
+    fixed = piece.fixed_heading & (memory.phase != IDLE)
+    return Setpoint(eta, nu, start, piece.end, on_leg, memory.waypoint, phase, mode.reason, fixed, progress)
 
 
 def _level(position: Array, heading: Array) -> Array:

@@ -1,14 +1,15 @@
 """What a supervisor watches, how long it has to last, what is done about it: a row for each of core.flow.REASONS."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 
 from rovtwin.core import flow
-from rovtwin.core.flow import REASONS, Estimate, Host, Measurements
+from rovtwin.core.flow import REASONS, Estimate, Host, Measurements, Slot
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ability import FINE
 
 ACTIONS = ("ignore", "hold", "return", "surface", "stop")
@@ -17,7 +18,7 @@ IGNORE, HOLD_STATION, RETURN_HOME, SURFACE, STOP = range(len(ACTIONS))
 NIS_WINDOW = 40.0  # innovations over which positions are compared with what the filter says of itself: 20 s at 1 Hz
 FAR = 1e6  # from the floor, as long as no altimeter says [m]
 FEW = 8.0  # innovations in it, below which nothing is said
-PROGRESS, ARRIVED = 0.5, 0.5  # of a return: by how much nearer counts as nearer, and how near as there [m]
+REMEMBERED = ("leak", "battery", "altimeter")  # kinds whose last reading counts until the next one
 VITAL = ("attitude", "pressure")  # sensors without which the filter does not know which way is up, or how deep it is
 
 
@@ -62,6 +63,8 @@ class Rules(eqx.Module):
         action: Index of ACTIONS, shape (r,), int.
         fence: Corners of a polygon in which the vehicle has to stay, n [m], shape (m, 2), or None.
         allowance: Part of each axis's wrench that may be short without counting as saturated [N, N m], shape (6,).
+        nearer: Of a return: by how much nearer to home counts as nearer, and how near as there [m].
+        sensors: Names of those on board, of which each of REMEMBERED is remembered by itself.
     """
 
     limit: Array
@@ -69,9 +72,18 @@ class Rules(eqx.Module):
     action: Array
     fence: Array | None
     allowance: Array
+    nearer: Array
+    sensors: tuple[str, ...] = eqx.field(static=True, default=REMEMBERED)
 
     @classmethod
-    def of(cls, changes: Mapping[str, Rule] = {}, fence: Any = None, allowance: Any = np.inf) -> "Rules":
+    def of(
+        cls,
+        changes: Mapping[str, Rule] = {},
+        fence: Any = None,
+        allowance: Any = np.inf,
+        nearer: float = 0.5,
+        sensors: Iterable[str] = REMEMBERED,
+    ) -> "Rules":
         """`RULES` with changes by name."""
         rows = [Rule(np.nan, 0.0, "ignore"), *(changes.get(name, RULES[name]) for name in REASONS[1:])]
         return cls(
@@ -80,7 +92,13 @@ class Rules(eqx.Module):
             action=jnp.asarray([ACTIONS.index(row.action) for row in rows]),
             fence=None if fence is None else as_array(fence),
             allowance=as_array(np.broadcast_to(allowance, 6)),
+            nearer=as_array(nearer),
+            sensors=tuple(sensors),
         )
+
+    def names_of(self, kind: str) -> list[str]:
+        """Names of the sensors of a kind; the kind itself where none is on board."""
+        return _of_kind(self.sensors, kind) or [kind]
 
     def only_stop(self) -> "Rules":
         """The same where nothing but switching thrusters off can be done: tests of a vehicle without a filter."""
@@ -93,7 +111,7 @@ class Watched(eqx.Module):
     Attributes:
         estimate: The observer's.
         request: The operator's, int.
-        measurements: As they came; position, battery, altimeter, leak and VITAL are looked at.
+        measurements: As they came; sensors of the kinds position, REMEMBERED and VITAL are looked at.
         host: Ages and lateness.
         shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
         ability: FINE, UNABLE or HEAVE_LOST, see `ability`, int.
@@ -116,9 +134,9 @@ class Watch(eqx.Module):
         lasting: How long each row's condition has held [s], shape (r,).
         home: Where it began, n [m], shape (2,).
         elapsed: Since the mission began [s].
-        leak: Whether water was last said to come in, bool.
-        charge: As last said, share.
-        altitude: As last said [m].
+        leak: Whether water was last said to come in by each sensor, shape (k,), bool.
+        charge: As each battery's sensor last said, share, shape (k,).
+        altitude: As each altimeter last said [m], shape (k,).
         silence: Since a position was believed [s].
         nearest: How near it came to home on its way there [m].
         stalled: Since it last came nearer [s].
@@ -141,36 +159,39 @@ class Watch(eqx.Module):
     dof: Array
 
     @classmethod
-    def at(cls, home: Array) -> "Watch":
+    def at(cls, home: Array, rules: Rules) -> "Watch":
         """Nothing seen yet."""
-        zero = jnp.zeros(())
-        no, full, quiet = jnp.asarray(False), zero + 1.0, jnp.zeros(len(VITAL))
-        far = zero + FAR
-        return cls(jnp.zeros(len(REASONS)), home, zero, no, full, far, zero, far, zero, quiet, zero, zero)
+        zero, quiet = jnp.zeros(()), jnp.zeros(len(VITAL))
+        leaks, batteries, altimeters = (len(rules.names_of(kind)) for kind in REMEMBERED)
+        no, full, high = jnp.zeros(leaks, dtype=bool), jnp.ones(batteries), jnp.full(altimeters, FAR)
+        return cls(jnp.zeros(len(REASONS)), home, zero, no, full, high, zero, zero + FAR, zero, quiet, zero, zero)
 
     def step(self, rules: Rules, input: Watched, begun: Array, returning: Array, dt: float) -> "Watch":
         """A tick later; whether the mission has begun, and whether the vehicle is on its way home, bool."""
         measurements, estimate = input.measurements, input.estimate
         heard, squares = jnp.zeros(()), jnp.zeros(())
-        if "position" in measurements:
-            k = sorted(measurements).index("position")
-            heard, squares = estimate.nis_dof[k], estimate.nis[k]
+        names = sorted(measurements)
+        positions = _of_kind(names, "position")
+        for name in positions:
+            k = names.index(name)
+            heard, squares = heard + estimate.nis_dof[k], squares + estimate.nis[k]
+        leaks, batteries, altimeters = (rules.names_of(kind) for kind in REMEMBERED)
         fade = jnp.exp(-heard / NIS_WINDOW)  # by number, not by time: rare positions tell, too
-        waited = jnp.where(begun, dt, 0.0) if "position" in measurements else 0.0
+        waited = jnp.where(begun, dt, 0.0) if positions else 0.0
         off = estimate.eta[:2] - self.home
         off = jnp.sqrt(off @ off)
-        nearer = off < self.nearest - PROGRESS
+        nearer = off < self.nearest - rules.nearer
         seen = Watch(
             lasting=self.lasting,
             home=self.home,
             # Who arms again winds the mission's clock up again.
             elapsed=jnp.where(input.request == flow.ARM, 0.0, self.elapsed + jnp.where(begun, dt, 0.0)),
-            leak=_last(measurements, "leak", self.leak.astype(self.charge.dtype)) > 0.5,
-            charge=_last(measurements, "battery", self.charge),
-            altitude=_last(measurements, "altimeter", self.altitude),
+            leak=_last(measurements, leaks, self.leak.astype(self.charge.dtype)) > 0.5,
+            charge=_last(measurements, batteries, self.charge),
+            altitude=_last(measurements, altimeters, self.altitude),
             silence=jnp.where(heard > 0.0, 0.0, self.silence + waited),
             nearest=jnp.where(returning, jnp.where(nearer, off, self.nearest), FAR),
-            stalled=jnp.where(returning & ~nearer & (off > ARRIVED), self.stalled + dt, 0.0),
+            stalled=jnp.where(returning & ~nearer & (off > rules.nearer), self.stalled + dt, 0.0),
             quiet=jnp.where(_spoke(measurements), 0.0, self.quiet + jnp.where(begun, dt, 0.0)),
             nis=fade * self.nis + squares,
             dof=fade * self.dof + heard,
@@ -201,17 +222,17 @@ class Watch(eqx.Module):
             flow.ATTITUDE_LIMIT: jnp.max(jnp.abs(estimate.eta[3:5])) > rules.limit[flow.ATTITUDE_LIMIT],
             # A variance that is negative has no root, and is no knowledge either.
             flow.ESTIMATE_LOST: ~(spread <= rules.limit[flow.ESTIMATE_LOST]),
-            flow.LEAK: self.leak,
-            flow.BATTERY_CRITICAL: self.charge < rules.limit[flow.BATTERY_CRITICAL],
+            flow.LEAK: jnp.any(self.leak),
+            flow.BATTERY_CRITICAL: jnp.min(self.charge) < rules.limit[flow.BATTERY_CRITICAL],
             flow.FILTER_DIVERGED: (self.dof > FEW) & (self.nis > rules.limit[flow.FILTER_DIVERGED] * self.dof),
             flow.POSITIONS_LOST: self.silence > rules.limit[flow.POSITIONS_LOST],
             flow.THRUSTER_FAILED: input.ability != FINE,
             flow.SATURATED: short,
             flow.LINK_LOST: host.link_age > rules.limit[flow.LINK_LOST],
             flow.DEADLINE_MISSED: host.lateness > rules.limit[flow.DEADLINE_MISSED],
-            flow.BATTERY_LOW: self.charge < rules.limit[flow.BATTERY_LOW],
+            flow.BATTERY_LOW: jnp.min(self.charge) < rules.limit[flow.BATTERY_LOW],
             flow.GEOFENCE: outside,
-            flow.ALTITUDE_LIMIT: self.altitude < rules.limit[flow.ALTITUDE_LIMIT],
+            flow.ALTITUDE_LIMIT: jnp.min(self.altitude) < rules.limit[flow.ALTITUDE_LIMIT],
             flow.TIME_OUT: self.elapsed > rules.limit[flow.TIME_OUT],
             flow.OPERATOR_SILENT: host.operator_age > rules.limit[flow.OPERATOR_SILENT],
             flow.NO_WAY_HOME: self.stalled > rules.limit[flow.NO_WAY_HOME],
@@ -236,20 +257,27 @@ def is_finite(estimate: Estimate) -> Array:
 
 
 def _spoke(measurements: Measurements) -> Array:
-    """Whether each of VITAL gave numbers in this tick, shape (2,), bool; what is not on board is not missed."""
+    """Whether one of each of VITAL gave numbers in this tick, shape (2,), bool; what is not on board is not missed."""
     told = []
-    for name in VITAL:
-        slot = measurements.get(name)
-        numbers = True if slot is None else slot.valid & jnp.all(jnp.isfinite(slot.value), axis=1)
-        told.append(jnp.any(jnp.asarray(numbers)))
+    for kind in VITAL:
+        slots = [measurements[name] for name in _of_kind(measurements, kind)]
+        numbers = [jnp.any(slot.valid & jnp.all(jnp.isfinite(slot.value), axis=1)) for slot in slots]
+        told.append(jnp.any(jnp.stack(numbers)) if numbers else jnp.asarray(True))
     return jnp.stack(told)
 
 
-def _last(measurements: Measurements, name: str, before: Array) -> Array:
-    """First value of a sensor's newest reading that is a number; what it was before where none came."""
-    if name not in measurements:
-        return before
-    slot, now = measurements[name], before
+def _of_kind(names: Iterable[str], kind: str) -> list[str]:
+    return [name for name in names if kind_of(name) == kind]
+
+
+def _last(measurements: Measurements, names: list[str], before: Array) -> Array:
+    """First value of each sensor's newest reading that is a number, shape (k,); what it was before where none came."""
+    return jnp.stack([_newest(measurements.get(name), before[i]) for i, name in enumerate(names)])
+
+
+def _newest(slot: Slot | None, now: Array) -> Array:
+    if slot is None:
+        return now
     for row in range(slot.value.shape[0]):
         value = slot.value[row, 0]
         now = jnp.where(slot.valid[row] & jnp.isfinite(value), value, now)

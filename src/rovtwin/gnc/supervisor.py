@@ -50,7 +50,7 @@ class Supervisor(Block):
 
     def init(self, key: Array, start: Start) -> SupervisorMemory:
         zero = jnp.zeros((), dtype=int)
-        watch = Watch.at(start.position[:2])
+        watch = Watch.at(start.position[:2], self.rules)
         return SupervisorMemory(Mode(zero + MODE_IDLE, zero + NO_REASON), watch, watch.lasting > 0.0)
 
     def step(self, memory: SupervisorMemory, input: Watched, dt: float) -> tuple[SupervisorMemory, Mode]:

@@ -21,6 +21,11 @@ FREE = 100.0  # through the water along an axis that is not to count [m/s]: fini
 DRAGLESS = 1e-3  # least linear damping, of which a speed is asked [N s/m]
 
 
+def slow_place(estimate: Estimate) -> Array:
+    """Where the vehicle is but for the waves, n [m], shape (3,)."""
+    return estimate.eta[:3] - estimate.wave[:3]
+
+
 class SustainedSpeed(eqx.Module):
     """Drag and thrust of surge and sway; rows are ahead and astern, columns the axes.
 
@@ -29,12 +34,12 @@ class SustainedSpeed(eqx.Module):
         quadratic: Damping [N s2/m2], shape (2, 2).
         push: Acceleration by all of the thrust, to starboard and to port [m/s2], shape (2,); FREE without thrusters.
         mass: That sway accelerates, added mass included [kg].
-        through_water: Speed that the thrust keeps up [m/s], shape (2, 2); FREE along an axis without thrusters.
+        most: Speed through the water that thrust keeps up [m/s], shape (2, 2); FREE along an axis without thrusters.
     """
 
     linear: Array = eqx.field(converter=as_array)
     quadratic: Array = eqx.field(converter=as_array)
-    through_water: Array = eqx.field(converter=as_array)
+    most: Array = eqx.field(converter=as_array)
     push: Array = eqx.field(converter=as_array)
     mass: Array = eqx.field(converter=as_array)
 
@@ -55,11 +60,15 @@ class SustainedSpeed(eqx.Module):
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
-        to_n = _turn(estimate.eta[5])
+        to_n = turned(estimate.eta[5])
         nu = estimate.nu[:2] - to_n.T @ estimate.wave[3:5]
         drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
         speed = _speed(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
         return to_n @ (nu - jnp.sign(drag) * speed)
+
+    def through_water(self, estimate: Estimate) -> Array:
+        """Velocity through that current, b [m/s, rad/s], shape (6,)."""
+        return estimate.nu.at[:2].add(-turned(estimate.eta[5]).T @ self.current(estimate))
 
     def along(self, direction: Array, heading: Array, current: Array) -> Array:
         """Largest speed over ground that both axes can keep up [m/s]: negative where one would be swept back.
@@ -70,15 +79,59 @@ class SustainedSpeed(eqx.Module):
             current: In n [m/s], shape (2,).
         """
         crab = direction - heading
-        part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), _turn(heading).T @ current
+        part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), turned(heading).T @ current
         counts = jnp.abs(part) > ALONG
-        most = self._sided(part, self.through_water) + jnp.sign(part) * flow
+        most = self._sided(part, self.most) + jnp.sign(part) * flow
         return jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
 
     def aside(self, heading: Array, side: Array, current: Array) -> Array:
         """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
-        carried = self._drag(_turn(heading).T @ current)[1] / self.mass
+        carried = self._drag(turned(heading).T @ current)[1] / self.mass
         return jnp.where(side >= 0.0, self.push[0] + carried, self.push[1] - carried)
+
+    def aside_speed(self) -> Array:
+        """Speed through the water that sway thrust keeps up, the slower side [m/s]; 0 without thrusters there."""
+        slower = jnp.min(self.most[:, 1])
+        return jnp.where(slower < FREE, slower, 0.0)
+
+    def drag_aside(self, speed: float) -> Array:
+        """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""
+        return jnp.min(self.linear[:, 1] * speed + self.quadratic[:, 1] * speed**2) / self.mass
+
+    def made_good(self, direction: Array, current: Array) -> Array:
+        """Largest speed over ground by surge alone, with the bow turned as far as a course takes [m/s].
+
+        Args:
+            direction: Of the course over ground [rad].
+            current: In n [m/s], shape (2,).
+        """
+        flow, most = turned(direction).T @ current, self.most[0, 0]
+        left = most**2 - flow[1] ** 2
+        return jnp.where(left > 0.0, flow[0] + jnp.sqrt(jnp.maximum(left, 1e-12)), -jnp.abs(flow[1]))
+
+    def course(self, v: Array, current: Array) -> tuple[Array, Array]:
+        """Velocity through the water that makes good a velocity over ground, as far as surge gives it, n.
+
+        Where it does not, the course comes before the speed, and not to be swept off it before both.
+
+        Args:
+            v: Velocity over ground, n [m/s], shape (2,).
+            current: In n [m/s], shape (2,).
+
+        Returns:
+            Velocity through the water, n [m/s], shape (2,), and whether the current is too much for that course, bool.
+        """
+        w, most = v - current, self.most[0, 0]
+        speed, size = jnp.sqrt(v @ v + 1e-12), jnp.sqrt(w @ w + 1e-12)
+        # Who is to stay where he is has the course of what it takes to stay.
+        along = jnp.where(speed > 1e-3 * most, v / speed, w / size)
+        across = w - (w @ along) * along
+        aside = jnp.sqrt(across @ across + 1e-12)
+        left = jnp.sqrt(jnp.maximum(most**2 - aside**2, 1e-12))
+        limited = across * jnp.minimum(1.0, most / aside) + jnp.clip(w @ along, -left, left) * along
+        made = limited + current
+        swept = (size > most) & ((made @ along <= 0.0) | (aside > most))
+        return jnp.where(size > most, limited, w), swept
 
     def _drag(self, nu_r: Array) -> Array:
         return self._sided(nu_r, self.linear) * nu_r + self._sided(nu_r, self.quadratic) * nu_r * jnp.abs(nu_r)
@@ -92,7 +145,7 @@ def _speed(linear: Any, quadratic: Any, force: Any) -> Array:
     return 2.0 * force / (linear + jnp.sqrt(linear**2 + 4.0 * quadratic * force))
 
 
-def _turn(heading: Array) -> Array:
+def turned(heading: Array) -> Array:
     """From b to n in the plane, shape (2, 2)."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])

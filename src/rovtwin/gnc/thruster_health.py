@@ -21,6 +21,8 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.scales import YAW, VehicleScales
+from rovtwin.gnc.sustained import SustainedSpeed
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
@@ -52,7 +54,7 @@ class HealthMemory(eqx.Module):
         total: Mean of <x, x>, shape (h,).
         since: How long each hypothesis has held [s], shape (h,).
         health: 1 or 0 of each thruster, shape (n,).
-        begun: Whether there is a tick to compare with, bool.
+        age: How long it has been watching [s].
     """
 
     momentum: Array
@@ -65,7 +67,7 @@ class HealthMemory(eqx.Module):
     total: Array
     since: Array
     health: Array
-    begun: Array
+    age: Array
 
     def retried(self, again: Array) -> "HealthMemory":
         """The same, with all thrusters believed in where they are to be tried again, bool."""
@@ -79,6 +81,7 @@ class ThrusterHealth(Block):
 
     Attributes:
         model: What the vehicle is believed to be.
+        sustained: Tells the current.
         lost: Thrusters that each hypothesis takes for lost, shape (h, n).
         signed: Columns of T with a moment of their own, shape (6, n); the others zero.
         told: Whether a hypothesis has such a thruster, shape (h,), bool.
@@ -87,24 +90,25 @@ class ThrusterHealth(Block):
         bandwidth: K, of the observer [rad/s].
         window: Of the means [s].
         memory: Time constant of what counts as slow [s].
+        patience: How long it has to hold [s].
         least: Mean <s_h, s_h> below which nothing is said: squared signal over noise.
         share: Loss from which a thruster counts as lost.
         certainty: Share of <x, x> that has to be explained.
-        patience: How long it has to hold [s].
     """
 
     model: Model
+    sustained: SustainedSpeed
     lost: Array
     signed: Array
     told: Array
     weight: Array
-    bandwidth: Array = eqx.field(converter=as_array, default=3.0)
-    window: Array = eqx.field(converter=as_array, default=3.0)
-    memory: Array = eqx.field(converter=as_array, default=20.0)
+    bandwidth: Array = eqx.field(converter=as_array)
+    window: Array = eqx.field(converter=as_array)
+    memory: Array = eqx.field(converter=as_array)
+    patience: Array = eqx.field(converter=as_array)
     least: Array = eqx.field(converter=as_array, default=4.0)
     share: Array = eqx.field(converter=as_array, default=0.7)
     certainty: Array = eqx.field(converter=as_array, default=0.72)
-    patience: Array = eqx.field(converter=as_array, default=2.5)
 
     @classmethod
     def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "ThrusterHealth":
@@ -124,8 +128,14 @@ class ThrusterHealth(Block):
         pushes = np.any(np.abs(lost[:, None, :] * signed) > 1e-6, axis=2)
         noise = np.repeat([FORCE_NOISE, MOMENT_NOISE], 3) * np.maximum(-lower, upper)
         weight = np.where(pushes, np.where(noise > 0.0, noise, np.inf) ** -2.0, 0.0)
+        w = float(VehicleScales.of(model).bandwidth[YAW])  # moments tell, and yaw is what thrusters are busy with
         return cls(
             model=model,
+            sustained=SustainedSpeed.of(model),
+            bandwidth=3.0 * w,
+            window=3.0 / w,
+            memory=20.0 / w,
+            patience=2.5 / w,
             lost=as_array(lost),
             signed=as_array(signed),
             told=as_array(told, bool),
@@ -136,7 +146,7 @@ class ThrusterHealth(Block):
         n, h = self.model.thrusters.count, self.lost.shape[0]
         six, rest, none = jnp.zeros(6), jnp.zeros(n), jnp.zeros(h)
         health = jnp.ones(n)
-        return HealthMemory(six, rest, rest, six, six, none, none, none, none, health, jnp.asarray(False))
+        return HealthMemory(six, rest, rest, six, six, none, none, none, none, health, jnp.zeros(()))
 
     def step(self, memory: HealthMemory, input: HealthInput, dt: float) -> tuple[HealthMemory, Array]:
         force = lag(self.model.thrusters, memory.force, static_force(self.model.thrusters, input.command.u), dt)
@@ -154,7 +164,8 @@ class ThrusterHealth(Block):
         energy = memory.energy + fade * (jnp.sum(weighed * s, axis=1) - memory.energy)
         match = memory.match + fade * (weighed @ x - memory.match)
         total = memory.total + fade * (self.weight @ (x * x) - memory.total)
-        holds = self._holds(energy, match, total)
+        # In a current that the filter has not learnt yet, the flow's moments are no thruster's.
+        holds = self._holds(energy, match, total) & (memory.age > 0.5 * self.memory)
         since = jnp.where(holds, memory.since + dt, 0.0)
 
         found = since > self.patience
@@ -172,7 +183,7 @@ class ThrusterHealth(Block):
             jnp.where(sound, total, 0.0),
             jnp.where(sound, since, 0.0),
             health,
-            jnp.asarray(True),
+            memory.age + dt,
         )
         return jax.tree.map(lambda new, old: jnp.where(jnp.isfinite(new), new, old), after, memory), health
 
@@ -182,8 +193,10 @@ class ThrusterHealth(Block):
         down_b = rotation_from_euler(estimate.eta[3:])[2]
         momentum = model.mass @ nu
         tau = model.thrusters.configuration @ (memory.health * force)
-        known = tau - coriolis_wrench(model.mass, nu) - damping_wrench(model, nu) - restoring_wrench(model, down_b)
-        return momentum, jnp.where(memory.begun, (momentum - memory.momentum) / dt - known, 0.0)
+        nu_r = self.sustained.through_water(estimate)
+        flow = coriolis_wrench(model.added_mass, nu_r) + damping_wrench(model, nu_r)
+        known = tau - coriolis_wrench(model.rigid_body_mass, nu) - flow - restoring_wrench(model, down_b)
+        return momentum, jnp.where(memory.age > 0.0, (momentum - memory.momentum) / dt - known, 0.0)
 
     def _holds(self, energy: Array, match: Array, total: Array) -> Array:
         """Whether a hypothesis is the best one, says enough and explains enough, shape (h,), bool."""

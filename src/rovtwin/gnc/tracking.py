@@ -16,12 +16,14 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import Reference, Setpoint, Wrench
+from rovtwin.core.flow import Estimate, Reference, Setpoint, Wrench
 from rovtwin.core.frames import cross, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation import reachable_share
 from rovtwin.gnc.control import ControlInput, body_rates_from_euler_rates
 from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
+from rovtwin.gnc.sustained import SustainedSpeed, turned
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
@@ -43,11 +45,14 @@ class PathReference(Block):
     model: ReferenceModel
 
     @classmethod
-    def of(cls, frequency: Any = 1.0, dive: Any = 0.2, turn: Any = 0.5) -> "PathReference":
-        """Frequency of both [rad/s], largest rate of dives [m/s] and of turns [rad/s]."""
-        limit = np.array([np.inf, np.inf, dive, np.inf, np.inf, turn])
-        one = np.ones(6)
-        return cls(ReferenceModel(one, frequency * one, limit))  # type: ignore[arg-type]  (NumPy)
+    def of(cls, model: Model, dive: float | None = None, turn: float | None = None) -> "PathReference":
+        """As quick as control follows; largest rate of dives [m/s] and of turns [rad/s], None: the vehicle's own."""
+        scales = VehicleScales.of(model)
+        limit = np.full(6, np.inf)
+        limit[HEAVE] = scales.dive_speed if dive is None else dive
+        limit[YAW] = scales.turn_rate if turn is None else turn
+        frequency = scales.bandwidth * np.where(np.arange(6) == HEAVE, 1.25, 1.0)
+        return cls(ReferenceModel(np.ones(6), frequency, limit))  # type: ignore[arg-type]  (NumPy)
 
     def init(self, key: Array, start: Start) -> Reference:
         return self.model.init(key, start)
@@ -71,6 +76,7 @@ class Tracking(Block):
 
     Attributes:
         model: What the vehicle is believed to be.
+        sustained: Tells the current.
         K_p: Of the pose error, b [1/s2], shape (6,).
         K_d: Of the velocity error, b [1/s], shape (6,).
         K_i: Of the attitude error's integral [N m/rad/s], shape (3,).
@@ -79,6 +85,7 @@ class Tracking(Block):
     """
 
     model: Model
+    sustained: SustainedSpeed
     K_p: Array = eqx.field(converter=as_array)
     K_d: Array = eqx.field(converter=as_array)
     K_i: Array = eqx.field(converter=as_array)
@@ -90,31 +97,36 @@ class Tracking(Block):
     def of(
         cls,
         model: Model,
-        bandwidth: Any = (0.5, 0.5, 0.8, 1.0, 1.0, 1.0),
+        bandwidth: Any = None,
         damping_ratio: Any = 1.0,
         integral: Any = 0.1,
-        reach: Any = 0.5,
+        reach: Any = None,
     ) -> "Tracking":
         """Error dynamics of chosen frequency w [rad/s] and damping ratio along each axis that thrusters can push.
 
         Args:
             model: The vehicle.
-            bandwidth: w, shape (6,); in roll, pitch and yaw at least what keeps the vehicle straight at its top speed.
+            bandwidth: w, shape (6,), or None: from the vehicle; in roll, pitch and yaw at least what keeps it straight
+                at its top speed.
             damping_ratio: zeta, scalar or shape (6,).
             integral: Share of w that the moments' integral's rate is.
-            reach: Largest position error that counts [m]: a filter that jumps must not throw the vehicle about.
+            reach: Largest position error that counts [m]: a filter that jumps must not throw the vehicle about. None:
+                1.6 lengths of the vehicle, for which control asks for about all of its thrust.
         """
-        w = np.maximum(np.asarray(bandwidth, dtype=float), _least_frequency(model))
+        scales = VehicleScales.of(model)
+        wanted = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
+        w = np.maximum(wanted, _least_frequency(model))
         righting = np.maximum(_righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5
         lower, upper = wrench_limits(model.thrusters)
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
             model=model,
+            sustained=SustainedSpeed.of(model),
             K_p=able * w**2,
             K_d=able * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + righting),
             K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
-            reach=reach,
+            reach=1.6 * scales.length if reach is None else reach,
             lower=lower,
             upper=upper,
         )
@@ -142,8 +154,7 @@ class Tracking(Block):
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
         wanted = (
             model.mass @ nu_dot
-            + coriolis_wrench(model.mass, nu_ref)
-            + damping_wrench(model, nu_ref)
+            + self._flow(estimate, nu, nu_ref)
             + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, DOWN)[3:]])
             - disturbance
             + jnp.concatenate([jnp.zeros(3), memory])
@@ -154,6 +165,20 @@ class Tracking(Block):
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
+
+    def _flow(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
+        """Coriolis wrench and drag, shape (6,): forces at the reference's velocity, as b takes the current's part.
+
+        Of moments the filter estimates none: they are those of the velocity through the water, which along an axis
+        without thrusters is what it is.
+        """
+        model = self.model
+        forces = coriolis_wrench(model.mass, nu_ref) + damping_wrench(model, nu_ref)
+        moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
+        nu_r = moves.at[:2].add(-turned(estimate.eta[5]).T @ self.sustained.current(estimate))
+        rigid = coriolis_wrench(model.rigid_body_mass, moves)
+        moments = rigid + coriolis_wrench(model.added_mass, nu_r) + damping_wrench(model, nu_r)
+        return jnp.concatenate([forces[:3], moments[3:]])
 
 
 def _righting(model: Model) -> np.ndarray:

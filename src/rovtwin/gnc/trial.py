@@ -1,8 +1,8 @@
 """Trial: identification tests flown open loop, a time-line of thruster commands beside simple holding.
 
-It reads sensors directly, as the thesis's scripts did (3.4.3): depth and heading are held by the PIDs of table 3.2, the
-excited axes are told shares a of the full command in [-1, 1]. It knows the vehicle's geometry and no force at all,
-because the thrust curve is among what the test should find.
+It reads sensors directly, as the thesis's scripts did (3.4.3): depth and heading are held by PIDs, the excited axes are
+told shares a of the full command in [-1, 1]. What pulls depends on the vehicle's geometry alone, because the thrust
+curve is among what the test should find; only the gains of holding are placed from the vehicle as it is believed to be.
 """
 
 from typing import Any
@@ -27,17 +27,19 @@ from rovtwin.core.flow import (
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation import weighted_pseudo_inverse
+from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.rules import Watched
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_PAUSED, Supervisor, SupervisorMemory
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import RANK_TOLERANCE
 
-# Gains in shares of the full command per metre and radian. Depth, heading: thesis table 3.2 over its limits, 22 N and
-# 5.5 N m. North and east, for the way home: 0.36 rad/s on the Double Blueye.
-K_P = np.array([0.4, 0.4, 30.0 / 22.0, 0.0, 0.0, 1.2 / 5.5])
-K_I = 0.1 / 5.5  # of the heading alone
-K_D = np.array([1.0, 1.0, 1.0 / 22.0, 0.0, 0.0, 5.0 / 5.5])
+# Of the bandwidth that the vehicle could have: before a test its forces are known badly.
+SHARE = np.array([0.7, 0.7, 0.7, 0.0, 0.0, 0.5])
+DAMPING = np.array([0.7, 0.7, 0.7, 0.0, 0.0, 1.0])  # of what is placed, over critical
+INTEGRAL = 0.15  # of the heading alone, over bandwidth and stiffness
 LIMIT = np.array([0.5, 0.5, 1.0, 0.0, 0.0, 1.0])
+SPRING = 0.8  # of the weak spring on excited axes, over what brings the vehicle home
 STATION = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])  # what is held while paused
 STALE = 3.0  # without a position: its last speed leads astray, nothing is held by it until the next one [s]
 LEVEL = np.array([True, True, False])  # what a position tells
@@ -59,6 +61,38 @@ class Believed(eqx.Module):
     def lost(self) -> Array:
         """Which axes of n nothing is known of any more, shape (3,), bool."""
         return jnp.asarray(LEVEL) & (self.quiet > STALE)
+
+
+class HoldingGains(eqx.Module):
+    """PIDs in shares of the full command, surge to yaw, shapes (6,); zero where thrusters cannot push alone.
+
+    Attributes:
+        stiffness: Per metre and radian.
+        damping: Per metre and radian a second.
+        integral: Per radian and second, of the heading.
+        reach: Distance within which a vehicle without sway no longer turns its bow or stern towards home [m]; infinite
+            for one that pushes sideways.
+    """
+
+    stiffness: Array = eqx.field(converter=as_array)
+    damping: Array = eqx.field(converter=as_array)
+    integral: Array = eqx.field(converter=as_array)
+    reach: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def of(cls, model: Model) -> "HoldingGains":
+        """Poles at a share of the vehicle's bandwidth: K_p = w^2 M_ii / F_i, K_d = (2 zeta w M_ii - D_ii) / F_i."""
+        scales = VehicleScales.of(model)
+        able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
+        able &= (scales.force > 0.0) & (SHARE > 0.0)
+        inertia = np.diagonal(np.asarray(model.mass))
+        over_force = np.where(able, 1.0 / np.where(able, scales.force, 1.0), 0.0)
+        w = SHARE * scales.bandwidth
+        drag = np.diagonal(np.asarray(model.linear_damping_ahead))
+        stiffness = w**2 * inertia * over_force
+        damping = np.maximum(2.0 * DAMPING * w * inertia - drag, 0.0) * over_force
+        steers = able[0] and able[5] and not able[1]
+        return cls(stiffness, damping, INTEGRAL * w[5] * stiffness[5], scales.length if steers else np.inf)
 
 
 class TrialMemory(eqx.Module):
@@ -102,6 +136,8 @@ class Trial(Block):
         mixing: Thruster commands of a full command on each axis, shape (n, 6); zero where thrusters cannot push.
         timeline: The test.
         supervisor: Depth and attitude limits.
+        gains: Of what is held.
+        mounts: Sensors that do not sit at CO along the axes of b, by name.
         smoothing: Share of a position's surprise that is believed.
         tracking: Rate at which its speed is corrected [1/s].
     """
@@ -109,13 +145,22 @@ class Trial(Block):
     mixing: Array
     timeline: Timeline
     supervisor: Supervisor
+    gains: HoldingGains
+    mounts: dict[str, Mount] = eqx.field(default_factory=dict)
     smoothing: Array = eqx.field(converter=as_array, default=0.25)
     tracking: Array = eqx.field(converter=as_array, default=0.5)
 
     @classmethod
-    def of(cls, model: Model, timeline: Timeline, supervisor: Supervisor | None = None) -> "Trial":
-        """A trial of a vehicle, of which only the places and directions of thrusters are used."""
-        return cls(as_array(mixing(model.thrusters.configuration)), timeline, supervisor or Supervisor())
+    def of(
+        cls,
+        model: Model,
+        timeline: Timeline,
+        supervisor: Supervisor | None = None,
+        mounts: dict[str, Mount] | None = None,
+    ) -> "Trial":
+        """A trial of a vehicle; its forces are used by what is held, and by nothing else."""
+        mix, gains = as_array(mixing(model.thrusters.configuration)), HoldingGains.of(model)
+        return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {})
 
     def init(self, key: Array, start: Start) -> TrialMemory:
         euler = euler_from_quaternion(start.attitude)
@@ -124,7 +169,8 @@ class Trial(Block):
         return TrialMemory(believed, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int))
 
     def step(self, memory: TrialMemory, input: AutopilotInput, dt: float) -> tuple[TrialMemory, AutopilotOutput]:
-        believed = self._listen(memory.believed, input.measurements, dt)
+        before = memory.believed
+        believed = self._listen(before, at_co(input.measurements, self.mounts, before.euler, before.rates), dt)
         estimate = _estimate(believed, len(input.measurements))
         supervisor, mode = self.supervisor.step(
             memory.supervisor, Watched(estimate, input.request, input.measurements, input.host), dt
@@ -135,7 +181,8 @@ class Trial(Block):
 
         hold = jnp.where(paused, STATION, line.hold[row])
         away, speed = _away(memory.home, believed)
-        integral, held = _pid(memory.integral, hold, away, speed, dt)
+        away = away.at[5].set(self._course(hold, memory.home, believed, away[5]))
+        integral, held = self._pid(memory.integral, hold, away, speed, dt)
         share = held + jnp.where(paused, 0.0, line.share[now] + line.keep[row] * away)
         active = mode.active & ~over & (paused | line.on[row])
         # A reading that is not a number must not reach the thrusters: `where` drops it, a product would not.
@@ -148,6 +195,22 @@ class Trial(Block):
         after = TrialMemory(believed, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over, 0, 1))
         path, wrench = Reference(memory.home, still, still), Wrench(still, still > 0.0)
         return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
+
+    def _course(self, hold: Array, home: Array, believed: Believed, turn: Array) -> Array:
+        """Angle that the heading has to turn by [rad]: without sway, bow or stern to home until that is near."""
+        way = jnp.where(believed.lost[:2], 0.0, home[:2] - believed.position[:2])
+        far = jnp.clip(jnp.sqrt(jnp.sum(way**2) + 1e-12) / self.gains.reach - 0.5, 0.0, 1.0) * hold[0] * hold[1]
+        bearing = wrap(jnp.arctan2(way[1], way[0] + jnp.where(far > 0.0, 0.0, 1.0)) - believed.euler[2])
+        nearer = jnp.where(jnp.abs(bearing) > 0.5 * jnp.pi, wrap(bearing + jnp.pi), bearing)
+        return far * nearer + (1.0 - far) * turn
+
+    def _pid(self, integral: Array, hold: Array, away: Array, speed: Array, dt: float) -> tuple[Array, Array]:
+        """The heading's new integral, which rests at the limit, and the shares of what is held, shape (6,)."""
+        grown = integral + self.gains.integral * away[5] * dt
+        wanted = self.gains.stiffness * away - self.gains.damping * speed + jnp.zeros(6).at[5].set(grown)
+        winding = jnp.abs(wanted[5]) > LIMIT[5]
+        integral = jnp.where((hold[5] > 0) & ~winding, grown, integral)
+        return integral, hold * jnp.clip(wanted, -LIMIT, LIMIT)
 
     def _listen(self, before: Believed, measurements: Measurements, dt: float) -> Believed:
         """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""
@@ -196,15 +259,6 @@ def _away(home: Array, believed: Believed) -> tuple[Array, Array]:
     way = jnp.where(believed.lost, 0.0, home[:3] - believed.position)
     away = jnp.concatenate([level @ way, tilt, turn])
     return away, jnp.concatenate([level @ believed.velocity, tilt, believed.rates[2:]])
-
-
-def _pid(integral: Array, hold: Array, away: Array, speed: Array, dt: float) -> tuple[Array, Array]:
-    """The heading's new integral, which rests at the limit, and the shares of what is held, shape (6,)."""
-    grown = integral + K_I * away[5] * dt
-    wanted = K_P * away - K_D * speed + jnp.zeros(6).at[5].set(grown)
-    winding = jnp.abs(wanted[5]) > LIMIT[5]
-    integral = jnp.where((hold[5] > 0) & ~winding, grown, integral)
-    return integral, hold * jnp.clip(wanted, -LIMIT, LIMIT)
 
 
 def _estimate(believed: Believed, sensors: int) -> Estimate:

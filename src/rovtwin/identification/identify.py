@@ -22,6 +22,7 @@ from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
     about_parts,
     about_scale,
@@ -63,6 +64,7 @@ class Identification:
         problem: For further analysis; None where there were no tests.
         seconds: Taken.
         tested: Ranges of speeds by direction, and of commands by `thrusters.GROUP`, that the fitted tests covered.
+        doubts: Why the result as a whole is not to be relied on, one reason each; empty where it is.
     """
 
     vehicle: Vehicle
@@ -81,6 +83,7 @@ class Identification:
     problem: Problem | None = field(repr=False, default=None)
     seconds: float = 0.0
     tested: dict[str, Range] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
 
     @property
     def values(self) -> dict[str, float]:
@@ -121,6 +124,7 @@ class Identification:
             evidence,
             [b.text for b in self.blind] + self.findings,
             self.tested,
+            self.doubts,
         )
 
 
@@ -169,7 +173,7 @@ def identify(
         _, held_out = _predicted(parameters, mean, (), validate, settings)
         return Identification(
             vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], held_out, {},
-            seconds=time.perf_counter() - begin,
+            seconds=time.perf_counter() - begin, doubts=doubts_of_prior(old),
         )  # fmt: skip
     if not records:
         raise IdentificationError(f"{vehicle.name}: anchors alone: found no test log; give at least one")
@@ -205,6 +209,7 @@ def identify(
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
+        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old),
     )  # fmt: skip
 
 

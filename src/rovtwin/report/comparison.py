@@ -25,6 +25,7 @@ def write_comparison(
     title: str = "Comparison",
     reports: Mapping[str, str] | None = None,
     camera: tuple[Figure, Table] | str | None = None,
+    payload: tuple[Table, Table] | None = None,
 ) -> Path:
     """Write `report.html` that shows runs side by side, and its figures.
 
@@ -35,6 +36,7 @@ def write_comparison(
         title: On top of the page.
         reports: Links to the report of each run, relative to `folder`, by label.
         camera: What a run's own camera saw, and what was identified from it; or why there is none.
+        payload: What a payload changes, and what was identified with it.
 
     Returns:
         The path of the page.
@@ -66,6 +68,7 @@ def write_comparison(
         seen=None if seen is None else save(seen, folder, "camera", *_SEEN),
         learnt=learnt,
         no_camera=camera if isinstance(camera, str) else "",
+        payload=payload,
     )
 
 

@@ -11,7 +11,6 @@ from rovtwin.report.verdict import Verdict
 
 TELLING = 1.0  # information over the prior's from which a parameter was excited
 _LABELS = {"learnt": "Learnt", "partly": "Learnt in part", "prior only": "Known from the prior only"}
-_TOO_NOISY = 5.0  # noise found over declared, beyond which the model does not describe the tests
 _SHOWN = 4  # findings in the box; all of them are listed below it
 PRIOR_ONLY, LEARNT = 0.9, 0.5  # standard deviation after over before, as the verdicts of the estimate
 
@@ -32,45 +31,11 @@ def verdict(result: Any, curves: Curves) -> Verdict:
     if len(result.findings) > _SHOWN:
         more = len(result.findings) - _SHOWN
         sentences.append(f"{more} more finding{'s are' if more > 1 else ' is'} listed below.")
-    if doubts := doubts_about(result):
+    if result.doubts:
         told = f"By their widths alone, {learnt}."
-        return Verdict(False, f"Not to be relied on: {'; '.join(doubts)}", [told, *sentences], [])
+        return Verdict(False, f"Not to be relied on: {'; '.join(result.doubts)}", [told, *sentences], [])
     good = None if result.findings or count["learnt"] < n / 2 else True
     return Verdict(good, learnt, sentences, [])
-
-
-def doubts_about(result: Any) -> list[str]:
-    """Why the result as a whole should not be used, whatever the widths say."""
-    said = []
-    if not result.solution.converged:
-        said.append("the estimate has not settled, so no width means anything")
-    noisy = [name for name, (found, declared) in _noise(result).items() if found > _TOO_NOISY * declared]
-    if noisy:
-        said.append(f"the model misses {', '.join(noisy)} by more than {_TOO_NOISY:g} times the declared noise")
-    # Rates and velocities where there are any: positions and headings drift in open loop, however good the model.
-    fits = [p.scores[c].fit for p in result.held_out if p.window is None for c in _judged(p)]
-    if fits and np.median(fits) < 0:
-        said.append(
-            "it predicts held-out tests worse than their mean does (where the end of a log is a test of its own, hold "
-            "out another run: --validate LOG)"
-        )
-    return said
-
-
-def _judged(prediction: Any) -> list[str]:
-    moved = [c for c in prediction.scores if prediction.excited[c]]
-    return [c for c in moved if c.split(".")[0] in ("gyro", "velocity")] or moved
-
-
-def _noise(result: Any) -> dict[str, tuple[float, float]]:
-    """Noise found and declared by component, where it was declared."""
-    found, segments = result.solution.noise.sigma, result.problem.segments
-    out = {}
-    for g, (signal, i) in enumerate(segments.groups):
-        name = [n for n in result.residuals if n.startswith(f"{signal}.")][i]
-        if np.isfinite(segments.sigma[signal][i]):
-            out[name] = (float(found[g]), float(segments.sigma[signal][i]))
-    return out
 
 
 def _minutes(result: Any) -> str:

@@ -48,6 +48,7 @@ _SCORES: dict[str, tuple[str, str, float, int, str]] = {
     "saturated_share": ("Share of time saturated", "%", 100, 1, "a limit cut what the controller asked for"),
     "thruster_activity_n_per_s": ("Thruster activity", "N/s", 1, 2, "rms rate of change of the forces: wear and noise"),
 }  # fmt: skip
+HEADLINE = 60  # longest reason that stands in a headline [characters]
 _BESIDE = {
     "position_error_rms_m": ("bound_position_m", "bound (surge, sway)"),
     "nees_position_mean": ("nees_position_interval", "95 % range"),
@@ -59,7 +60,13 @@ def verdict(flight: Flight) -> Verdict:
     summary = flight.summary
     good = summary.get("completed")
     good = good if isinstance(good, bool) else _completed(flight)
-    sentences = [*_about_decisions(summary), *_sentences(summary), *_about_supply(flight), *_about_place(flight)]
+    sentences = [
+        *_why(summary, good),
+        *_about_decisions(summary),
+        *_sentences(summary),
+        *_about_supply(flight),
+        *_about_place(flight),
+    ]
     return Verdict(good, _headline(flight, good), sentences, scores(summary))
 
 
@@ -87,8 +94,8 @@ def _headline(flight: Flight, good: bool | None) -> str:
     seconds = end - start if seconds is None else seconds
     if summary.get("interrupted"):
         return f"Interrupted after {seconds:.0f} s"
-    reason = str(summary.get("reason") or "")
-    reason = "" if reason.startswith("not finished") else reason
+    reason = _reason(summary)
+    reason = reason if len(reason) <= HEADLINE else ""  # a long one is the first sentence below
     phase = str(summary.get("phase") or (flight.phases[-1].phase if flight.phases else ""))
     if good and summary.get("test"):
         return f"Test done in {seconds:.0f} s"
@@ -99,7 +106,21 @@ def _headline(flight: Flight, good: bool | None) -> str:
     if phase in FAIL_SAFE_PHASES:
         return f"{phase.capitalize()} after {seconds:.0f} s: {reason or 'no reason given'}"
     tail = f" in phase “{phase}”" if phase else ""
-    return f"Not completed: stopped after {seconds:.0f} s{tail}" + (f" ({reason})" if reason else "")
+    return f"Not completed: stopped after {seconds:.0f} s{tail}" + (f": {reason}" if reason else "")
+
+
+def _reason(summary: Mapping[str, Any]) -> str:
+    reason = str(summary.get("reason") or "")
+    return reason.partition(": ")[2] if reason.startswith("not finished") else reason
+
+
+def _why(summary: Mapping[str, Any], good: bool | None) -> list[str]:
+    """The reason of a run that was not completed, where it is too long for the headline."""
+    reason = str(summary.get("why") or "")
+    if reason and not good:
+        return [f"{reason[0].upper()}{reason[1:]}."]
+    reason = _reason(summary)
+    return [] if good or len(reason) <= HEADLINE else [f"{reason[0].upper()}{reason[1:]}."]
 
 
 def _sentences(summary: Mapping[str, Any]) -> list[str]:

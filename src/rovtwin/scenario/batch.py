@@ -8,6 +8,7 @@ import numpy as np
 from rovtwin.core.flat import Layout
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.feasibility import require_feasible
 from rovtwin.scenario.loop import advance_batch, stack, start_batch
 from rovtwin.scenario.recorder import Recorder
 from rovtwin.scenario.run import CHUNK, chunks, ticks_in, until_the_end
@@ -32,10 +33,14 @@ def score_seeds(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
 
     Returns:
         The summary of each run, in the order of the seeds.
+
+    Raises:
+        ConfigError: It cannot be composed, or the vehicle can do nothing useful of its mission.
     """
     results = []
     for i, seed in enumerate(seeds):
         run = compose(scenario.model_copy(update={"seed": seed}))
+        require_feasible(run.scenario, run.loop.twin.model)
         results.append(
             {"seed": seed}
             | score_run(run, lambda share, i=i, seed=seed: progress((i + share) / len(seeds), f"seed {seed}"))

@@ -8,23 +8,14 @@ import numpy as np
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.log import Channel
 from rovtwin.core.numerics import jax
+from rovtwin.core.sensors import kind_named
 from rovtwin.scenario.loop import Record
 
 ETA, NU, TAU = ("x", "y", "z", "phi", "theta", "psi"), ("u", "v", "w", "p", "q", "r"), ("X", "Y", "Z", "K", "M", "N")
 ETA_UNITS, NU_UNITS, TAU_UNITS = ("m",) * 3 + ("rad",) * 3, ("m/s",) * 3 + ("rad/s",) * 3, ("N",) * 3 + ("N m",) * 3
+PROGRESS = ("state", "misses", "possible", "current_north", "current_east")
+PROGRESS_UNITS = ("1", "1", "m/s", "m/s", "m/s")
 STD = tuple(f"std_{name}" for name in ETA + NU)
-
-SENSORS: dict[str, tuple[tuple[str, ...], str | tuple[str, ...], str, str]] = {
-    "position": (("north", "east"), "m", "n", "acoustic position of the transponder"),
-    "pressure": (("depth",), "m", "n", "depth from pressure"),
-    "accelerometer": (("x", "y", "z"), "m/s2", "sensor", "specific force"),
-    "gyro": (("x", "y", "z"), "rad/s", "sensor", "angular rate"),
-    "attitude": (("phi", "theta", "psi"), "rad", "n", "zyx Euler angles"),
-    "dvl": (("x", "y", "z"), "m/s", "sensor", "velocity over ground"),
-    "altimeter": (("range",), "m", "sensor", "distance to the floor along the beam"),
-    "battery": (("charge", "power"), ("1", "W"), "", "charge of the emptiest battery, power of all"),
-    "leak": (("leak",), "1", "", "1 when water comes in"),
-}
 
 _euler = jax.jit(jax.vmap(euler_from_quaternion))
 
@@ -67,6 +58,13 @@ def log_channels(
         ("autopilot/reference", ETA, ETA_UNITS, "n", "pose of the reference model"),
         ("autopilot/leg", ("x0", "y0", "z0", "x1", "y1", "z1"), "m", "n", "start and end of the current leg"),
         ("autopilot/mode", ("phase", "reason", "waypoint", "on_leg"), "1", "", "state of the mission, as numbers"),
+        (
+            "autopilot/progress",
+            PROGRESS,
+            PROGRESS_UNITS,
+            "n",
+            "how guidance gets on, and the current that it reckons with",
+        ),
         ("autopilot/tau", TAU, TAU_UNITS, "b", "wrench that the controller wants"),
         ("autopilot/saturated", TAU, "1", "b", "whether a limit cut that wrench"),
         ("autopilot/command", thr, "1", "", "normalised command of each thruster"),
@@ -82,12 +80,15 @@ def log_channels(
         for n, f, u, frame, d in table
     ]
     if with_sensors:
-        for name in sensors:
-            fields, unit, frame, description = SENSORS[name]
-            units = (unit,) * len(fields) if isinstance(unit, str) else unit
-            fields, units = (*fields, "t_valid"), (*units, "s")
-            channels.append(Channel(f"sensor/{name}", fields, units, frame, description=description))
+        channels += [sensor_channel(name) for name in sensors]
     return channels
+
+
+def sensor_channel(name: str) -> Channel:
+    """The channel of a sensor's readings, which are followed by the time at which they were valid."""
+    kind = kind_named(name)
+    fields, units = (*kind.fields, "t_valid"), (*kind.units, "s")
+    return Channel(f"sensor/{name}", fields, units, kind.frame, description=kind.description)
 
 
 def _battery_fields(batteries: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -145,6 +146,8 @@ def autopilot_samples(record: Record) -> dict[str, np.ndarray]:
     estimate, setpoint = out.estimate, out.setpoint
     variance = np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2)
     mode = (setpoint.phase, setpoint.reason, setpoint.waypoint, setpoint.on_leg)
+    said = setpoint.progress
+    progress = (said.state, said.misses, said.possible, said.current[:, 0], said.current[:, 1])
     return {
         "autopilot/eta": np.asarray(estimate.eta),
         "autopilot/nu": np.asarray(estimate.nu),
@@ -154,6 +157,7 @@ def autopilot_samples(record: Record) -> dict[str, np.ndarray]:
         "autopilot/reference": np.asarray(out.reference.eta),
         "autopilot/leg": np.concatenate([setpoint.leg_start, setpoint.leg_end], axis=1),
         "autopilot/mode": np.stack([np.asarray(column, dtype=float) for column in mode], axis=1),
+        "autopilot/progress": np.stack([np.asarray(column, dtype=float) for column in progress], axis=1),
         "autopilot/tau": np.asarray(out.wrench.tau),
         "autopilot/saturated": np.asarray(out.wrench.saturated, dtype=float),
         "autopilot/command": np.asarray(out.command.u),

@@ -7,10 +7,11 @@ import numpy as np
 
 from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ability import Ability
-from rovtwin.gnc.allocation import reachable_share
 from rovtwin.gnc.autopilot import Autopilot
 from rovtwin.gnc.contingency import Contingency
+from rovtwin.gnc.course_keeping import CourseKeeping
 from rovtwin.gnc.ekf_tuning import SENSOR_STD
 from rovtwin.gnc.guidance import Guidance
 from rovtwin.gnc.navigation import tuning as navigation
@@ -20,11 +21,13 @@ from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.rules import RULES
-from rovtwin.gnc.steering import Steering
+from rovtwin.gnc.scales import HEAVE, VehicleScales
 from rovtwin.gnc.supervisor import Supervisor
 from rovtwin.gnc.terrain import TerrainFollowing
 from rovtwin.gnc.thruster_health import ThrusterHealth
 from rovtwin.gnc.tracking import PathReference, Tracking
+from rovtwin.scenario.compose_acoustic import acoustic_mount, as_white
+from rovtwin.scenario.compose_sensors import displaced, mount_of
 from rovtwin.scenario.compose_supervisor import THESIS_RULES, rules_of, units
 from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario, ThesisSection
 from rovtwin.simulation.sensors import Sensor
@@ -32,8 +35,7 @@ from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.trim import afloat
 
-UP = 0.2  # depth to come up to in a world without a surface [m]
-DESIGN_FORCE_WALK = 0.03  # disturbance that filters and bounds are laid out for where nothing else is said [N/sqrt(s)]
+LEAST_BIAS = {"gyro": (1e-5, 1e-8), "accelerometer": (0.03, 1e-5)}  # and its walk, in SI, see `Tuning.of`
 
 
 def autopilot_of(
@@ -41,20 +43,19 @@ def autopilot_of(
 ) -> Autopilot:
     """The autopilot that the scenario asks for, around a model; names of thrusters say which fail together."""
     section = scenario.autopilot
-    contingency = Contingency(surface=afloat(model) if scenario.world.surface else UP)
-    if isinstance(section, ModelBasedSection):  # no pilot gets more than the reference gives
-        control = section.control
-        fastest = [0.5, 0.5, control.dive_speed, math.radians(control.turn_rate_deg)]
-        contingency = replace(contingency, fastest=as_array(fastest))
+    surface = afloat(model) if scenario.world.surface else None
     if isinstance(section, ThesisSection):
         made, rules = _thesis(section, model, sensors, mission, scenario.control_dt), THESIS_RULES
+        contingency = Contingency.of(model, surface)
     else:
         made, rules = _model_based(section, model, sensors, mission), RULES
+        # No pilot gets more than the reference gives.
+        contingency = Contingency.of(model, surface, **_rates(section))
     autopilot = replace(
         made,
-        supervisor=Supervisor(rules_of(scenario, model, rules)),
+        supervisor=Supervisor(rules_of(scenario, model, sensors, rules)),
         contingency=contingency,
-        terrain=_terrain(sensors, mission, contingency.surface),
+        terrain=_terrain(model, sensors, mission, contingency.surface),
     )
     if section.supervisor.thruster_failed.action == "ignore" or rules is THESIS_RULES:
         return autopilot
@@ -75,56 +76,74 @@ def tuned_for_another(section: AutopilotSection, vehicle: Vehicle) -> str | None
 
 
 def _model_based(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor], mission: Mission) -> Autopilot:
-    control = section.control
+    control, steered = section.control, _steered(section, model)
     return Autopilot(
         observer=navigation_filter(section, model, sensors),
         supervisor=Supervisor(),
-        guidance=PathGuidance.of(model, _steering(section, model)),
-        contingency=Contingency(),
-        reference=PathReference.of(dive=control.dive_speed, turn=math.radians(control.turn_rate_deg)),
+        guidance=PathGuidance.of(model, steered),
+        contingency=Contingency.of(model),
+        reference=PathReference.of(model, **_rates(section)),
         control=Tracking.of(model, control.bandwidth, control.damping_ratio, control.integral),
         allocation=PriorityAllocation.of(model),
         mission=mission,
         health=model.thrusters.health,
+        course=CourseKeeping.of(model, section.guidance.lookahead) if steered else None,
     )
 
 
-def _terrain(sensors: dict[str, Sensor], mission: Mission, surface: Array) -> TerrainFollowing | None:
+def _rates(section: ModelBasedSection) -> dict[str, float | None]:
+    """Largest rates of dives [m/s] and of turns [rad/s] that the section asks for; None: the vehicle's own."""
+    turn = section.control.turn_rate_deg
+    return {"dive": section.control.dive_speed, "turn": None if turn is None else math.radians(turn)}
+
+
+def _terrain(model: Model, sensors: dict[str, Sensor], mission: Mission, surface: Array) -> TerrainFollowing | None:
     """With the altimeter's place and direction; None where no way-point has an altitude."""
     if mission.altitude is None:
         return None
     altimeter = sensors["altimeter"]
-    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface)
+    lead = 1.6 / VehicleScales.of(model).bandwidth[HEAVE]  # by what the depth's reference lags
+    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface, lead=as_array(lead))
 
 
-def _steering(section: ModelBasedSection, model: Model) -> Steering | None:
-    """Line of sight where it is asked for, and where thrusters cannot push sideways."""
+def _steered(section: ModelBasedSection, model: Model) -> bool:
+    """Whether the bow is turned to where the vehicle goes: where it is asked for, or sway is weak or not there."""
     kind = section.guidance.steering
-    if kind == "auto":
-        kind = "crab" if reachable_share(model.thrusters.configuration)[1] > 0.5 else "alos"
-    return None if kind == "crab" else Steering.of(kind, section.guidance.lookahead)
+    return not VehicleScales.of(model).crabs if kind == "auto" else kind == "los"
 
 
 def navigation_filter(section: ModelBasedSection, model: Model, sensors: dict[str, Sensor]) -> NavigationFilter:
     """The error-state filter for these sensors."""
-    known = {name: sensor for name, sensor in sensors.items() if name in navigation.SENSOR_STD}
-    mounts = {name: _mount(name, sensor) for name, sensor in known.items()}
-    given = {"force_walk": DESIGN_FORCE_WALK} | section.navigation.model_dump(exclude_none=True)
-    return NavigationFilter(model, navigation.Tuning.of(mounts, **given))
+    walk = {"force_walk": VehicleScales.of(model).force_walk}
+    given = walk | _biases(sensors) | section.navigation.model_dump(exclude_none=True)
+    mounts = {
+        n: mount_of(sensor) if sensor.errors is None else acoustic_mount(sensor, model, given["force_walk"])
+        for n, sensor in sensors.items()
+        if sensor.kind in navigation.SENSOR_STD
+    }
+    return NavigationFilter(model, navigation.Tuning.of(model, mounts, **given))
 
 
-def _mount(name: str, sensor: Sensor) -> navigation.Mount:
-    """A sensor without noise is believed as far as one of its kind is."""
-    std = float(np.asarray(sensor.noise)[0]) or navigation.SENSOR_STD[name]
-    return navigation.Mount(std, sensor.lever, sensor.rotation)
+def _biases(sensors: dict[str, Sensor]) -> dict[str, float]:
+    """What the filter is told of the biases of inertial sensors that are worse than table 5.7's."""
+    told: dict[str, float] = {}
+    for sensor in sensors.values():
+        if sensor.kind in LEAST_BIAS:
+            least, slowest = LEAST_BIAS[sensor.kind]
+            bias, walk = (float(np.max(np.abs(np.asarray(value)))) for value in (sensor.bias, sensor.bias_walk))
+            of_kind = {f"{sensor.kind}_bias": max(bias, least), f"{sensor.kind}_bias_walk": max(walk, slowest)}
+            told |= {key: max(value, told.get(key, 0.0)) for key, value in of_kind.items()}
+    return told
 
 
 def _thesis(
     section: ThesisSection, model: Model, sensors: dict[str, Sensor], mission: Mission, control_dt: float
 ) -> Autopilot:
+    walk = VehicleScales.of(model).force_walk
+    white = {name: as_white(sensor, model, walk) for name, sensor in sensors.items()}
     thesis = Autopilot.thesis(
         model,
-        Ekf(model, _tuning_of(section, sensors, control_dt)),
+        Ekf(model, _tuning_of(section, model, white, control_dt), displaced(sensors)),
         mission,
         gains=section.controller.gains,
     )
@@ -136,10 +155,10 @@ def _thesis(
     )
 
 
-def _tuning_of(section: ThesisSection, sensors: dict[str, Sensor], control_dt: float) -> EkfTuning:
+def _tuning_of(section: ThesisSection, model: Model, sensors: dict[str, Sensor], control_dt: float) -> EkfTuning:
     if section.observer.tuning == "as_printed":
         return EkfTuning.as_printed(control_dt)
     walk = section.observer.force_walk
-    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if name in SENSOR_STD}
+    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if kind_of(name) in SENSOR_STD}
     known = {name: value for name, value in std.items() if value > 0}
-    return EkfTuning.consistent(known, force_walk=DESIGN_FORCE_WALK if walk is None else walk)
+    return EkfTuning.consistent(known, force_walk=VehicleScales.of(model).force_walk if walk is None else walk)

@@ -1,11 +1,13 @@
 """From the supervisor's section to its rules, and which thrusters fail together."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.gnc.rules import RULES, Rule, Rules
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_faults import units_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.supervisor import AngleRuleSection, RuleSection
@@ -22,14 +24,14 @@ WEAK = ("filter diverged", "positions lost", "thruster failed", "saturated")
 THESIS_RULES = RULES | {name: RULES[name]._replace(action="ignore") for name in WEAK}
 
 
-def rules_of(scenario: Scenario, model: Model, defaults: dict[str, Rule] = RULES) -> Rules:
-    """The rules of a scenario's supervisor.
+def rules_of(scenario: Scenario, model: Model, sensors: Collection[str], defaults: dict[str, Rule] = RULES) -> Rules:
+    """The rules of a scenario's supervisor, for the sensors that are on board.
 
     Raises:
         ConfigError: A rule about what no sensor on board tells.
     """
     section = scenario.autopilot.supervisor
-    _require_what_it_watches(scenario, defaults)
+    _require_what_it_watches(scenario, sensors, defaults)
     changes = {
         name: _rule(getattr(section, key), default)
         for name, default in defaults.items()
@@ -40,18 +42,18 @@ def rules_of(scenario: Scenario, model: Model, defaults: dict[str, Rule] = RULES
         changes["altitude limit"] = changes["altitude limit"]._replace(limit=NEARER * min(altitudes))
     lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
     allowance = np.where(_CARRIED, np.inf, SHORT * np.maximum(-lower, upper))
-    return Rules.of(defaults | changes, section.geofence.polygon, allowance)
+    nearer = 1.6 * VehicleScales.of(model).length  # as near home as counts as there
+    return Rules.of(defaults | changes, section.geofence.polygon, allowance, nearer, sensors)
 
 
-def _require_what_it_watches(scenario: Scenario, defaults: dict[str, Rule]) -> None:
+def _require_what_it_watches(scenario: Scenario, sensors: Collection[str], defaults: dict[str, Rule]) -> None:
     """Raise where somebody asks for a rule that nothing on board could call."""
-    section, sensors = scenario.autopilot.supervisor, scenario.sensors
+    section = scenario.autopilot.supervisor
     where = f"{scenario.name}: autopilot.supervisor"
     for key, sensor in _SENSORS.items():
         rule: RuleSection = getattr(section, key)
         asked = rule.limit is not None or rule.action not in (None, "ignore")
-        leaks = sensor == "leak" and any(fault.fault == "leak" for fault in scenario.faults)
-        if asked and not leaks and not getattr(sensors, sensor).on_board:
+        if asked and sensor not in sensors:
             raise ConfigError(f"{where}.{key}: no {sensor} is on board; set sensors.{sensor}.on_board to true")
     if defaults is not RULES and section.thruster_failed.action not in (None, "ignore"):
         raise ConfigError(f"{where}.thruster_failed: the thesis's autopilot does not look; use autopilot=model_based")

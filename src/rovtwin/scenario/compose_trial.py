@@ -11,7 +11,8 @@ from rovtwin.core.flow import GO, HOLD, IDLE
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import as_array, jnp
 from rovtwin.gnc.supervisor import Supervisor
-from rovtwin.gnc.trial import Timeline, Trial, mixing
+from rovtwin.gnc.trial import SPRING, HoldingGains, Timeline, Trial, mixing
+from rovtwin.scenario.compose_sensors import displaced
 from rovtwin.scenario.compose_supervisor import THESIS_RULES, rules_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.trial import (
@@ -24,6 +25,7 @@ from rovtwin.scenario.schema.trial import (
     StepsSection,
 )
 from rovtwin.simulation.hand import Hand
+from rovtwin.simulation.sensors import Sensor
 from rovtwin.vehicle import Model, Vehicle
 
 FADE = 1.0  # of a multi-sine at both ends [s]
@@ -37,7 +39,7 @@ class Piece:
 
     Attributes:
         share: Command asked for on each axis, shape (ticks, 6).
-        hold, keep: As in `Timeline`, shape (6,).
+        hold, keep: As in `Timeline`, shape (6,); not a number where the spring is the vehicle's own.
         on: Whether thrusters may run.
         phase: One of core.flow.PHASES.
         what: For people.
@@ -57,8 +59,8 @@ class Piece:
     by_hand: bool = False
 
 
-def trial_of(scenario: Scenario, model: Model, vehicle: Vehicle) -> Trial:
-    """The Block that flies the scenario's test.
+def trial_of(scenario: Scenario, model: Model, vehicle: Vehicle, sensors: dict[str, Sensor]) -> Trial:
+    """The Block that flies the scenario's test with the sensors that are on board.
 
     Raises:
         ConfigError: An axis along which the vehicle's thrusters cannot push, or more test than `duration` lets fly.
@@ -72,8 +74,9 @@ def trial_of(scenario: Scenario, model: Model, vehicle: Vehicle) -> Trial:
             f"write duration: {math.ceil(seconds + 1)}"
         )
     # A test has no filter that could hold station or come home: whatever ends it switches the thrusters off.
-    rules = rules_of(scenario, model, THESIS_RULES).only_stop()
-    return Trial.of(model, _timeline(pieces), Supervisor(rules))
+    rules = rules_of(scenario, model, sensors, THESIS_RULES).only_stop()
+    springs = SPRING * np.asarray(HoldingGains.of(model).stiffness)
+    return Trial.of(model, _timeline(pieces, springs), Supervisor(rules), displaced(sensors))
 
 
 def hand_of(scenario: Scenario) -> Hand | None:
@@ -160,7 +163,8 @@ def _multisine(section: MultisineSection, dt: float) -> Piece:
         amplitudes = np.broadcast_to(sines.amplitudes, phases.shape)
         angles = 2.0 * np.pi * np.outer(t, sines.frequencies_hz) + phases
         share[:, at] = fade * (np.sin(angles) @ amplitudes)
-        keep[at] = section.keep if axis not in ("roll", "pitch") else 0.0
+        keep[at] = np.nan if section.keep is None else section.keep
+        keep[at] = 0.0 if axis in ("roll", "pitch") else keep[at]
         hold[at] = 0.0
     return Piece(share, hold, keep, phase=GO, what=f"multisine {', '.join(section.axes)}")
 
@@ -195,8 +199,8 @@ def _ticks(seconds: float, dt: float) -> int:
     return max(1, round(seconds / dt))
 
 
-def _timeline(pieces: list[Piece]) -> Timeline:
-    """The arrays of the Block, padded."""
+def _timeline(pieces: list[Piece], spring: np.ndarray) -> Timeline:
+    """The arrays of the Block, padded; `spring`, shape (6,), is the vehicle's own."""
     count = sum(len(piece.share) for piece in pieces)
     share, row = np.zeros((-(-count // PAD_TICKS) * PAD_TICKS, 6)), np.zeros(-(-count // PAD_TICKS) * PAD_TICKS, int)
     share[:count] = np.concatenate([piece.share for piece in pieces])
@@ -212,7 +216,7 @@ def _timeline(pieces: list[Piece]) -> Timeline:
         share=as_array(share),
         row=as_array(row, int),
         hold=as_array(rows([piece.hold for piece in pieces])),
-        keep=as_array(rows([piece.keep for piece in pieces])),
+        keep=as_array(rows([np.where(np.isnan(piece.keep), spring, piece.keep) for piece in pieces])),
         on=as_array(rows([piece.on for piece in pieces], bool), bool),
         manoeuvre=as_array(rows([piece.manoeuvre for piece in pieces], int), int),
         phase=as_array(rows([piece.phase for piece in pieces], int), int),

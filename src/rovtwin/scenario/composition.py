@@ -1,36 +1,37 @@
 """From a scenario to blocks: the only place where vehicle, world, sensors and autopilot meet."""
 
+import logging
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
-from rovtwin.core.frames import quaternion_from_euler, rotation_from_euler
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.bound import position_bound
 from rovtwin.gnc.mission import mission as mission_of
-from rovtwin.scenario.compose_autopilot import DESIGN_FORCE_WALK, autopilot_of
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.scenario.compose_acoustic import as_white
+from rovtwin.scenario.compose_autopilot import autopilot_of
 from rovtwin.scenario.compose_battery import battery_of
-from rovtwin.scenario.compose_faults import faults_of, listed, sensor_faults
+from rovtwin.scenario.compose_faults import faults_of, listed
+from rovtwin.scenario.compose_sensors import OnBoard, on_board, sensors_of, together
 from rovtwin.scenario.compose_tethers import tethers_of
 from rovtwin.scenario.compose_topside import topside_of
 from rovtwin.scenario.compose_trial import hand_of, trial_of
 from rovtwin.scenario.compose_world import plant_of, world_of
+from rovtwin.scenario.fitting import fitted
 from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.loop import Loop
-from rovtwin.scenario.schema import (
-    SENSOR_NAMES,
-    Scenario,
-    SensorSection,
-    WorldSection,
-)
-from rovtwin.simulation.sensors import EXTRA, KINDS, Sensor, table_5_7
+from rovtwin.scenario.schema import Scenario, WorldSection
 from rovtwin.simulation.twin import Twin
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 from rovtwin.vehicle.trim import afloat
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Composed:
         thruster_names, sensor_names, battery_names: For the log; batteries only if they are simulated.
         vehicle: Its description.
         faults: What breaks and when, for the report.
-        scenario: What it was made from.
+        scenario: What it was made from, with what it left out (`fitting`).
     """
 
     loop: Loop
@@ -64,6 +65,11 @@ class Composed:
         """Parameters of the vehicle and what follows from them, for the report; longer to compute than to compose."""
         return summary(self.vehicle)
 
+    @cached_property
+    def on_board(self) -> OnBoard:
+        """Which sensors it has, and which part carries each."""
+        return on_board(self.scenario, self.vehicle)
+
     @property
     def paid_out(self) -> float:
         """Length of all tethers at the start [m], 0 without one."""
@@ -75,19 +81,20 @@ class Composed:
         Args:
             speed: At which the model is linearised [m/s].
         """
-        sensors = self.loop.twin.sensors
-        dvl, accelerometer = sensors.get("dvl"), sensors["accelerometer"]
+        walk = VehicleScales.of(self.model).force_walk
+        sensors = {name: as_white(one, self.model, walk) for name, one in self.loop.twin.sensors.items()}
+        position, dvl, accelerometer = (together(sensors, kind) for kind in ("position", "dvl", "accelerometer"))
+        assert position is not None and accelerometer is not None
         waves = self.scenario.world.waves
         result = position_bound(
             self.model,
             speed,
-            float(sensors["position"].noise[0]),
-            sensors["position"].rate / 1000,
-            getattr(waves, "drift", 0.0) or DESIGN_FORCE_WALK,
-            dvl_sigma=float(dvl.noise[0]) if dvl else None,
-            dvl_rate=dvl.rate / 1000 if dvl else None,
-            accelerometer_sigma=float(accelerometer.noise[0]),
-            accelerometer_rate=accelerometer.rate / 1000,
+            *position,
+            getattr(waves, "drift", 0.0) or walk,
+            dvl_sigma=dvl[0] if dvl else None,
+            dvl_rate=dvl[1] if dvl else None,
+            accelerometer_sigma=accelerometer[0],
+            accelerometer_rate=accelerometer[1],
         )
         return [float(value) for value in result]
 
@@ -106,16 +113,18 @@ def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | N
     """
     vehicle = vehicle or vehicle_of(scenario)
     model = vehicle.model()
+    _say_doubts(vehicle.where, tuple(vehicle.doubts))
+    scenario = fitted(scenario, model)
     if not vehicle.thruster_names:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
     key_plant, key_run = keys_of(scenario.seed)
-    sensors = sensors_of(scenario)
+    sensors = sensors_of(scenario, vehicle)
     plant = plant_of(scenario.world, vehicle, model, key_plant, truth)
     require_inside(scenario, model)
     start = start_of(scenario, plant)
     tethers = tethers_of(scenario.world, vehicle, start)
     loop = Loop(
-        autopilot=trial_of(scenario, model, vehicle)
+        autopilot=trial_of(scenario, model, vehicle, sensors)
         if scenario.test
         else autopilot_of(scenario, model, sensors, way_points(scenario, model), list(vehicle.thruster_names)),
         twin=Twin(
@@ -148,6 +157,13 @@ keys_of = jax.jit(lambda seed: tuple(jax.random.split(jax.random.key(seed))))
 """Keys of a seed: what draws the plant, and what seeds the run."""
 
 
+@cache
+def _say_doubts(where: str, doubts: tuple[str, ...]) -> None:
+    """A line on standard error, once for each vehicle, where its parameters are not to be relied on."""
+    if doubts:
+        logger.warning("%s: what was identified is not to be relied on: %s", where, "; ".join(doubts))
+
+
 def vehicle_of(scenario: Scenario) -> Vehicle:
     """The vehicle that the scenario names, or describes itself."""
     if isinstance(scenario.vehicle, str):
@@ -164,43 +180,6 @@ def water_density(scenario: Scenario) -> float:
 def _field_name(name: str) -> str:
     """A thruster's name as a field of a log channel, which has no dots."""
     return name.replace(".", "_")
-
-
-def sensors_of(scenario: Scenario) -> dict[str, Sensor]:
-    """The sensors by name, with what the scenario changes about them."""
-    section = scenario.sensors
-    changes = {name: _changes_of(getattr(section, name)) for name in SENSOR_NAMES}
-    extra = [name for name in EXTRA if _on_board(name, scenario)]
-    for name in EXTRA:
-        if name not in extra and changes.pop(name):
-            key = f"sensors.{name}"
-            raise ConfigError(f"{key}: there is none on board; set {key}.on_board to true to have one")
-    if "altimeter" in extra and scenario.world.floor is None:
-        raise ConfigError("sensors.altimeter: the world has no floor to look at; set world.floor to its depth [m]")
-    if "altimeter" not in extra and any(w.altitude for w in scenario.waypoints):
-        raise ConfigError(
-            "mission: a way-point has an altitude, but there is no altimeter on board; set sensors.altimeter to true"
-        )
-    faults = sensor_faults(scenario, {name: KINDS[name][0] for name in changes})
-    for name, given in faults.items():
-        changes[name] |= given | {"blackouts": [*changes[name].get("blackouts", []), *given["blackouts"]]}
-    return table_5_7(section.preset == "as_printed", False, scenario.rates.physics, changes, extra)
-
-
-def _on_board(name: str, scenario: Scenario) -> bool:
-    """Whether an extra sensor is there: asked for, or because the time-line has a leak that somebody should see."""
-    leaks = name == "leak" and any(fault.fault == "leak" for fault in scenario.faults)
-    return leaks or getattr(scenario.sensors, name).on_board
-
-
-def _changes_of(section: SensorSection) -> dict[str, Any]:
-    """Arguments of `Sensor` that differ from the preset."""
-    given = section.model_dump(exclude_none=True, exclude={"on_board", "position", "attitude_deg"})
-    if section.position is not None:
-        given["lever"] = section.position
-    if section.attitude_deg is not None:
-        given["rotation"] = rotation_from_euler(jnp.radians(as_array(section.attitude_deg)))
-    return given
 
 
 def start_of(scenario: Scenario, plant: Model) -> Start:

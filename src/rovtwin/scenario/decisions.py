@@ -6,17 +6,34 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
+from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown
+from rovtwin.scenario.stalls import cause, stalls
+from rovtwin.vehicle import Model
 
 _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 
-def decisions(flown: Flown, thrusters: Sequence[str]) -> list[dict[str, Any]]:
+def decisions(flown: Flown, thrusters: Sequence[str], scenario: Scenario, model: Model) -> list[dict[str, Any]]:
     """Each with its time t [s], `what` and `cause`, in order of time; thrusters by name."""
     found = courses(flown.t, flown.mode[:, 0].astype(int), flown.mode[:, 1].astype(int))
     if flown.health is not None:
         found += losses(flown.t, flown.health, thrusters)
+    if scenario.waypoints:
+        found += without_headway(flown, scenario, model)
     return sorted(found, key=lambda one: one["t"])
+
+
+def without_headway(flown: Flown, scenario: Scenario, model: Model) -> list[dict[str, Any]]:
+    """Stalls, each told when it had lasted so long that it counted as one."""
+    return [
+        _one(
+            stall.start + stall.patience,
+            f"no headway for {stall.patience:.0f} s, at way-point {stall.waypoint + 1} of {len(scenario.waypoints)}",
+            cause(stall, flown, scenario, model, advise=False),
+        )
+        for stall in stalls(flown, scenario, model)
+    ]
 
 
 def courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:

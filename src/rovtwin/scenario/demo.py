@@ -1,4 +1,4 @@
-"""The demonstration: the lawn-mower in calm water and in waves, beside what the thesis says of it."""
+"""The demonstration: the lawn-mower in waves, beside what the thesis says of it; then with a payload bolted on."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,26 +13,29 @@ from rovtwin.core.log import Log
 from rovtwin.report import write_comparison
 from rovtwin.report.tables import Table
 from rovtwin.scenario.demo_camera import film_and_identify
+from rovtwin.scenario.demo_payload import refit_and_identify
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import Flight
 from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle import Model
 
 RUNS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "calm": ("lawnmower_calm", ()),
-    "waves": ("lawnmower_waves", ()),
-    "waves, model-based": ("lawnmower_waves", ("autopilot=model_based", "name=lawnmower_waves_model_based")),
+    "waves, thesis": ("lawnmower_waves", ("autopilot=thesis", "name=lawnmower_waves_thesis")),
+    "waves, model-based": ("lawnmower_waves", ()),
 }
-"""Label -> scenario and overrides: the thesis's gains twice, and the model-based autopilot."""
+"""Label -> scenario and overrides: the baseline, which has the thesis's gains, and the default autopilot."""
+REFITTED = "waves, with a Doppler log and a sonar"
+"""Label of the same flight with the payload, by the default autopilot."""
 
 
 def run_demo(
-    folder: Path, fly: Callable[[Scenario, Path], Flight], say: Callable[[str], None] = lambda what: None
+    folder: Path, fly: Callable[[Scenario, Path, Model | None], Flight], say: Callable[[str], None] = lambda what: None
 ) -> dict[str, Any]:
     """Fly the runs of the demonstration and write the page that compares them.
 
     Args:
         folder: Where the page goes; each run has a folder in it.
-        fly: Flies a scenario into a folder.
+        fly: Flies a scenario into a folder, with the vehicle as it truly is, or None for the scenario's own.
         say: Told what is going on besides flights.
 
     Returns:
@@ -41,23 +44,31 @@ def run_demo(
     flights: dict[str, Flight] = {}
     for label, (name, overrides) in RUNS.items():
         scenario = load_scenario(name, overrides)
-        flights[label] = fly(scenario, folder / scenario.name)
+        flights[label] = fly(scenario, folder / scenario.name, None)
         if flights[label].summary["interrupted"]:
             break
-    camera, seen = _filmed(folder / "camera", say) if len(flights) == len(RUNS) else ("interrupted", {})
+    flown = len(flights) == len(RUNS) and not any(f.summary["interrupted"] for f in flights.values())
+    payload = refit_and_identify(folder / "payload", say) if flown else None
+    if payload is not None:
+        changes = [f"vehicle={payload.file}", "name=lawnmower_waves_payload"]
+        scenario = load_scenario("lawnmower_waves", changes)
+        flights[REFITTED] = fly(scenario, folder / scenario.name, payload.truth)
+    camera, seen = _filmed(folder / "camera", say) if flown else ("interrupted", {})
     page = write_comparison(
         {label: flight.log for label, flight in flights.items()},
         published_beside(flights),
         folder,
-        title="Double Blueye: the lawn-mower of thesis chapter 8",
+        title="Double Blueye: the lawn-mower of thesis chapter 8, and a payload bolted on",
         reports={label: f"{flight.scenario.name}/report.html" for label, flight in flights.items()},
         camera=camera,
+        payload=None if payload is None else (payload.changes, payload.learnt),
     )
     return {
-        "completed": len(flights) == len(RUNS) and not any(f.summary["interrupted"] for f in flights.values()),
+        "completed": flown and not flights[REFITTED].summary["interrupted"],
         "report": str(page),
         "run_dir": str(folder),
         "camera": seen,
+        "payload": {} if payload is None else payload.summary,
         "runs": {label: flight.summary | {"run_dir": str(flight.folder)} for label, flight in flights.items()},
     }
 

@@ -70,13 +70,13 @@ def film_and_identify(folder: Path, progress: Callable[[str], None] = lambda wha
         ConfigError: A library that this needs is not there: `vision` or `slam`.
     """
     opencv()
-    progress("flying and rendering")
+    progress("camera and markers: flying and rendering")
     flight = fly(parse(Scenario, TEST, "demo"), folder, camera=True)
     true, guess = load_vehicle(VEHICLE), guessed(load_vehicle(VEHICLE))
-    progress("looking for markers")
+    progress("camera and markers: looking for markers")
     found, log = track_run(folder / "log.mcap", true, "smoother")
     log.write(folder / "track.mcap")
-    progress("identifying")
+    progress("camera and markers: identifying")
     result = identify(guess, read_records(folder / "track.mcap", guess), free=FREE)
     rows = [_row(name, result, guess, true) for name in FREE]
     truth = flight.log["truth/eta"]

@@ -10,20 +10,23 @@ import yaml
 
 from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.scenario.belongings import found_beside
-from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario
+from rovtwin.scenario.fit_trial import fitted
+from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 
 _ROOT = Path(str(files("rovtwin.scenario")))
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "dvl": ("sensors", {"dvl": {"on_board": True}}),
     "tether": ("world", {"tethers": True}),
+    "ugps": ("sensors", {"position": {"errors": "acoustic", "rate_hz": 2.0, "noise": 0.035, "dropout": 0.14}}),
 }
-"""What NAME_dvl and NAME_tether add to a shipped scenario: the section, and the keys in it."""
+"""What NAME_dvl, NAME_tether and NAME_ugps add to a shipped scenario: the section, and the keys in it."""
 
 
 def list_scenarios() -> list[str]:
-    """Names of the shipped scenarios; each also comes with a DVL, with tethers or both: see `VARIANTS`."""
+    """Names of the shipped scenarios; each also comes with a DVL, tethers, an Underwater GPS: see `VARIANTS`."""
     return sorted(path.stem for path in (_ROOT / "library").glob("*.yaml"))
 
 
@@ -64,12 +67,12 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
     """
     data = dict(data)
     if isinstance(data.get("mission"), str):
-        data["mission"] = load_mission(data["mission"], base).model_dump()
+        data["mission"] = load_mission(data["mission"], base).model_dump(exclude_unset=True)
     if isinstance(data.get("autopilot"), str):
         data["autopilot"] = _autopilot(data["autopilot"], base)
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
-    return parse(Scenario, data if base is None else found_beside(data, base), where)
+    return fitted(parse(Scenario, data if base is None else found_beside(data, base), where))
 
 
 def load_mission(name: str, base: Path | None = None) -> MissionSection:
@@ -165,7 +168,7 @@ def put(data: dict[str, Any], key: str, value: Any, where: str) -> None:
 
 def _opened(step: str, value: Any) -> dict[str, Any]:
     if step == "mission" and isinstance(value, str):
-        return load_mission(value).model_dump()
+        return load_mission(value).model_dump(exclude_unset=True)
     if step == "sensors" and isinstance(value, str):
         return {"preset": value}
     if step in ("tethers", "mismatch") and value is True:
@@ -183,6 +186,8 @@ def _check_path(path: list[str], where: str) -> None:
         if section is None:
             return
         names = list(section.model_fields)
+        if section is SensorsSection and kind_of(step) in SENSORS:
+            step = kind_of(step)  # the vehicle says how many there are
         if step not in names:
             raise ConfigError(f"{where}: {'.'.join(path[: depth + 1])}: no such key.{near(step, names)}")
         annotation = section.model_fields[step].annotation

@@ -16,8 +16,10 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Channel, Log, LogWriter
 from rovtwin.scenario.channels import log_channels
 from rovtwin.scenario.composition import Composed, compose
+from rovtwin.scenario.feasibility import foreseen
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.filming import Filming
+from rovtwin.scenario.fitting import assumptions
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.loop import Record
 from rovtwin.scenario.provenance import provenance, scenario_to_replay
@@ -26,6 +28,7 @@ from rovtwin.scenario.run import chunks, realtime_chunks
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, distance_to_leg, nees
 from rovtwin.scenario.summary import summarise
+from rovtwin.vehicle import Model
 
 Progress = Callable[[float, str], None]  # simulated time [s], phase
 
@@ -60,6 +63,9 @@ def fly(
     report: bool = False,
     camera: bool = False,
     film: bool = False,
+    say: Callable[[str], None] = lambda line: None,
+    refuse: bool = True,
+    truth: Model | None = None,
 ) -> Flight:
     """Fly a scenario.
 
@@ -71,17 +77,26 @@ def fly(
         report: Write the HTML report and the figures (needs a folder).
         camera: Record the scenario's cameras (needs a folder).
         film: Write films of them too.
+        say: Told before the start what the vehicle cannot do of the mission, and what it does instead.
+        refuse: Whether a mission of which it can do nothing is refused.
+        truth: The vehicle as it truly is, before what the world does to it; None: as the scenario makes it.
 
     Returns:
         The flight. Ctrl-C ends the run, not the program: what was flown is logged, scored and reported.
 
     Raises:
-        ConfigError: The scenario cannot be composed.
+        ConfigError: The scenario cannot be composed, or its mission is refused.
         LogError: The folder cannot be written.
     """
     if realtime and (camera or film):
         raise ConfigError(f"{scenario.name}: pictures cannot be rendered by the wall clock; leave out --realtime")
-    composed = compose(scenario)
+    composed = compose(scenario, truth)
+    if refuse:
+        for line in foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model):
+            say(line)
+        if (taken := assumptions(scenario, composed.scenario)) is not None:
+            say(taken)
+    scenario = composed.scenario
     if folder is None:
         return _in_memory(scenario, composed, realtime, progress)
     folder = new_folder(folder)

@@ -13,21 +13,27 @@ from matplotlib.figure import Figure
 from rovtwin.core.config import parse
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.report.survey import SurveyPicture, draw_survey
+from rovtwin.scenario.compose_sensors import measures
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.fitting import own_values
+from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.schema.mission import LONGEST, Waypoint
+from rovtwin.scenario.schema.mission import LONGEST
 from rovtwin.survey.area import read_area
 from rovtwin.survey.energy import Budget, budget
+from rovtwin.survey.offset import corners_of_co
 from rovtwin.survey.pace import Pace
 from rovtwin.survey.plan import SurveyPlan, plan_survey
 from rovtwin.survey.room import Swath
-from rovtwin.vehicle import Model, load_vehicle
+from rovtwin.vehicle import Model, Vehicle, load_vehicle
+from rovtwin.vehicle.assembly import Mounted
 
-MARGIN = 0.3  # between hull and obstacle [m]: twice the cross-track rms of docs/scenarios.md
-SETTLING = 4.0  # at speed before a line: two time constants 1/w of gains placed for w = 0.5 rad/s [s]
+MARGIN = 1.5  # between hull and obstacle, in acceptances: twice the cross-track rms of docs/scenarios.md
+SETTLING = 2.0  # at speed before a line, in time constants 1/w of the vehicle's control
+UNNOTICED = 1e-3  # way of an imager from the vehicle's origin [m]
 PATIENCE = 1.5  # share of the planned time after which a flight is given up
-_ACCEPTANCE, _SPEED = (Waypoint.model_fields[key].default for key in ("acceptance", "speed"))
 
 
 @dataclass(frozen=True)
@@ -43,10 +49,11 @@ class SurveyRequest:
         depth: Of the lines [m]; None: 3 m, or what the altitude gives.
         altitude: Over the scenario's floor [m].
         floor: Depth of the sea floor [m], in place of the scenario's.
-        speed: On the lines [m/s].
+        speed: On the lines [m/s]; None: the vehicle's own.
         clearance: Least distance of the vehicle's origin from holes [m].
         inside: Whether the vehicle stays inside the outline.
         datum: Latitude and longitude of n [deg], "auto" for the area's middle, None for the scenario's.
+        sees: Name of the imager or camera whose swath it is; None: the vehicle's first imager, else its origin.
     """
 
     area: str | pathlib.Path
@@ -57,10 +64,11 @@ class SurveyRequest:
     depth: float | None = None
     altitude: float | None = None
     floor: float | None = None
-    speed: float = _SPEED
+    speed: float | None = None
     clearance: float | None = None
     inside: bool = False
     datum: str | None = None
+    sees: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +136,49 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
         raise ConfigError(f"{request.scenario}: describes its vehicle itself; name one: --vehicle double_blueye")
     vehicle = load_vehicle(name)
     model = vehicle.model()
-    depth = _depth(request, base, model)
-    pace = Pace.of(model, request.speed, SETTLING)
-    clearance = _clearance(model) if request.clearance is None else request.clearance
+    echoes = measures(base, vehicle, "altimeter")
+    depth = _depth(request, base, model, echoes)
+    own = own_values(Limits.of(model))
+    speed, acceptance = own["speed"] if request.speed is None else request.speed, own["acceptance"]
+    pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
+    clearance = _clearance(model, MARGIN * acceptance) if request.clearance is None else request.clearance
     if not clearance >= 0:
         raise ConfigError(f"clearance: found {clearance:g} m, expected 0 or more")
     heading = None if request.heading_deg is None else math.radians(request.heading_deg)
-    plan = plan_survey(area.shape, request.swath, pace, clearance, heading, request.inside, _ACCEPTANCE, progress)
+    eye = _eye(vehicle, request.sees)
+    aside = 0.0 if eye is None else float(np.hypot(*eye.position[:2]))
+    room = clearance + aside  # for what sees: its vehicle is beside it
+    plan = plan_survey(area.shape, request.swath, pace, room, heading, request.inside, acceptance, progress)
+    points = plan.path.corners if eye is None or aside < UNNOTICED else corners_of_co(plan.path, eye.position[:2])
     legs, turns = pace.times(plan.path.corners)
     # Down from the surface at the lines' speed.
     down = depth / pace.speed
-    cost = budget(vehicle, model, request.speed, float(legs.sum()), float(turns.sum()) + down)
-    scenario = _scenario(request, base, name, plan, area.datum, depth, bool(cost.names))
-    return Survey(request, scenario, plan, cost, clearance, depth, _remarks(plan, cost, clearance))
+    cost = budget(vehicle, model, speed, float(legs.sum()), float(turns.sum()) + down)
+    scenario = _scenario(request, base, name, plan, points, area.datum, depth, acceptance, bool(cost.names), echoes)
+    remarks = _remarks(plan, cost, clearance)
+    if eye is not None and aside >= UNNOTICED:
+        x, y = eye.position[:2]
+        remarks.append(
+            f"the lines are those of {eye.name}, which sits {x:g} m ahead and {y:g} m to the right of the vehicle's "
+            "origin: way-points are moved by that"
+        )
+    return Survey(request, scenario, plan, cost, clearance, depth, remarks)
+
+
+def _eye(vehicle: Vehicle, name: str | None) -> Mounted | None:
+    """What sees: the imager or camera of a name, or the first imager; None for the vehicle's origin.
+
+    Raises:
+        ConfigError: There is none of that name.
+    """
+    imagers = [one for one in vehicle.sensors if getattr(one.item, "kind", "") == "imager" and not one.spare]
+    if name is None:
+        return imagers[0] if imagers else None
+    found = {one.name: one for one in (*imagers, *vehicle.cameras)}
+    if name not in found:
+        there = ", ".join(found) or "none"
+        raise ConfigError(f"--sees {name}: {vehicle.name} has no such imager or camera; there are: {there}")
+    return found[name]
 
 
 def _datum(text: str | None, base: Scenario) -> Datum | None:
@@ -155,16 +193,16 @@ def _datum(text: str | None, base: Scenario) -> Datum | None:
     return Datum(latitude, longitude, base.datum.height, base.datum.utc_start)
 
 
-def _clearance(model: Model) -> float:
+def _clearance(model: Model, margin: float) -> float:
     """The hull turns on the spot beside an obstacle: its widest reach, and a margin [m]."""
     corners = np.asarray(model.hull.corners)
-    return float(np.linalg.norm(corners[:, :2], axis=1).max()) + MARGIN
+    return float(np.linalg.norm(corners[:, :2], axis=1).max()) + margin
 
 
-def _depth(request: SurveyRequest, base: Scenario, model: Model) -> float:
-    """Of the lines [m]."""
+def _depth(request: SurveyRequest, base: Scenario, model: Model, echoes: bool) -> float:
+    """Of the lines [m]; `echoes`: whether an altimeter is on board."""
     floor = base.world.floor if request.floor is None else request.floor
-    if request.altitude is not None and request.depth is not None and base.sensors.altimeter.on_board:
+    if request.altitude is not None and request.depth is not None and echoes:
         depth = request.depth  # safe where the altimeter says nothing
     elif request.altitude is not None:
         if request.depth is not None:
@@ -188,9 +226,18 @@ def _depth(request: SurveyRequest, base: Scenario, model: Model) -> float:
 
 
 def _scenario(
-    request: SurveyRequest, base: Scenario, vehicle: str, plan: SurveyPlan, datum: Datum, depth: float, battery: bool
+    request: SurveyRequest,
+    base: Scenario,
+    vehicle: str,
+    plan: SurveyPlan,
+    corners: np.ndarray,
+    datum: Datum,
+    depth: float,
+    acceptance: float,
+    battery: bool,
+    echoes: bool,
 ) -> Scenario:
-    points = np.round(plan.path.corners, 3) + 0.0
+    points = np.round(corners, 3) + 0.0
     if len(points) > LONGEST:
         raise ConfigError(
             f"area: the survey has {len(points)} way-points, a mission at most {LONGEST}: split the area or take a "
@@ -200,7 +247,7 @@ def _scenario(
     if duration > 86_400:
         raise ConfigError(f"area: the survey takes {plan.seconds / 3600:.1f} h, a run at most 24 h: split the area")
     # With an altimeter on board the floor is followed, and the depth is what holds where it says nothing.
-    follows = {"altitude": request.altitude} if request.altitude and base.sensors.altimeter.on_board else {}
+    follows = {"altitude": request.altitude} if request.altitude and echoes else {}
     first = points[1] - points[0]
     area = pathlib.Path(request.area)
     data = base.model_dump(mode="json", exclude_defaults=True) | {
@@ -218,7 +265,8 @@ def _scenario(
             "name": "survey",
             "description": f"{len(plan.lines.all)} lines, {len(plan.room.laps)} laps, {plan.length:.0f} m over ground",
             "waypoints": [
-                {"position": [*point.tolist(), depth], "speed": plan.pace.speed} | follows for point in points
+                {"position": [*point.tolist(), depth], "speed": plan.pace.speed, "acceptance": acceptance} | follows
+                for point in points
             ],
         },
     }

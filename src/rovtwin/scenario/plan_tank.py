@@ -43,11 +43,27 @@ class Tank:
 
     def room(self, vehicle: Vehicle, flown: Rehearsed) -> tuple[float, float]:
         """Least distance of the hull from walls, floor and surface on a path [m], and when [s]."""
+        room, at = self.nearest(self._hull(vehicle, flown))
+        return room, float(flown.t[::HULL_EVERY][at])
+
+    def needed(self, vehicle: Vehicle, flown: Rehearsed, margin: float) -> "Tank":
+        """The tank that keeps a margin [m] on every side of the hull on a path, with the start in its middle."""
+        size = 2.0 * (np.abs(self._hull(vehicle, flown) - np.array(self.middle)).max(axis=(0, 1)) + margin)
+        return Tank(*(max(float(np.ceil(10.0 * s) / 10.0), own) for s, own in zip(size, self.sizes, strict=True)))
+
+    @property
+    def sizes(self) -> tuple[float, float, float]:
+        """Length, width, depth [m]."""
+        return self.length, self.width, self.depth
+
+    def __str__(self) -> str:
+        return "x".join(f"{size:.4g}" for size in self.sizes)
+
+    def _hull(self, vehicle: Vehicle, flown: Rehearsed) -> np.ndarray:
+        """Corners of the hull along a path, shape (n, m, 3) [m]."""
         corners = np.asarray(vehicle.model().hull.corners)
         R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
-        hull = flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
-        room, at = self.nearest(hull)
-        return room, float(flown.t[::HULL_EVERY][at])
+        return flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
 
     def nearest(self, corners: np.ndarray) -> tuple[float, int]:
         """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.trial import mixing
 from rovtwin.identification.experiment.choice import Expected, choose_tests, expected, identified, variance_ratio
 from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
@@ -34,12 +35,14 @@ from rovtwin.scenario.plan_tank import Tank
 from rovtwin.scenario.rehearsal import Rehearsed, rehearse
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.trial import AXES
+from rovtwin.scenario.trial_scales import TrialScales
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import wrench_limits
 
-MARGIN = 0.15  # between hull and wall on the predicted path [m]
+MARGIN = 0.5  # between hull and wall on the predicted path of a candidate, in lengths of the vehicle
 BOLLARD = 0.02  # full thrust is known to, before the test
-TOUCHING, ROUNDS = 0.03, 8  # room that is left in the whole plan [m]; how often one is looked for
+TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often one is looked for
+SLOW = 0.5  # of the top speed: a test that stays slower hardly tells linear from quadratic drag
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
 
@@ -57,6 +60,7 @@ class Plan:
         room: Between hull and walls on that path [m].
         candidates: How many there were, and how many fitted the tank.
         manoeuvres: Chosen, in words, in order.
+        notes: What the vehicle or the tank does not let the test do, in words.
         model: Of the vehicle as it is believed to be.
     """
 
@@ -68,6 +72,7 @@ class Plan:
     room: float
     candidates: tuple[int, int]
     manoeuvres: list[str]
+    notes: list[str]
     model: Model
 
     @property
@@ -143,17 +148,19 @@ def plan_tests(
         ConfigError: The vehicle does not fit the tank, or no candidate does.
         IdentificationError: Too little time for a single manoeuvre.
     """
-    wanted, pulls = candidates(np.asarray(vehicle.model().thrusters.configuration), seed), thesis_pulls()
+    model = vehicle.model()
+    scales = TrialScales.of(model)
+    wanted = candidates(scales, seed)
+    require_possible(vehicle, scales, tank, bool(wanted))
+    pulls = thesis_pulls(reference)
+    margin = MARGIN * scales.length
     progress("flying the candidates", 0.0)
     quick = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
     flown = rehearse(quick)
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
-    usable = [i for i, room in enumerate(rooms) if room > MARGIN]
+    usable = [i for i, room in enumerate(rooms) if room > margin]
     if not usable:
-        raise ConfigError(
-            f"--tank: every manoeuvre of {vehicle.name} comes nearer than {MARGIN:g} m to a wall, the surface or the "
-            f"floor (at best {max(rooms):.2f} m): it needs a larger tank"
-        )
+        raise ConfigError(_too_small(vehicle, tank, margin, wanted, flown))
     progress("what each of them tells", 0.1)
     parameters, prior = what_is_known(vehicle, bollard)
     # A strong vehicle tips over in some of the thesis's pulls.
@@ -167,7 +174,7 @@ def plan_tests(
         return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
 
     order, scenario, whole, room = _laid_out(
-        fly, lambda one: tank.room(vehicle, one), prior, ours, 60.0 * minutes, progress
+        fly, lambda one: tank.room(vehicle, one), prior, ours, 60.0 * minutes, TOUCHING * scales.length, progress
     )
     hopes = expected(parameters, prior, ours, order)
     # The steady steps, as often as they fit into the same time.
@@ -182,8 +189,84 @@ def plan_tests(
         room=room,
         candidates=(len(wanted), len(usable)),
         manoeuvres=[in_words(wanted[usable[i]]) for i in order],
-        model=vehicle.model(),
+        notes=[*_axes_left_out(scales), *_slow(vehicle, tank, margin, scales, wanted, flown, whole)],
+        model=model,
     )
+
+
+def require_possible(vehicle: Vehicle, scales: TrialScales, tank: Tank, some: bool) -> None:
+    """ConfigError where no manoeuvre exists for a vehicle, or where it cannot even turn round in the tank."""
+    if not some:
+        raise ConfigError(
+            f"{vehicle.name}: found no thruster that pushes and nothing that rights it: no test can move it. "
+            "Expected thrusters, or its centre of gravity below that of buoyancy"
+        )
+    corners = np.asarray(vehicle.model().hull.corners)
+    away, margin = np.abs(corners).max(axis=0), MARGIN * scales.length
+    round_about = 2.0 * (float(np.hypot(*corners[:, :2].T).max()) + margin)
+    own = (round_about, round_about, 2.0 * (float(away[2]) + margin))
+    if any(size < need for size, need in zip(tank.sizes, own, strict=True)):
+        least = Tank(
+            *(float(np.ceil(10.0 * max(size, need)) / 10.0) for size, need in zip(tank.sizes, own, strict=True))
+        )
+        hull = " x ".join(f"{2.0 * size:.2g}" for size in away)
+        raise ConfigError(
+            f"--tank: found {tank}, but {vehicle.name} is {hull} m: it only turns on the spot, {margin:.2g} m clear of "
+            f"the walls, in a tank of {least}, and needs room to pull besides"
+        )
+
+
+def _too_small(
+    vehicle: Vehicle, tank: Tank, margin: float, wanted: list[dict[str, Any]], flown: list[Rehearsed]
+) -> str:
+    """No manoeuvre fits: how large a tank the least demanding one needs, and one on every axis."""
+    sizes = {i: tank.needed(vehicle, one, margin) for i, one in enumerate(flown[: len(wanted)]) if not one.aborted}
+    if not sizes:
+        return (
+            f"{vehicle.name}: the twin leaves its limits (attitude) in every one of {len(wanted)} manoeuvres: it is "
+            "not stable enough to be tested; `rovtwin vehicle check` says why"
+        )
+    least = min(sizes, key=lambda i: sum(np.log(sizes[i].sizes)))
+    return (
+        f"--tank: every manoeuvre of {vehicle.name} comes nearer than {margin:.2g} m to a wall, the surface or the "
+        f"floor of {tank}: it needs a larger tank, {sizes[least]} for the least demanding one "
+        f"({in_words(wanted[least])})"
+    )
+
+
+def _axes_left_out(scales: TrialScales) -> list[str]:
+    lacking = [axis for axis, can in zip(AXES, scales.able, strict=True) if not can]
+    notes = [f"{', '.join(lacking)} left out: no thruster pushes there"] if lacking else []
+    return notes if scales.swing else [*notes, "releases left out: nothing rights the vehicle"]
+
+
+def _slow(
+    vehicle: Vehicle,
+    tank: Tank,
+    margin: float,
+    scales: TrialScales,
+    wanted: list[dict[str, Any]],
+    flown: list[Rehearsed],
+    whole: Rehearsed,
+) -> list[str]:
+    """Directions in which the plan stays well below the top speed, and the tank in which a pull would reach it."""
+    top = VehicleScales.of(vehicle.model()).top
+    notes = []
+    for i in np.flatnonzero(scales.able[:3]):
+        reached = float(np.abs(whole.nu[:, i]).max())
+        if reached >= SLOW * top[i]:
+            continue
+        fast = [
+            tank.needed(vehicle, one, margin)
+            for data, one in zip(wanted, flown, strict=False)
+            if data.get("axis") == AXES[i] and not one.aborted and np.abs(one.nu[:, i]).max() >= SLOW * top[i]
+        ]
+        room = f"a tank of {min(fast, key=lambda t: sum(np.log(t.sizes)))}" if fast else "more time or a larger tank"
+        notes.append(
+            f"{AXES[i]} reaches {reached:.2g} of {top[i]:.2g} m/s: linear and quadratic drag are hardly told apart; "
+            f"{room} would do it"
+        )
+    return notes
 
 
 def _laid_out(
@@ -192,9 +275,10 @@ def _laid_out(
     prior: Gaussian,
     told: Information,
     seconds: float,
+    least: float,
     progress: Progress,
 ) -> tuple[list[int], Scenario, Rehearsed, float]:
-    """The best order of candidates that keeps clear of the walls when it is flown as a whole: scenario, path, room."""
+    """The best order of candidates that keeps `least` clear of the walls when it is flown whole: scenario, path."""
     order, room = [], 0.0
     for turn in range(ROUNDS):
         progress("choosing", 0.8 + 0.2 * turn / ROUNDS)
@@ -202,7 +286,7 @@ def _laid_out(
         progress("flying the plan", 0.8 + 0.2 * (turn + 0.5) / ROUNDS)
         scenario, flown = fly(order)
         room, when = room_on(flown)
-        if room > TOUCHING and not flown.aborted:
+        if room > least and not flown.aborted:
             return order, scenario, flown, room
         # One that begins where the last one ended may come nearer to a wall than alone: others take its place.
         near = order[next(s["manoeuvre"] for s in spans_of(scenario) if s["start"] - 1e-9 <= when < s["end"])]

@@ -17,6 +17,7 @@ from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.vehicle_defaults import with_vehicle_defaults
 from rovtwin.simulation.sensors import Sensor
 
 
@@ -26,6 +27,7 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
     return {
         "version": __version__,
         "scenario": dump_scenario(scenario_to_replay(scenario, composed)),
+        "autopilot": with_vehicle_defaults(scenario.autopilot, composed.model).model_dump_json(),
         "name": scenario.name,
         "seed": str(scenario.seed),
         "platform": platform.platform(),
@@ -33,7 +35,9 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
         "vehicle_table": to_json(composed.vehicle_table),
-        "sensors": to_json({name: _datasheet(sensor) for name, sensor in composed.loop.twin.sensors.items()}),
+        "sensors": to_json(
+            {n: _datasheet(s, composed.on_board.part_of(n)) for n, s in composed.loop.twin.sensors.items()}
+        ),
         "water_density": str(water.kg_per_m3 if (water := scenario.world.water) else composed.vehicle.assembly.density),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
         "faults": to_json(composed.faults),
@@ -50,10 +54,10 @@ def beginning(scenario: Scenario, utc_start: str) -> dict[str, str]:
     return {METADATA_KEY: replace(scenario.origin, utc_start=utc_start).metadata()}
 
 
-def _datasheet(sensor: Sensor) -> dict[str, Any]:
-    """What a user of the log may know of a sensor: declared noise, place and mounting in b, not its errors."""
+def _datasheet(sensor: Sensor, part: str) -> dict[str, Any]:
+    """What a user of the log may know of a sensor: part, declared noise, place and mounting in b, not its errors."""
     told = {"noise": sensor.noise, "lever": sensor.lever, "rotation": sensor.rotation}
-    return {name: np.asarray(value).tolist() for name, value in told.items()}
+    return {"part": part} | {name: np.asarray(value).tolist() for name, value in told.items()}
 
 
 def scenario_to_replay(scenario: Scenario, composed: Composed, folder: Path | None = None) -> Scenario:

@@ -90,6 +90,10 @@ class Recorder:
             health=whole["autopilot/health"],
             energy=self._energy[-1] - self._energy[0] if self._energy else None,
             reference=whole["autopilot/reference"],
+            setpoint=whole["autopilot/setpoint"],
+            tau=whole["autopilot/tau"],
+            bias=whole["autopilot/bias"],
+            water=whole["truth/water_velocity"],
         )
 
 

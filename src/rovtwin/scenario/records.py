@@ -12,6 +12,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import ABORTED, REASONS, Slot
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.sensors import SENSORS
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.composition import Composed, compose, keys_of
@@ -22,14 +23,6 @@ from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model
 
 CHUNK = 10.0  # simulated time between looks from outside [s]
-SIGNAL_OF = {  # of a sensor; identification's name
-    "position": "horizontal",
-    "pressure": "depth",
-    "attitude": "attitude",
-    "gyro": "gyro",
-    "accelerometer": "accelerometer",
-    "dvl": "velocity",
-}
 
 
 def trial_logs(scenario: Scenario, seeds: Sequence[int] = (1,)) -> list[Log]:
@@ -135,7 +128,11 @@ def records_of(run: Composed, scenario: Scenario, given: Any) -> list[Record]:
         name=scenario.name,
         t_command=np.arange(len(command)) * dt,
         command=command,
-        signals={SIGNAL_OF[name]: _signal(run, name, slot) for name, slot in measurements.items() if name in SIGNAL_OF},
+        signals={
+            SENSORS[name].signal: _signal(run, name, slot)
+            for name, slot in measurements.items()
+            if name in SENSORS and SENSORS[name].signal  # of several of a kind the first
+        },
         end=len(command) * dt,
         water_density=run.vehicle.assembly.density if water is None else water.kg_per_m3,
         tether_length=run.paid_out,

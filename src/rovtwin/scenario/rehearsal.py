@@ -55,7 +55,7 @@ def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
     """
     run, dt = compose(scenarios[0]), scenarios[0].control_dt
     loop = eqx.tree_at(lambda one: one.twin.sensors, run.loop, _exact(run.loop.twin.sensors))
-    trials = [trial_of(one, run.model, run.vehicle) for one in scenarios]
+    trials = [trial_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
     counts = [int(trial.timeline.count) for trial in trials]
     tests = (_stacked(trials), _hands(scenarios))
     memories = _begin(loop, tests, run.key, run.start, control_dt=dt)

@@ -31,6 +31,9 @@ class Flown:
         energy: Taken from the batteries [J]; None where none are simulated.
         health: What the autopilot believes each thruster gives, shape (n, n_thrusters); None where nobody asked it.
         reference: Pose that the controller was given, shape (n, 6); None where nobody kept it.
+        setpoint: Pose that guidance asked for, tau: wrench that the controller asked for, bias: disturbance that the
+            filter believed in (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
+        water: Velocity of the water at CO, n [m/s], shape (n, 3); None where nobody knows it.
     """
 
     t: np.ndarray
@@ -48,6 +51,10 @@ class Flown:
     energy: float | None = None
     health: np.ndarray | None = None
     reference: np.ndarray | None = None
+    setpoint: np.ndarray | None = None
+    tau: np.ndarray | None = None
+    bias: np.ndarray | None = None
+    water: np.ndarray | None = None
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:
@@ -128,6 +135,7 @@ def score(flown: Flown) -> dict[str, Any]:
         "position_error_rms_m": [_rms(error[:, 0]), _rms(error[:, 1])],
         "nees_position_mean": _mean(position_nees[late]),
         "nees_effective_samples": effective_samples(position_nees[late]) if late.any() else None,
+        **_tilt(flown),
         **_exertion(flown),
     }
 
@@ -136,7 +144,13 @@ def score_test(flown: Flown) -> dict[str, Any]:
     """Figures of an identification test, by the same names: it has no path to follow and no filter; those are None."""
     missing = ("cross_track_rms_m", "cross_track_max_m", "station_rms_m", "station_max_m", "depth_rms_m",
                "heading_rms_deg", "position_error_rms_m", "nees_position_mean", "nees_effective_samples")  # fmt: skip
-    return {"test": True, **_ending(flown), **dict.fromkeys(missing), **_exertion(flown)}
+    return {"test": True, **_ending(flown), **dict.fromkeys(missing), **_tilt(flown), **_exertion(flown)}
+
+
+def _tilt(flown: Flown) -> dict[str, float]:
+    """Largest roll and pitch of the whole run, either way [deg]."""
+    roll, pitch = np.degrees(np.abs(flown.eta[:, 3:5]).max(axis=0))
+    return {"roll_max_deg": float(roll), "pitch_max_deg": float(pitch)}
 
 
 def _ending(flown: Flown) -> dict[str, Any]:

@@ -11,11 +11,12 @@ from rovtwin.core.numerics import jax
 from rovtwin.scenario.compose_world import airy_of
 from rovtwin.scenario.composition import Composed, below_surface
 from rovtwin.scenario.schema import AirySection, Scenario, ThesisWavesSection
-from rovtwin.simulation.holding import Holding, holding
+from rovtwin.simulation.holding import Holding, holding, stemmed
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
 
-WORST_FIRST = ("capsizes", "drifts", "swept", "holds")
+WORST_FIRST = ("capsizes", "drifts", "turns", "swept", "holds")
+SIDES = {"ahead": 0.0, "off the bow": 0.25 * math.pi, "abeam": 0.5 * math.pi, "astern": math.pi}
 FORCES = slice(0, 3)
 HEAVE_SAID = 0.05  # rms of heave from which the line names it [N]
 
@@ -70,9 +71,14 @@ def verdict_line(found: list[Holding]) -> str:
     still = _still(h)
     if h.verdict == "capsizes":
         said = f"cannot hold: a flow of {flow:.2g} m/s tips it over; it stays level up to {h.upright:.2g} m/s"
+    elif h.verdict == "turns":
+        into = math.degrees(h.into) % 360
+        said = (
+            f"{_cannot(h)}; holds its place with the bow into the current, heading {into:.0f} deg, "
+            f"with {100 * h.share_into:.0f} % of its thrust"
+        )
     elif h.verdict == "drifts":
-        force = float(np.linalg.norm(h.mean_required[FORCES]))
-        said = f"cannot hold: takes {force:.3g} N on average, {h.mean_share:.2g} times what thrusters can"
+        said = _cannot(h)
         if h.drift > 0:
             said += f"; carried off at about {h.drift:.2g} m/s in a flow of {flow:.2g} m/s"
     elif h.verdict == "swept":
@@ -83,6 +89,17 @@ def verdict_line(found: list[Holding]) -> str:
     else:
         said = f"holds: {still}"
     return f"{where}: {said}"
+
+
+def _cannot(h: Holding) -> str:
+    """What holding place and heading takes on average, and that it is not there."""
+    force, axes = h.mean_required[FORCES], ("surge", "sway", "heave")
+    said = f"cannot hold: takes {float(np.linalg.norm(force)):.3g} N on average"
+    if math.isfinite(h.mean_share):
+        return f"{said}, {h.mean_share:.2g} times what thrusters can"
+    pushed = force[:2] if h.available_heave > 0.0 else force  # what thrusters can give is not what is missing
+    largest = int(np.argmax(np.abs(pushed)))
+    return f"{said}, {abs(force[largest]):.3g} N of it in {axes[largest]}, which thrusters cannot give at this heading"
 
 
 def _still(h: Holding) -> str:
@@ -115,6 +132,7 @@ def sea_report(composed: Composed) -> dict[str, Any]:
         "verdict": worst(found).verdict,
         "line": _said(composed, found),
         "places": [as_data(h) for h in found],
+        "stems_m_s": dict(zip(SIDES, stemmed(composed.loop.twin.model, list(SIDES.values())).tolist(), strict=True)),
         "thesis_force_rms_n": None,
         "real_sea": None,
     }
@@ -182,5 +200,7 @@ def as_data(h: Holding) -> dict[str, Any]:
         "mean_flow_m_s": h.mean_flow.tolist(),
         "sweep_rms_m": {"horizontal": float(h.sweep[0]), "vertical": float(h.sweep[1])},
         "drift_m_s": h.drift,
+        "heading_into_flow_deg": math.degrees(h.into) % 360,
+        "share_into_flow": h.share_into if math.isfinite(h.share_into) else None,
         "upright_up_to_m_s": h.upright if math.isfinite(h.upright) else None,
     }

@@ -13,7 +13,8 @@ from rovtwin.gnc.navigation.smoother import Smoothed, smooth
 from rovtwin.gnc.navigation.tuning import SENSOR_STD
 from rovtwin.scenario.channels import ETA, ETA_UNITS, NU, NU_UNITS
 from rovtwin.scenario.compose_autopilot import navigation_filter
-from rovtwin.scenario.composition import sensors_of, start_of, vehicle_of
+from rovtwin.scenario.compose_sensors import sensors_of
+from rovtwin.scenario.composition import start_of, vehicle_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import ModelBasedSection
 
@@ -58,7 +59,7 @@ def smooth_run(path: Path) -> SmoothedRun:
     section = scenario.autopilot
     if not isinstance(section, ModelBasedSection):
         section = ModelBasedSection(type="model_based")
-    filter = navigation_filter(section, model, sensors_of(scenario))
+    filter = navigation_filter(section, model, sensors_of(scenario, vehicle))
     heard = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
     last = max(log[name].t[-1] for name in heard)
     ticks = round(last / dt) + 1

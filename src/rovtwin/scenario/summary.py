@@ -9,12 +9,14 @@ from rovtwin.core.numerics import as_array, jax
 from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.feasibility import judge
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, nees_interval, score, score_test
+from rovtwin.scenario.stalls import tipped, unfinished
 
 
 def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, Any]:
-    """Scores, the reason where the mission was not completed, NEES interval and the bound of the best filter."""
+    """Scores, why the mission was not completed where it was not, NEES interval and the bound of the best filter."""
     judged = not composed.scenario.test
     figures = score(flown) if judged else score_test(flown)
     interrupted = interrupted and not figures["completed"]  # Ctrl-C in the last second of a mission changes nothing
@@ -24,20 +26,27 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
     elif figures["completed"]:
         reason = ""
     else:
-        reason = figures["reason"] or f"not finished after {flown.duration:.0f} s"
+        reason = figures["reason"] or not_finished(flown, composed)
     speed = float(np.sqrt(np.mean(np.sum(flown.nu[:, :2] ** 2, axis=1))))
     altitude = altitude_error(flown, composed.scenario)
     if altitude is not None:
         figures["depth_rms_m"] = None  # the depth asked for leads the floor: no error of the vehicle
     return figures | {
         "reason": reason,
+        "why": tipped(flown, composed.loop.twin.model) if reason == "attitude limit" else "",
         "interrupted": interrupted,
+        "foreseen": [finding.line for finding in judge(composed.scenario, composed.loop.twin.model)],
         "altitude_rms_m": altitude,
-        "decisions": decisions(flown, composed.thruster_names),
+        "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,
         "speed_rms_m_s": speed,
     }
+
+
+def not_finished(flown: Flown, composed: Composed) -> str:
+    """That the time was over, and why: where it stalled, or how much is left."""
+    return f"not finished after {flown.duration:.0f} s: {unfinished(flown, composed.scenario, composed.model)}"
 
 
 def altitude_error(flown: Flown, scenario: Scenario) -> float | None:

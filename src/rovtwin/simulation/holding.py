@@ -10,12 +10,15 @@ Two questions, with two answers:
   round.
 
 A vehicle whose thrusters meet the first holds its place if its autopilot can use them. One that meets only the second
-stays about its place, swept to and fro by the waves as far as the water is. One that meets neither drifts away. And in
-a flow along its nose that its righting moment cannot stand up to it pitches over, whatever its thrust.
+stays about its place, swept to and fro by the waves as far as the water is. One that meets neither, but would with its
+bow turned into the mean flow, as a vehicle without thrust in sway must, holds its place but not the heading. One that
+does not even then drifts away. And in a flow along its nose that its righting moment cannot stand up to it pitches
+over, whatever its thrust.
 
 Reference: Fossen (2021), ch. 10; Newman (1977), Marine Hydrodynamics, sec. 6.4 (Stokes drift).
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -29,14 +32,15 @@ from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.world import World
 from rovtwin.vehicle.dynamics import State, acceleration
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import RANK_TOLERANCE
+from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
 from rovtwin.vehicle.thrusters import Thrusters, force_limits
-from rovtwin.vehicle.trim import stability
+from rovtwin.vehicle.trim import stability, steady_speed
 
-Verdict = Literal["holds", "swept", "drifts", "capsizes"]
+Verdict = Literal["holds", "swept", "turns", "drifts", "capsizes"]
 HELD = np.array([0, 1, 2, 5])  # X, Y, Z, N: roll and pitch are left to the righting moment
 SURGE, HEAVE = np.eye(6)[0], np.eye(6)[2]
 NOTHING = 1e-3  # force or moment that need not be met [N, N m]
+DRAGLESS = 20.0  # no current is looked for beyond this speed [m/s]
 STILL = 99.0  # share of the time in which the thrusters must meet the waves for the vehicle to hold still [%]
 
 
@@ -57,6 +61,8 @@ class Holding:
         drift: Speed at which the vehicle is carried off in spite of full thrust [m/s]; 0 where it is not.
         available: Largest force along the horizontal force required, both ways [N]; in surge where none is.
         available_heave: Largest force in heave, both ways [N].
+        into: Heading with the bow into the mean flow [rad].
+        share_into: The share for the mean with that heading; inf where the flow from ahead tips the vehicle over.
         upright: Flow along the nose up to which the righting moment keeps it level, from the side from which the mean
             flow comes, ahead or astern [m/s].
     """
@@ -74,17 +80,19 @@ class Holding:
     available: float
     available_heave: float
     upright: float
+    into: float
+    share_into: float
 
     @property
     def verdict(self) -> Verdict:
-        """`holds`, `swept` (holds on average), `drifts` or `capsizes` (cannot hold)."""
+        """`holds`, `swept` (holds on average), `turns` (holds with another heading), `drifts` or `capsizes`."""
         along = _along(self.mean_flow, self.heading)
         stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
         if abs(along) * stood_up_to > self.upright:  # what carries it off it does not feel
             return "capsizes"
         if self.mean_share > 1.0:
-            return "drifts"
-        return "holds" if float(np.percentile(self.share, STILL)) <= 1.0 else "swept"
+            return "turns" if self.share_into <= 1.0 else "drifts"
+        return "holds" if at_most(self.share, STILL) <= 1.0 else "swept"
 
     @property
     def horizontal(self) -> np.ndarray:
@@ -114,6 +122,7 @@ def holding(
     mean = flow.mean(axis=0)
     means = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.asarray(wrench.mean(axis=0))))
     shares = thrust_share(model.thrusters, means)
+    into = float(np.arctan2(-mean[1], -mean[0])) if np.hypot(*mean[:2]) > 0.0 else heading
     return Holding(
         place=np.asarray(start.position),
         heading=heading,
@@ -121,7 +130,7 @@ def holding(
         required=required,
         share=thrust_share(model.thrusters, required),
         mean_required=means.mean(axis=0),
-        mean_share=float(np.percentile(shares, 95.0)),
+        mean_share=at_most(shares, 95.0),
         mean_flow=mean,
         sweep=_sweep(world, float(start.position[2])),
         drift=_drift(model, state, mean, wrench.mean(axis=0)),
@@ -129,7 +138,48 @@ def holding(
         available_heave=_force_along(model.thrusters, HEAVE),
         # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
         upright=stability(model, astern=_along(mean, heading) > 0).pitch_depth_held,
+        into=into,
+        share_into=_share_into(model, place, flow, into) if at_most(shares, 95.0) > 1.0 else at_most(shares, 95.0),
     )
+
+
+def at_most(values: np.ndarray, percent: float) -> float:
+    """The least of the values that so many percent of them do not exceed; values may be infinite."""
+    return float(np.sort(values)[max(math.ceil(0.01 * percent * len(values)) - 1, 0)])
+
+
+def _share_into(model: Model, place: Any, flow: np.ndarray, into: float) -> float:
+    """Share of the thrust that flows (n, 3), as large as they come, take with the bow at a heading [rad]."""
+    speed = at_most(np.hypot(flow[:, 0], flow[:, 1]), 95.0)
+    if speed > stability(model).pitch_depth_held:
+        return math.inf
+    ahead = jnp.asarray([[-speed * math.cos(into), -speed * math.sin(into), float(flow[:, 2].mean())]])
+    means = np.asarray(_in_mean_flow(model, State.at(model, Start.at(place, into)), ahead, jnp.zeros(6)))
+    return float(thrust_share(model.thrusters, means)[0])
+
+
+def stemmed(model: Model, directions: Any) -> np.ndarray:
+    """Largest steady currents that thrusters stem, other axes and the heading held too [m/s], shape (n,).
+
+    Args:
+        model: The vehicle.
+        directions: From which each comes, off the bow to starboard [rad], shape (n,).
+    """
+    directions, speeds = np.asarray(directions, dtype=float), np.linspace(0.0, _fastest(model), 201)
+    state = State.at(model, Start.at((0.0, 0.0, 10.0 * float(model.hull.radius) + 1.0), 0.0))
+    from_there = -np.stack([np.cos(directions), np.sin(directions), np.zeros_like(directions)], axis=1)
+    flow = (from_there[:, None] * speeds[:, None]).reshape(-1, 3)
+    tau = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.zeros(6)))
+    within = thrust_share(model.thrusters, tau).reshape(len(directions), -1) <= 1.0
+    first_beyond = np.where(within.all(axis=1), len(speeds), np.argmin(within, axis=1))
+    return np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
+
+
+def _fastest(model: Model) -> float:
+    """More than any top speed in surge or sway [m/s]."""
+    low, high = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+    tops = [steady_speed(model, axis, float(force)) for axis in (0, 1) for force in (low[axis], high[axis])]
+    return 1.05 * min(max(tops), DRAGLESS)
 
 
 @eqx.filter_jit

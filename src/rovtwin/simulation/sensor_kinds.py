@@ -1,4 +1,4 @@
-"""What sensors see, and what they would read without noise: one ideal reading for each kind."""
+"""What sensors see, and what they would read without noise: one ideal reading for each kind of `core.sensors`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -40,26 +40,26 @@ def _depth(sensor: Any, seen: SensorInput) -> Array:
     return still if seen.environment.head is None else still + seen.environment.head
 
 
-def _range(sensor: Any, seen: SensorInput) -> Array:
-    floor = seen.environment.floor
+def range_along(axis: int, sensor: Any, seen: SensorInput) -> Array:
+    """Distance to the floor along one of the sensor's axes [m], scalar; infinite in a world without a floor."""
+    floor, slope = seen.environment.floor, seen.environment.slope
     if floor is None:
-        return jnp.full(1, jnp.inf)
-    slope = seen.environment.slope
-    return measurement.range_to_floor(seen.state, sensor.lever, sensor.rotation, floor, slope)[None]
+        return jnp.asarray(jnp.inf)
+    beam_first = jnp.roll(sensor.rotation, -axis, axis=1)
+    return measurement.range_to_floor(seen.state, sensor.lever, beam_first, floor, slope)
 
 
-# kind -> (number of values, noise-free reading)
-KINDS: dict[str, tuple[int, Ideal]] = {
-    "position": (2, lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2]),
-    "pressure": (1, lambda sensor, seen: _depth(sensor, seen)[None]),
-    "accelerometer": (
-        3,
-        lambda sensor, seen: measurement.specific_force(seen.state, seen.nu_dot, sensor.lever, sensor.rotation),
+IDEAL: dict[str, Ideal] = {
+    "position": lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2],
+    "pressure": lambda sensor, seen: _depth(sensor, seen)[None],
+    "accelerometer": lambda sensor, seen: measurement.specific_force(
+        seen.state, seen.nu_dot, sensor.lever, sensor.rotation
     ),
-    "gyro": (3, lambda sensor, seen: measurement.angular_rate(seen.state, sensor.rotation)),
-    "attitude": (3, lambda sensor, seen: measurement.attitude_euler(seen.state, sensor.rotation)),
-    "dvl": (3, lambda sensor, seen: measurement.velocity_over_ground_at(seen.state, sensor.lever, sensor.rotation)),
-    "altimeter": (1, _range),
-    "battery": (2, lambda sensor, seen: jnp.array([1.0, 0.0]) if seen.energy is None else seen.energy),
-    "leak": (1, lambda sensor, seen: jnp.zeros(1) if seen.leak is None else seen.leak.astype(float)[None]),
+    "gyro": lambda sensor, seen: measurement.angular_rate(seen.state, sensor.rotation),
+    "attitude": lambda sensor, seen: measurement.attitude_euler(seen.state, sensor.rotation),
+    "dvl": lambda sensor, seen: measurement.velocity_over_ground_at(seen.state, sensor.lever, sensor.rotation),
+    "altimeter": lambda sensor, seen: range_along(BEAM["altimeter"], sensor, seen)[None],
+    "battery": lambda sensor, seen: jnp.array([1.0, 0.0]) if seen.energy is None else seen.energy,
+    "leak": lambda sensor, seen: jnp.zeros(1) if seen.leak is None else seen.leak.astype(float)[None],
 }
+BEAM = {"altimeter": 0, "dvl": 2}  # the axis along which the floor must be in range

@@ -16,6 +16,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
 from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.sensors import ESSENTIAL, SENSORS
+from rovtwin.simulation.acoustic import AcousticErrors, AcousticState
 from rovtwin.simulation.checks import (
     require,
     require_finite,
@@ -28,13 +30,13 @@ from rovtwin.simulation.checks import (
     within,
 )
 from rovtwin.simulation.noise import raw_key
-from rovtwin.simulation.sensor_kinds import KINDS, SensorInput
+from rovtwin.simulation.sensor_kinds import BEAM, IDEAL, SensorInput, range_along
 from rovtwin.simulation.sensor_values import Offsets, offsets_of, per_axis, spans_of
 
-__all__ = ["KINDS", "PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7"]
+__all__ = ["PHYSICS_RATE", "Offsets", "Sensor", "SensorInput", "SensorMemory", "put", "table_5_7", "usual_sensor"]
 
 PHYSICS_RATE = 500.0  # of all shipped scenarios [Hz]
-MAX_RANGE = 50.0  # of a small single-beam echo sounder over sand [m]
+MAX_RANGE = 50.0  # of a small echo sounder or DVL over sand [m]
 DOWN = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # R_bs of a sensor whose x axis looks down
 
 
@@ -45,11 +47,13 @@ class Wear(eqx.Module):
         wander: Bias that walks, shape (n,).
         last: The last valid reading, shape (n,), or None where the sensor never freezes.
         known: Whether there was one, bool, or None.
+        acoustic: Of an acoustic position's errors, or None.
     """
 
     wander: Array
     last: Array | None
     known: Array | None
+    acoustic: AcousticState | None = None
 
 
 class SensorMemory(eqx.Module):
@@ -89,9 +93,11 @@ class Sensor(Block):
         blackouts: Spans of true time without readings, from (included) to (excluded) [s], shape (m, 2).
         offsets: Bias within spans of time, or None.
         frozen: Spans in which it repeats its last reading, with new time stamps [s], shape (m, 2), or None.
-        max_range: Of an altimeter [m]; there is no reading beyond it.
+        min_range: Of an altimeter and a DVL [m]; nearer to the floor there is no reading.
+        max_range: The same, farther away. A DVL in a world without a floor always reads.
         lever: Its place seen from CO, b [m], shape (3,).
         rotation: R_bs, maps its axes to b, shape (3, 3).
+        errors: Of an acoustic position, beside the rest; or None.
     """
 
     kind: str = eqx.field(static=True)
@@ -109,9 +115,11 @@ class Sensor(Block):
     blackouts: Array
     offsets: Offsets | None
     frozen: Array | None
+    min_range: Array
     max_range: Array
     lever: Array
     rotation: Array
+    errors: AcousticErrors | None
 
     def __init__(
         self,
@@ -131,17 +139,19 @@ class Sensor(Block):
         blackouts: Sequence[tuple[float, float]] = (),
         offsets: Sequence[tuple[float, float, Any]] = (),
         frozen: Sequence[tuple[float, float]] = (),
+        min_range: Any = 0.0,
         max_range: Any = MAX_RANGE,
         lever: Any = (0.0, 0.0, 0.0),
         rotation: Any = None,
+        errors: AcousticErrors | str | None = None,
     ):
         """Rates in hertz and latency in seconds; numbers serve all axes. Latency is rounded to physics steps.
 
         `offsets` are (from, to, bias), one for each span. An altimeter looks down unless `rotation` is given, all else
-        ahead.
+        ahead. `errors` is "acoustic" for those of an Underwater GPS as it was fitted.
         """
-        if kind not in KINDS:
-            raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(KINDS))}")
+        if kind not in SENSORS:
+            raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
         self.kind = kind
         self.rate, self.physics_rate = round(1000 * rate_hz), round(1000 * physics_rate_hz)
         if not 0 < self.rate <= self.physics_rate:
@@ -156,14 +166,20 @@ class Sensor(Block):
         self.blackouts = spans_of(blackouts)
         self.offsets = offsets_of(f"{kind}.offsets", offsets, self.size) if len(offsets) else None
         self.frozen = spans_of(frozen) if len(frozen) else None
+        self.min_range = as_array(min_range)
         self.max_range = as_array(max_range)
         self.lever = as_array(lever)
         straight = DOWN if kind == "altimeter" else np.eye(3)
         self.rotation = as_array(straight if rotation is None else rotation)
+        self.errors = AcousticErrors() if errors == "acoustic" else errors  # type: ignore[assignment]  (checked)
         self._check(as_array(latency))
 
     def _check(self, latency: Array) -> None:
         kind, R = self.kind, self.rotation
+        if self.errors is not None and not (kind == "position" and isinstance(self.errors, AcousticErrors)):
+            raise ConfigError(
+                f"{kind}.errors: found acoustic ones, or none that are known; expected acoustic, of a position"
+            )
         require_not_negative(f"{kind}.latency", latency)
         require_not_negative(f"{kind}.noise", self.noise)
         require_finite(f"{kind}.bias", self.bias)
@@ -180,6 +196,7 @@ class Sensor(Block):
         ):
             if spans is not None:
                 require_spans(f"{kind}.{name}", spans)
+        require_not_negative(f"{kind}.min_range", self.min_range)
         require_positive(f"{kind}.max_range", self.max_range)
         require_shape(f"{kind}.lever", self.lever, (3,))
         require_finite(f"{kind}.lever", self.lever)
@@ -189,7 +206,7 @@ class Sensor(Block):
     @property
     def size(self) -> int:
         """Number of values in a reading."""
-        return KINDS[self.kind][0]
+        return SENSORS[self.kind].size
 
     def readings_before(self, k: Any) -> Any:
         """How many readings are taken in physics steps 0 .. k - 1; int, or an int array like k."""
@@ -215,7 +232,8 @@ class Sensor(Block):
         under_way = Slot.empty(self.capacity(self.latency_steps + 1), self.size) if self.latency_steps else None
         freezes = self.frozen is not None
         last, known = (jnp.zeros(self.size), jnp.zeros((), dtype=bool)) if freezes else (None, None)
-        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known), under_way)
+        acoustic = None if self.errors is None else self.errors.init(jax.random.fold_in(key, 1))
+        return SensorMemory(raw_key(key), Wear(jnp.zeros(self.size), last, known, acoustic), under_way)
 
     def step(self, memory: SensorMemory, input: SensorInput, dt: float) -> tuple[SensorMemory, Slot]:
         """One physics step of `dt` seconds, which must be that of `physics_rate`."""
@@ -258,7 +276,7 @@ class Sensor(Block):
         (white, walk, direction), (lost, odd) = _draw(jax.random.fold_in(memory.key, input.k), n)
         t = (input.k + 1) * dt
         wander = memory.wear.wander + self.bias_walk * jnp.sqrt(1000.0 / self.rate) * walk
-        ideal = KINDS[self.kind][1](self, input)
+        ideal = IDEAL[self.kind](self, input)
         value = ideal + self.bias + wander + self.noise * white
         outlier = self.outlier_size * direction / jnp.sqrt((direction**2).sum())
         value = value + jnp.where(odd < self.outlier, outlier, 0.0)
@@ -267,9 +285,15 @@ class Sensor(Block):
         if self.kind == "attitude":
             value = wrap(value)
         comes = (lost >= self.dropout) & ~within(self.blackouts, t, dt).any()
+        acoustic = memory.wear.acoustic
+        if self.errors is not None and acoustic is not None:
+            own_key = jax.random.fold_in(jax.random.fold_in(memory.key, input.k), 1)
+            acoustic, error, fixed = self.errors.step(acoustic, ideal, own_key, 1000.0 / self.rate)
+            value, comes = value + error, comes & fixed
         valid = comes
-        if self.kind == "altimeter":
-            valid = valid & (ideal[0] > 0.0) & (ideal[0] <= self.max_range)
+        if self.kind in BEAM and (self.kind == "altimeter" or input.environment.floor is not None):
+            away = range_along(BEAM[self.kind], self, input)
+            valid = valid & (away > 0.0) & (away >= self.min_range) & (away <= self.max_range)
             value = jnp.where(valid, value, 0.0)  # no echo, no number: what is not finite must not reach a memory
         last, known = memory.wear.last, memory.wear.known
         if self.frozen is not None and last is not None and known is not None:
@@ -279,7 +303,7 @@ class Sensor(Block):
         # A reading that never was must not leak out through its filler.
         value = jnp.where(valid, value, 0.0)
         t_valid = jnp.where(valid, (1.0 + self.clock_drift) * t + self.clock_offset, 0.0)
-        return Wear(wander, last, known), Slot(value[None], valid[None], t_valid[None])
+        return Wear(wander, last, known, acoustic), Slot(value[None], valid[None], t_valid[None])
 
 
 def _draw(key: Array, n: int) -> tuple[Array, Array]:
@@ -298,18 +322,22 @@ def put(slots: Slot, one: Slot, here: Array) -> Slot:
     )
 
 
-EXTRA: dict[str, dict[str, Any]] = {
-    "dvl": {"rate_hz": 10.0, "noise": 5e-3},
-    "altimeter": {"rate_hz": 10.0, "noise": 0.01},
-    "battery": {"rate_hz": 1.0},
-    "leak": {"rate_hz": 1.0},
-}
-"""Sensors that the thesis's vehicle has not, as they come if nothing else is said."""
+def usual_sensor(kind: str, **given: Any) -> Sensor:
+    """A sensor with the usual figures of its kind.
+
+    Args:
+        kind: A row of `core.sensors.SENSORS`.
+        given: Arguments of `Sensor` that differ.
+    """
+    if kind not in SENSORS:
+        raise ConfigError(f"sensor kind: found {kind!r}, expected one of {', '.join(sorted(SENSORS))}")
+    row = SENSORS[kind]
+    figures: dict[str, Any] = {"rate_hz": row.rate_hz, "noise": row.std, "bias": row.bias}
+    return Sensor(kind, **(figures | given))
 
 
 def table_5_7(
     as_printed: bool = False,
-    dvl: bool = False,
     physics_rate_hz: float = PHYSICS_RATE,
     changes: Mapping[str, Mapping[str, Any]] | None = None,
     extra: Sequence[str] = (),
@@ -319,25 +347,19 @@ def table_5_7(
     Args:
         as_printed: With the biases of accelerometer (6.8e-6 m/s2) and gyro (0.017 rad/s) as the thesis prints them;
             they are swapped there, and by default stand corrected (0.017 m/s2 and 6.8e-6 rad/s).
-        dvl: With a DVL of 5 mm/s per axis at 10 Hz.
         physics_rate_hz: Rate of the physics clock.
         changes: By sensor name, arguments of `Sensor` that differ, such as `{"position": {"dropout": 0.1}}`.
-        extra: Names out of EXTRA, of sensors to have besides.
+        extra: Kinds to have besides, such as a DVL of 5 mm/s per axis at 10 Hz.
     """
-    accelerometer_bias, gyro_bias = (6.8e-6, 0.017) if as_printed else (0.017, 6.8e-6)
-    table: dict[str, dict[str, Any]] = {
-        "position": {"rate_hz": 1.0, "noise": 0.5},
-        "pressure": {"rate_hz": 42.0, "noise": 1e-3},
-        "accelerometer": {"rate_hz": 100.0, "noise": 0.0308, "bias": accelerometer_bias},
-        "gyro": {"rate_hz": 100.0, "noise": 3.08e-5, "bias": gyro_bias},
-        "attitude": {"rate_hz": 100.0, "noise": 1e-3},
-    }
-    wanted = [name for name in EXTRA if name in extra or (name == "dvl" and dvl)]
-    table |= {name: EXTRA[name] for name in wanted}
+    printed = {"accelerometer": {"bias": SENSORS["gyro"].bias}, "gyro": {"bias": SENSORS["accelerometer"].bias}}
+    kinds = [kind for kind in SENSORS if kind in ESSENTIAL or kind in extra]
     changes = changes or {}
-    if unknown := sorted(set(changes) - set(table)):
-        raise ConfigError(f"sensors: found changes of {', '.join(unknown)}, expected those of {', '.join(table)}")
+    if unknown := sorted(set(changes) - set(kinds)):
+        raise ConfigError(f"sensors: found changes of {', '.join(unknown)}, expected those of {', '.join(kinds)}")
+    swapped = printed if as_printed else {}
     return {
-        name: Sensor(name, physics_rate_hz=physics_rate_hz, **(given | dict(changes.get(name, {}))))
-        for name, given in table.items()
+        kind: usual_sensor(
+            kind, **({"physics_rate_hz": physics_rate_hz} | swapped.get(kind, {}) | dict(changes.get(kind, {})))
+        )
+        for kind in kinds
     }

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rovtwin.vehicle.files import list_library
+    from rovtwin.vehicle.files import list_devices, list_library
     from rovtwin.vehicle.findings import check
     from rovtwin.vehicle.model import Model
     from rovtwin.vehicle.show import render, summary
@@ -18,6 +18,7 @@ _HOME = {
     "Model": "model",
     "Vehicle": "vehicle",
     "check": "findings",
+    "list_devices": "files",
     "list_library": "files",
     "load_vehicle": "vehicle",
     "render": "show",
@@ -30,6 +31,7 @@ __all__ = [
     "Model",
     "Vehicle",
     "check",
+    "list_devices",
     "list_library",
     "load_vehicle",
     "render",

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
@@ -19,16 +20,20 @@ class Mounted:
     """A thruster, camera, sensor or tether seen from the body frame.
 
     Attributes:
-        name: With the names of the parts it sits in, `port.camera`.
+        name: With the names of the parts it sits in, `port.camera`, but of those that keep their names (`Part`).
         item: What the file says of it.
         placement: Its frame in b; of a thruster and a tether, the frame of its part.
         supply_voltage: Of a thruster: that of the nearest part around it that gives one [V].
+        spare: Of a sensor: whether it is on board but not read.
+        path: Names of all parts it sits in, outermost first.
     """
 
     name: str
     item: schema.Thruster | schema.Camera | schema.Sensor | schema.Tether
     placement: Placement
     supply_voltage: float | None = None
+    spare: bool = False
+    path: tuple[str, ...] = ()
 
     @property
     def position(self) -> np.ndarray:
@@ -41,7 +46,8 @@ class Mounted:
         return self.placement.rotation
 
     def moved(self, placement: Placement, prefix: str) -> "Mounted":
-        return replace(self, name=f"{prefix}.{self.name}", placement=self.placement.after(placement))
+        name, path = f"{prefix}.{self.name}", (prefix, *self.path)
+        return replace(self, name=name, placement=self.placement.after(placement), path=path)
 
 
 @dataclass(frozen=True)
@@ -131,8 +137,9 @@ def assemble(
     for part in body.parts:
         inner = assemble(part, f"{where}: part '{part.name}'", density, voltage).in_water(density)
         pieces.append(inner.moved(Placement.of(part.pose.position, part.pose.attitude_deg), part.name))
-    total = _sum(pieces, density)
-    total = _with_rigid_body(total, body.rigid_body)
+    total = _with_names_kept(_sum(pieces, density), {part.name for part in body.parts if part.keeps_names})
+    total = _with_spares(total, body.spare_sensors or [], where)
+    total = with_rigid_body(total, body.rigid_body)
     total = with_restoring(total, body.restoring, where)
     return with_hydrodynamics(total, body.hydrodynamics, where)
 
@@ -140,7 +147,7 @@ def assemble(
 def _own(body: schema.Body, density: float, supply_voltage: float | None) -> Assembly:
     """What the body itself adds to its parts."""
     solid = None if body.shape is None else Solid.of(body.shape)
-    center = HERE.position if solid is None else solid.placement.position
+    center = HERE.position if solid is None else solid.centered().position
     if body.center_of_buoyancy is not None:
         center = np.array(body.center_of_buoyancy)
     volume = body.volume if body.volume is not None else (0.0 if solid is None else solid.volume())
@@ -195,7 +202,42 @@ def _sum(pieces: list[Assembly], density: float) -> Assembly:
     )
 
 
-def _with_rigid_body(total: Assembly, given: schema.RigidBody | None) -> Assembly:
+def _with_names_kept(total: Assembly, parts: set[str]) -> Assembly:
+    """The same, names in some of the parts without those parts' own: `rov.port.surge` is `port.surge`.
+
+    Where two of a kind would then have one name, those in the parts keep the long one.
+    """
+    if not parts:
+        return total
+
+    def named(items: tuple[Mounted, ...]) -> tuple[Mounted, ...]:
+        short = [i.name.removeprefix(f"{i.path[0]}.") if i.path and i.path[0] in parts else i.name for i in items]
+        return tuple(
+            replace(i, name=s) if short.count(s) == 1 else i  # those outside the parts have it already
+            for i, s in zip(items, short, strict=True)
+        )
+
+    return replace(
+        total,
+        thrusters=named(total.thrusters),
+        cameras=named(total.cameras),
+        sensors=named(total.sensors),
+        tethers=named(total.tethers),
+    )
+
+
+def _with_spares(total: Assembly, names: list[str], where: str) -> Assembly:
+    """The same with sensors that are on board but not read marked as such."""
+    known = [s.name for s in total.sensors]
+    for name in names:
+        if name not in known:
+            expected = f"one of {', '.join(known)}" if known else "a sensor, but there are none"
+            raise ConfigError(f"{where}: spare_sensors: found '{name}', expected {expected}.{near(name, known)}")
+    return replace(total, sensors=tuple(replace(s, spare=s.spare or s.name in names) for s in total.sensors))
+
+
+def with_rigid_body(total: Assembly, given: schema.RigidBody | None) -> Assembly:
+    """The same with given mass, centre of gravity and inertia in place of the parts'."""
     if given is None:
         return total
     mass = total.solid.mass if given.mass is None else given.mass
@@ -257,6 +299,13 @@ def _overridden(matrix: np.ndarray, given: list | None) -> np.ndarray:
             result[:, i] = 0.0
             result[i, i] = value
     return result
+
+
+def by_formula(body: schema.Body) -> schema.Body:
+    """The body without totals that were published or measured, of itself and of all parts: what is left adds up."""
+    plain = dict.fromkeys(("rigid_body", "restoring", "hydrodynamics", "identified"))
+    known = {key: None for key in plain if key in type(body).model_fields}
+    return body.model_copy(update=known | {"parts": [by_formula(part) for part in body.parts]})
 
 
 def bodies(body: schema.Body, name: str) -> Iterator[tuple[str, schema.Body]]:

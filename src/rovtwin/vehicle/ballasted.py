@@ -1,8 +1,8 @@
 """A vehicle with foam and lead on it: a file that holds the vehicle as a part, and what the pieces change."""
 
-import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +77,7 @@ def ballast(
     pieces = exact if step is None else rounded
 
     folder = Path() if out is None else out.parent
-    data = wrapper(vehicle, _reference(path, folder), pieces, density)
+    data = wrapper(vehicle, files.reference(path, folder), pieces, density)
     if out is not None:
         _write(data, out, command)
     where = "ballasted vehicle" if out is None else out.name
@@ -101,7 +101,7 @@ def ballast(
 
 
 def _rounded_figures(vehicle: Vehicle, path: Path, rounded: list[Piece], density: float) -> dict[str, Any]:
-    data = wrapper(vehicle, _reference(path, Path()), rounded, density)
+    data = wrapper(vehicle, files.reference(path, Path()), rounded, density)
     return figures(vehicle_from_dict(data, "ballasted vehicle", Path()), density)
 
 
@@ -133,16 +133,33 @@ def _notes(wish: Wish, before: dict[str, Any], after: dict[str, Any]) -> list[st
     return found
 
 
-def names(pieces: Sequence[Piece]) -> list[str]:
-    """foam_1, foam_2, lead_1, in order."""
-    materials = [piece.material for piece in pieces]
-    return [f"{material}_{materials[: i + 1].count(material)}" for i, material in enumerate(materials)]
+def names(pieces: Sequence[Piece], taken: Collection[str] = ()) -> list[str]:
+    """foam_1, foam_2, lead_1, in order; a number that is taken is passed over."""
+    found: list[str] = []
+    for piece in pieces:
+        numbered = (f"{piece.material}_{i}" for i in count(1))
+        found.append(next(name for name in numbered if name not in taken and name not in found))
+    return found
 
 
 def size(piece: Piece) -> tuple[float, float, float]:
     """Length, width, height [m] of the flat block, twice as long and wide as high, that stands for a piece."""
     height = (piece.volume / 4.0) ** (1.0 / 3.0)
     return 2.0 * height, 2.0 * height, height
+
+
+def blocks(pieces: Sequence[Piece], taken: Collection[str] = ()) -> list[dict[str, Any]]:
+    """The pieces as parts of a vehicle file, with names that are not taken."""
+    return [
+        {
+            "name": name,
+            "pose": {"position": list(piece.position)},
+            "mass": _written(piece.mass),
+            "volume": _written(piece.volume),
+            "shape": {"box": [float(f"{edge:.4g}") for edge in size(piece)]},
+        }
+        for piece, name in zip(pieces, names(pieces, taken), strict=True)
+    ]
 
 
 def wrapper(vehicle: Vehicle, reference: str, pieces: Sequence[Piece], density: float) -> dict[str, Any]:
@@ -154,23 +171,13 @@ def wrapper(vehicle: Vehicle, reference: str, pieces: Sequence[Piece], density: 
         pieces: To add.
         density: Of the water [kg/m3].
     """
-    blocks = [
-        {
-            "name": name,
-            "pose": {"position": list(piece.position)},
-            "mass": _written(piece.mass),
-            "volume": _written(piece.volume),
-            "shape": {"box": [float(f"{edge:.4g}") for edge in size(piece)]},
-        }
-        for piece, name in zip(pieces, names(pieces), strict=True)
-    ]
     weights = {m: sum(p.mass for p in pieces if p.material == m) for m in dict.fromkeys(p.material for p in pieces)}
     added = " and ".join(f"{1000 * mass:.0f} g of {material}" for material, mass in weights.items()) or "nothing"
     return {
         "name": f"{vehicle.name}_ballasted",
         "description": f"{vehicle.name} with {added} added",
         "water_density": density,
-        "parts": [_as_it_was(vehicle, reference, density), *blocks],
+        "parts": [_as_it_was(vehicle, reference, density), *blocks(pieces)],
     }
 
 
@@ -223,13 +230,6 @@ def _stock(vehicle: Vehicle, materials: Materials) -> Stock:
             )
         places = places_around(*box)
     return Stock(places, most, materials.foam_density, materials.weight_density)
-
-
-def _reference(path: Path, folder: Path) -> str:
-    """How a file in a folder names a vehicle file: the library's name where it leads there, else the way to it."""
-    if path.parent == files.LIBRARY and files.find(path.stem, folder) == path:
-        return path.stem
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
 def _require_new(out: Path) -> None:

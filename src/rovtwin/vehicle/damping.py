@@ -124,25 +124,30 @@ class DragElements:
 
 
 def drag_elements(solid: Solid, density: float) -> DragElements:
-    """Each projected area as 8 x 8 pieces with Gauss weights over its rectangle (or the ellipse in it)."""
+    """Each projected area in small pieces: `_face` of a simple solid, the cells of its silhouette of a mesh."""
     positions, normals, drags = [], [], []
-    areas = solid.projected_areas()
     for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        u, v = (g.ravel() for g in np.meshgrid(_GAUSS_X, _GAUSS_X, indexing="ij"))
-        weight = np.outer(_GAUSS_W, _GAUSS_W).ravel() / 4
-        points = np.zeros((u.size, 3))
-        points[:, j], points[:, k] = u * solid.size[j] / 2, v * solid.size[k] / 2
-        if solid.kind == "ellipsoid" or (solid.kind == "cylinder" and axis == 0):
-            # Square to disc along rays: a point at distance max(|u|, |v|), its share of area 1 / (1 + tan^2).
-            far, near = np.maximum(np.abs(u), np.abs(v)), np.minimum(np.abs(u), np.abs(v))
-            points *= (far / np.hypot(u, v))[:, None]
-            weight = weight / (1 + (near / far) ** 2)
-            weight = weight / weight.sum()
-        normal = np.zeros((u.size, 3))
+        points, areas = _face(solid, axis) if solid.mesh is None else solid.mesh.silhouettes[axis]
+        normal = np.zeros((len(points), 3))
         normal[:, axis] = 1.0
         positions.append(points)
         normals.append(normal)
-        drags.append(0.5 * density * solid.drag_coefficient[axis] * areas[axis] * weight)
+        drags.append(0.5 * density * solid.drag_coefficient[axis] * areas)
     pieces = DragElements(np.concatenate(positions), np.concatenate(normals), np.concatenate(drags))
     return pieces.moved(solid.placement)
+
+
+def _face(solid: Solid, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """8 x 8 points (64, 3) over the face's rectangle, or the ellipse in it, and areas (64,) with Gauss weights."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    u, v = (g.ravel() for g in np.meshgrid(_GAUSS_X, _GAUSS_X, indexing="ij"))
+    weight = np.outer(_GAUSS_W, _GAUSS_W).ravel() / 4
+    points = np.zeros((u.size, 3))
+    points[:, j], points[:, k] = u * solid.size[j] / 2, v * solid.size[k] / 2
+    if solid.kind == "ellipsoid" or (solid.kind == "cylinder" and axis == 0):
+        # Square to disc along rays: a point at distance max(|u|, |v|), its share of area 1 / (1 + tan^2).
+        far, near = np.maximum(np.abs(u), np.abs(v)), np.minimum(np.abs(u), np.abs(v))
+        points *= (far / np.hypot(u, v))[:, None]
+        weight = weight / (1 + (near / far) ** 2)
+        weight = weight / weight.sum()
+    return points, solid.projected_areas()[axis] * weight

@@ -5,7 +5,7 @@ power) and 1.45 astern (2.0 %); exponents fitted freely are 1.56 and 1.61, momen
 (tests/vehicle/test_energy.py). It stands for thrusters of which the file says nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,8 @@ class PowerSource:
 
     Attributes:
         name: Of the part it sits in, `port`; `vehicle` where it is the whole's.
-        capacity_wh: [Wh].
-        hotel_load: Of all but the thrusters [W].
+        capacity_wh: With those wired beside it [Wh].
+        hotel_load: Of all but the thrusters, with the `power` of the parts that hang on it [W].
         feeds: Numbers of its thrusters, in the order of the commands.
     """
 
@@ -34,26 +34,68 @@ class PowerSource:
     feeds: tuple[int, ...]
 
 
-def power_sources(body: Body, thrusters: Sequence[str]) -> list[PowerSource]:
-    """The batteries of a vehicle. Each thruster hangs on that of the nearest part around it that has one.
+def power_sources(body: Body, thrusters: Sequence[Mounted]) -> list[PowerSource]:
+    """The batteries of a vehicle, and what each of them feeds.
+
+    A thruster hangs on the battery of the nearest part around it. So do the `power` of a part and a battery that is
+    wired in parallel; with no battery around them, such as a device bolted onto two ROVs, they hang on the largest one
+    (the first of equals).
 
     Args:
         body: The vehicle, all parts in place.
-        thrusters: Names, `port.surge`, in the order of the commands.
+        thrusters: Of its assembly, in the order of the commands.
     """
-    found = {path: part.battery for path, part in bodies(body, "") if part.battery is not None}
-    owners = [
-        max((path for path in found if f".{name}".startswith(f"{path}.")), key=len, default="-") for name in thrusters
-    ]
+    tree = list(bodies(body, ""))
+    batteries = {path: part.battery for path, part in tree if part.battery is not None}
+    main = {path: battery for path, battery in batteries.items() if not battery.parallel} or batteries
+    capacity = {path: battery.capacity_wh for path, battery in main.items()}
+    hotel = {path: battery.hotel_load for path, battery in main.items()}
+
+    def owner(path: str) -> str:
+        around = _around(path, main)
+        return max(main, key=lambda one: main[one].capacity_wh) if around is None else around
+
+    for path, battery in batteries.items():
+        if path not in main:
+            capacity[owner(path)] += battery.capacity_wh
+            hotel[owner(path)] += battery.hotel_load
+    for path, part in tree:
+        if part.power and main:
+            hotel[owner(path)] += part.power
+    owners = [_around("".join(f".{part}" for part in mounted.path), main) for mounted in thrusters]
+    names = _names(body, list(main))
     return [
         PowerSource(
-            path.removeprefix(".") or "vehicle",
-            battery.capacity_wh,
-            battery.hotel_load,
-            tuple(i for i, owner in enumerate(owners) if owner == path),
+            names[path],
+            capacity[path],
+            hotel[path],
+            tuple(i for i, of in enumerate(owners) if of == path),
         )
-        for path, battery in found.items()
+        for path in main
     ]
+
+
+def _names(body: Body, paths: Sequence[str]) -> dict[str, str]:
+    """Of parts, by path: as those of their thrusters (`assembly`), whole where two would be the same."""
+    short = {path: _short(body, path.split(".")[1:]) for path in paths}
+    return {
+        path: (name if list(short.values()).count(name) == 1 else path.removeprefix(".")) or "vehicle"
+        for path, name in short.items()
+    }
+
+
+def _short(body: Body, path: Sequence[str]) -> str:
+    """A path without the names of parts that keep theirs."""
+    if not path:
+        return ""
+    part = next(part for part in body.parts if part.name == path[0])
+    rest = _short(part, path[1:])
+    return rest if part.keeps_names else ".".join(filter(None, (part.name, rest)))
+
+
+def _around(path: str, batteries: Collection[str]) -> str | None:
+    """Which of the parts with a battery is the nearest around a part or thruster; None where none is."""
+    return max((owner for owner in batteries if f"{path}.".startswith(f"{owner}.")), key=len, default=None)
 
 
 def specific_power(thrusters: Sequence[Mounted], supply_voltage: float | None = None) -> np.ndarray:

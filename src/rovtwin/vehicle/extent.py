@@ -29,6 +29,9 @@ def _solids(body: schema.Body, placement: Placement) -> Iterator[tuple[Solid, Pl
 def _extent(solid: Solid, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
     """Exact for each kind of solid, whatever its attitude."""
     R, half = placement.rotation, solid.size / 2
+    if solid.mesh is not None:
+        corners = placement.position + solid.mesh.outline @ R.T
+        return corners.min(axis=0), corners.max(axis=0)
     if solid.kind == "box":
         reach = np.abs(R) @ half
     elif solid.kind == "ellipsoid":

@@ -1,22 +1,35 @@
 """Vehicle files: found, read, their parts put in place."""
 
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.vehicle.mesh_solid import mesh_solid
 from rovtwin.vehicle.schema import Body, Part, VehicleFile
 from rovtwin.vehicle.thrust_curve import read_bollard_csv, read_points
 
 LIBRARY = Path(__file__).parent / "library"
+DEVICES = LIBRARY / "devices"
 SUFFIXES = (".yaml", ".yml")
 
 
 def list_library() -> list[str]:
-    """Names of the vehicles and parts that ship with rovtwin."""
+    """Names of the vehicles that ship with rovtwin."""
     return sorted(p.stem for p in LIBRARY.glob("*.yaml"))
+
+
+def list_devices() -> list[str]:
+    """Names of the devices that ship with rovtwin: parts to bolt on, one name-space with the vehicles."""
+    return sorted(p.stem for p in DEVICES.glob("*.yaml"))
+
+
+def _shipped(name: str) -> Path | None:
+    """The library's file of a name, vehicle or device."""
+    return next((path for folder in (LIBRARY, DEVICES) if (path := folder / f"{name}.yaml").is_file()), None)
 
 
 def find(name_or_path: str | Path, folder: Path | None = None) -> Path:
@@ -31,19 +44,27 @@ def find(name_or_path: str | Path, folder: Path | None = None) -> Path:
     if looks_like_path:
         if as_path.is_file():
             return as_path
-        shipped = LIBRARY / f"{Path(text).stem}.yaml"
+        shipped = _shipped(Path(text).stem)
         # A part may be written with its suffix and still be the library's.
-        if Path(text).name == text and shipped.is_file():
+        if Path(text).name == text and shipped is not None:
             return shipped
         read_yaml(as_path)  # says what is wrong with the path
         raise ConfigError(f"{as_path}: is not a file")
     beside = folder / f"{text}.yaml"
     if beside.is_file():
         return beside
-    shipped = LIBRARY / f"{text}.yaml"
-    if shipped.is_file():
+    shipped = _shipped(text)
+    if shipped is not None:
         return shipped
-    raise ConfigError(f"{text}: no such vehicle in the library, and no file {beside}.{near(text, list_library())}")
+    names = list_library() + list_devices()
+    raise ConfigError(f"{text}: no such vehicle or device in the library, and no file {beside}.{near(text, names)}")
+
+
+def reference(path: Path, folder: Path) -> str:
+    """How a file in a folder names a vehicle file: the library's name where it leads there, else the way to it."""
+    if path.parent in (LIBRARY, DEVICES) and find(path.stem, folder) == path:
+        return path.stem
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
 def load(path: Path) -> VehicleFile:
@@ -68,9 +89,11 @@ def _filled(body: Any, path: Path, chain: tuple[Path, ...], place: str = "") -> 
         else:
             part = _filled(part, path, chain, f"{here}.")
         parts.append(part)
+    parts = _with_names_kept(body, parts)
     thrusters = [_with_table_read(t, path, f"{place}thrusters[{i}]") for i, t in enumerate(body.thrusters)]
     visuals = [_with_mesh_found(v, path, f"{place}visuals[{i}]") for i, v in enumerate(body.visuals)]
-    return body.model_copy(update={"parts": parts, "thrusters": thrusters, "visuals": visuals})
+    shape = None if body.shape is None else _with_solid_read(body.shape, path, f"{place}shape")
+    return body.model_copy(update={"parts": parts, "thrusters": thrusters, "visuals": visuals, "shape": shape})
 
 
 def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Part:
@@ -89,17 +112,52 @@ def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Pa
         )
     own = {key: getattr(inner, key) for key in Body.model_fields}
     said = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
-    return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose)
+    return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose, keeps_names=part.keeps_names)
 
 
-def _with_mesh_found(visual: Any, path: Path, here: str) -> Any:
-    """A visual whose mesh file, if any, is a path that holds wherever it is read from."""
-    if visual.mesh is None:
-        return visual
-    target = path.parent / Path(visual.mesh).expanduser()
+def _with_names_kept(body: Body, parts: list[Part]) -> list[Part]:
+    """The parts, with the vehicle among them marked: the only one with thrusters, if it or a part in it is from a file.
+
+    Names in it stay what they were without the others (`assembly`), so that logs, faults and identifications still fit.
+
+    Args:
+        body: Its parts still refer to files.
+        parts: The same with what the files say.
+    """
+    driven = [i for i, part in enumerate(parts) if has_thrusters(part)]
+    if body.thrusters or len(driven) != 1:
+        return parts
+    (i,) = driven
+    vehicle = body.parts[i].part is not None or any(inner.keeps_names for inner in parts[i].parts)
+    if not vehicle or parts[i].keeps_names is not None:
+        return parts
+    return [*parts[:i], parts[i].model_copy(update={"keeps_names": True}), *parts[i + 1 :]]
+
+
+def has_thrusters(body: Body) -> bool:
+    """Whether a body or any part in it has thrusters."""
+    return bool(body.thrusters) or any(has_thrusters(part) for part in body.parts)
+
+
+def _with_mesh_found(item: Any, path: Path, here: str) -> Any:
+    """A visual or shape whose mesh file, if any, is a path that holds wherever it is read from."""
+    if item.mesh is None:
+        return item
+    target = path.parent / Path(item.mesh).expanduser()
     if not target.is_file():
-        raise ConfigError(f"{path.name}: {here}.mesh: found {visual.mesh}, but there is no file {target}")
-    return visual.model_copy(update={"mesh": str(target.resolve())})
+        raise ConfigError(f"{path.name}: {here}.mesh: found {item.mesh}, but there is no file {target}")
+    return item.model_copy(update={"mesh": str(target.resolve())})
+
+
+def _with_solid_read(shape: Any, path: Path, here: str) -> Any:
+    """A shape whose mesh, if any, was found and is a solid."""
+    shape = _with_mesh_found(shape, path, here)
+    if shape.mesh is not None:
+        try:
+            mesh_solid(shape.mesh, shape.scale or 1.0)
+        except ConfigError as error:
+            raise ConfigError(f"{path.name}: {here}.mesh: {error}") from None
+    return shape
 
 
 def with_meshes(body: dict[str, Any], renamed: Callable[[str], str]) -> dict[str, Any]:
@@ -108,16 +166,16 @@ def with_meshes(body: dict[str, Any], renamed: Callable[[str], str]) -> dict[str
     What is not as it should be is left as it is, for whoever checks it.
     """
 
-    def visual(item: Any) -> Any:
+    def one(item: Any) -> Any:
         named = isinstance(item, dict) and isinstance(item.get("mesh"), str)
         return item | {"mesh": renamed(item["mesh"])} if named else item
 
     def part(item: Any) -> Any:
         return with_meshes(item, renamed) if isinstance(item, dict) else item
 
-    kinds = {"visuals": visual, "parts": part}
-    lists = {key: [one(i) for i in body[key]] for key, one in kinds.items() if isinstance(body.get(key), list)}
-    return body | lists
+    kinds = {"visuals": one, "parts": part}
+    lists = {key: [of(i) for i in body[key]] for key, of in kinds.items() if isinstance(body.get(key), list)}
+    return body | lists | ({"shape": one(body["shape"])} if "shape" in body else {})
 
 
 def _with_table_read(thruster: Any, path: Path, here: str) -> Any:

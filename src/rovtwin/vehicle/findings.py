@@ -20,6 +20,10 @@ _UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
 # Between a shape and what its part displaces or weighs: lead is 11 times water, the box around an open frame some 50
 # times its tubes; a slip of units is 1000 (litres, grams) or more.
 _SLIP = 100.0
+# Of a mesh without `scale`: what its solid displaces over the mass, and its length over that of any other part, beyond
+# which its file is taken to be in millimetres (lengths 1000 times, volumes 1e9).
+_HEAVY, _LONG, _LONG_M = 50.0, 20.0, 5.0  # the last [m]: 5 mm, the least of a part, read as metres
+_DOWNWARD = 0.5  # cosine of the angle to the vertical, below which an echo of the floor is no altitude
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
 
 
@@ -77,7 +81,9 @@ def reservations(model: Model) -> list[str]:
 
 def findings(vehicle: Vehicle, model: Model) -> list[str]:
     """The same for a vehicle already loaded."""
-    return [*_about_parts(vehicle), *_about_thrusters(vehicle, model), *_about_floating(model), *_about_speed(model)]
+    doubts = [f"what was identified is not to be relied on: {doubt}" for doubt in vehicle.doubts]
+    parts = [*doubts, *_about_parts(vehicle), *_about_sensors(vehicle)]
+    return [*parts, *_about_thrusters(vehicle, model), *_about_floating(model), *_about_speed(model)]
 
 
 def uncontrollable(T: np.ndarray) -> list[str]:
@@ -97,7 +103,8 @@ def _about_parts(vehicle: Vehicle) -> Iterator[str]:
     for name, body in bodies(vehicle.file, vehicle.name):
         if body.mass and body.inertia is None and body.shape is None and body.rigid_body is None:
             yield f"{name}: {body.mass:g} kg counted as a point: neither 'inertia' nor 'shape' is given"
-        yield from _about_units(name, body, vehicle.assembly.density)
+        unscaled = _about_scale(name, body, vehicle)
+        yield from [unscaled] if unscaled else _about_units(name, body, vehicle.assembly.density)
     if vehicle.file.hydrodynamics is None or vehicle.file.hydrodynamics.added_mass is None:
         yield "added mass is the sum over the parts' shapes, each alone in the water: their interaction is not in it"
     mass, displaced = vehicle.assembly.solid.mass, vehicle.assembly.density * vehicle.assembly.volume
@@ -109,11 +116,31 @@ def _about_parts(vehicle: Vehicle) -> Iterator[str]:
         )
 
 
+def _about_scale(name: str, body: Body, vehicle: Vehicle) -> str | None:
+    """Whether a mesh without `scale` is far too large for its part's mass, or where it has none, for the vehicle."""
+    if body.shape is None or body.shape.mesh is None or body.shape.scale is not None:
+        return None
+    shape, fix = Solid.of(body.shape), "is its file in millimetres? Then give scale: 0.001"
+    mass = body.mass or vehicle.assembly.solid.mass
+    if vehicle.assembly.density * shape.volume() > _HEAVY * mass > 0:
+        whose = "its mass is" if body.mass else "the whole vehicle weighs"
+        held = vehicle.assembly.density * shape.volume()
+        return f"{name}: its mesh displaces {held:.3g} kg of water and {whose} {mass:.3g} kg: {fix}"
+    others = [Solid.of(b.shape) for _, b in bodies(vehicle.file, vehicle.name) if b.shape is not None and b is not body]
+    longest, rest = float(shape.size.max()), max((float(other.size.max()) for other in others), default=0.0)
+    if not body.mass and rest > 0 and longest > max(_LONG * rest, _LONG_M):
+        return f"{name}: its mesh is {longest:.3g} m long and no other part is longer than {rest:.3g} m: {fix}"
+    return None
+
+
 def _about_units(name: str, body: Body, density: float) -> Iterator[str]:
     """Whether a part's shape fits what it displaces and weighs, in water of a density [kg/m3]."""
     if body.shape is None:
         return
-    solid = Solid.of(body.shape).volume()
+    shape = Solid.of(body.shape)
+    if shape.mesh is not None:
+        yield from (f"{name}: {note}" for note in shape.mesh.notes)
+    solid = shape.volume()
     for key, given, held, unit, slip in (
         ("volume", body.volume, solid, "m3", "litres"),
         ("mass", body.mass, density * solid, "kg of water", "grams"),
@@ -122,6 +149,16 @@ def _about_units(name: str, body: Body, density: float) -> Iterator[str]:
             why = "is the shape in millimetres?" if held > given else f"is the {key} in {slip}?"
             yield f"{name}: its shape holds {held:.3g} {unit} and its {key} is {given:.3g}: {why}"
             return
+
+
+def _about_sensors(vehicle: Vehicle) -> Iterator[str]:
+    for mounted in vehicle.sensors:
+        down = mounted.rotation[2, 0]
+        if getattr(mounted.item, "kind", "") == "altimeter" and down < _DOWNWARD:
+            yield (
+                f"{mounted.name}: an altimeter that looks {np.degrees(np.arccos(np.clip(down, -1, 1))):.0f} deg off "
+                "the vertical; its x axis is its beam: attitude_deg [0, -90, 0] looks down"
+            )
 
 
 def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:

@@ -1,7 +1,8 @@
 """Added mass of simple solids, and its move from a part's frame to the vehicle's.
 
-Exact for spheres and ellipsoids; for boxes and cylinders from published three-dimensional data. Flow interaction
-between parts is neglected: each part is alone in the water. Plain NumPy: done once per vehicle, on the host.
+Exact for spheres and ellipsoids; for boxes and cylinders from published three-dimensional data; for meshes a mean of
+these (`mesh_solid`). Flow interaction between parts is neglected: each part is alone in the water. Plain NumPy: done
+once per vehicle, on the host.
 
 References: DNV-RP-N103 (2017), Modelling and analysis of marine operations, table A-2 and sec. 4.6.3 (boxes and
 cylinders); Lamb (1932), Hydrodynamics, sec. 114-115 (ellipsoids); Fossen (2021), eq. 3.34 ff. (system transformation).
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.vehicle.mesh_solid import MeshSolid, mesh_solid, open_share
 from rovtwin.vehicle.rigid_body import MassProperties, Placement
 from rovtwin.vehicle.schema import Shape
 
@@ -32,20 +34,34 @@ _END_LOSS = 0.16
 # Usual drag coefficients for Re 1e4 to 1e5: blunt prism, cylinder along and across, sphere. Hoerner (1965), ch. 3.
 _BOX_C_D, _CYLINDER_C_D, _SPHERE_C_D = (1.1, 1.1, 1.1), (0.9, 1.0, 1.0), (0.47, 0.47, 0.47)
 
+# The same by axis for a box, cylinders along x, y, z, and an ellipsoid: a mesh is a mean of these.
+_MESH_C_D = np.array([_BOX_C_D, *(np.roll(_CYLINDER_C_D, axis) for axis in range(3)), _SPHERE_C_D])
+
 _LAMB_X, _LAMB_W = np.polynomial.legendre.leggauss(100)  # of Lamb's integrals: 1e-10 up to 50 times as long as wide
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A shape in numbers: kind, full dimensions along its own axes [m] and drag coefficients, shapes (3,) and (3,)."""
+    """A shape in numbers.
+
+    Attributes:
+        kind: "box", "cylinder" (along x), "ellipsoid" or "mesh".
+        size: Full dimensions along its own axes [m], shape (3,); of a mesh those of the box around it.
+        drag_coefficient: On the projected areas, shape (3,).
+        placement: Of the middle and axes of the box around it.
+        mesh: What there is to know of a mesh.
+    """
 
     kind: str
     size: np.ndarray
     drag_coefficient: np.ndarray
     placement: Placement
+    mesh: MeshSolid | None = None
 
     @classmethod
     def of(cls, shape: Shape) -> "Solid":
+        if shape.mesh is not None:
+            return cls._of_mesh(shape, mesh_solid(shape.mesh, shape.scale or 1.0))
         if shape.box is not None:
             kind, size, usual = "box", shape.box, _BOX_C_D
         elif shape.cylinder is not None:
@@ -58,13 +74,30 @@ class Solid:
         given = usual if shape.drag_coefficient is None else shape.drag_coefficient
         return cls(kind, np.array(size), np.array(given), Placement.of(shape.center, shape.attitude_deg))
 
+    @classmethod
+    def _of_mesh(cls, shape: Shape, mesh: MeshSolid) -> "Solid":
+        given = mesh.weights @ _MESH_C_D if shape.drag_coefficient is None else shape.drag_coefficient
+        box = Placement(mesh.middle, mesh.rotation).after(Placement.of(shape.center, shape.attitude_deg))
+        return cls("mesh", mesh.size, np.array(given), box, mesh)
+
+    def centered(self) -> Placement:
+        """Its axes with the origin at its centre of volume, in the part's frame."""
+        center = np.zeros(3) if self.mesh is None else self.mesh.centroid
+        return Placement(self.placement.point(center), self.placement.rotation)
+
     def volume(self) -> float:
         """[m3]."""
+        if self.mesh is not None:
+            return self.mesh.volume
         fill = {"box": 1.0, "cylinder": np.pi / 4, "ellipsoid": np.pi / 6}[self.kind]
         return float(fill * np.prod(self.size))
 
     def homogeneous(self, mass: float) -> MassProperties:
         """Mass properties of the solid filled evenly, in the part's frame."""
+        if self.mesh is not None:
+            second = self.mesh.second_moment
+            inertia = mass * (np.trace(second) * np.eye(3) - second)
+            return MassProperties(mass, np.zeros(3), inertia).moved(self.centered())
         squares = self.size**2
         if self.kind == "cylinder":
             share = np.array([1 / 12, 1 / 16, 1 / 16])
@@ -76,6 +109,8 @@ class Solid:
 
     def projected_areas(self) -> np.ndarray:
         """Seen along x, y, z [m2], shape (3,)."""
+        if self.mesh is not None:
+            return self.mesh.areas
         length, width, height = self.size
         areas = np.array([width * height, length * height, length * width])
         if self.kind == "ellipsoid":
@@ -88,10 +123,12 @@ def added_mass(solid: Solid, density: float) -> np.ndarray:
     if solid.kind == "ellipsoid":
         diagonal = _ellipsoid(solid.size / 2)
     elif solid.kind == "cylinder":
-        diagonal = _cylinder(solid.size[1] / 2, solid.size[0])
+        diagonal = _cylinder(solid.size)
+    elif solid.mesh is not None:
+        diagonal = _mesh(solid.mesh)
     else:
         diagonal = _box(solid.size)
-    return move_matrix(density * np.diag(diagonal), solid.placement)
+    return move_matrix(density * np.diag(diagonal), solid.centered())
 
 
 def _ellipsoid(axes: np.ndarray) -> np.ndarray:
@@ -144,19 +181,54 @@ def _box(size: np.ndarray) -> np.ndarray:
     return np.concatenate([linear, _turning(size, linear)])
 
 
-def _cylinder(radius: float, length: float) -> np.ndarray:
-    """Per unit density, shape (6,); the axial value is that of a disc, 8/3 a^3, with its sides."""
+def _cylinder(size: np.ndarray) -> np.ndarray:
+    """Of a circular or elliptic cylinder along x, per unit density, shape (6,).
+
+    The axial value is that of a disc, 8/3 a^3, with its sides. An ellipse across it is taken as the circle as wide
+    across the motion, which strip theory has exactly.
+    """
+    length, width, height = size
+    radius = 0.5 * np.sqrt(width * height)
     axial = 8 / 3 * radius**3 * _height_factor(np.pi * radius**2, length)
+    linear = np.array([axial, _across(0.5 * height, length), _across(0.5 * width, length)])
+    # Across its axis it turns like the box of the same cross-section.
+    rotation = _turning(size * np.array([1.0, np.sqrt(np.pi) / 2, np.sqrt(np.pi) / 2]), linear)
+    # About its axis, strips of an ellipse: pi / 8 (a^2 - b^2)^2, Newman (1977), table 4.3; 0 of a circle.
+    rotation[0] = np.pi / 128 * (width**2 - height**2) ** 2 * length / (1 + _END_LOSS * max(width, height) / length)
+    return np.concatenate([linear, rotation])
+
+
+def _across(radius: float, length: float) -> float:
+    """Of a circular cylinder moving across its axis [m3]."""
     aspect = length / (2 * radius)
     known = np.interp(aspect, _CYLINDER_ASPECT, _CYLINDER_C_A)
     coefficient = known if aspect <= 9 else 1 - (1 - _CYLINDER_C_A[-1]) * 9 / aspect
-    across = float(coefficient) * np.pi * radius**2 * length
-    linear = np.array([axial, across, across])
-    # Across its axis it turns like the box of the same cross-section.
-    side = np.sqrt(np.pi) * radius
-    rotation = _turning(np.array([length, side, side]), linear)
-    rotation[0] = 0.0
-    return np.concatenate([linear, rotation])
+    return float(coefficient) * np.pi * radius**2 * length
+
+
+def _mesh(mesh: MeshSolid) -> np.ndarray:
+    """The mean of the simple solids that it is like, with the water between its walls, less what gaps let through.
+
+    Per unit density, shape (6,). Added mass goes with the 3/2 power of the area that a body shows.
+    """
+    solids = [_box(mesh.size), *(_turned(mesh.size, axis) for axis in range(3)), _ellipsoid(mesh.size / 2)]
+    mean = mesh.weights @ np.array(solids)
+    share = open_share(mesh.solidity)
+    linear = share * (mesh.fullness**1.5 * mean[:3] + mesh.trapped)
+    others = np.array([[1, 2], [2, 0], [0, 1]])
+    turning = np.prod((share * mesh.fullness**1.5)[others], axis=1) ** 0.5 * mean[3:]
+    # Water between walls turns with them like a block of it, of the box's extent.
+    held = mesh.trapped[others].mean(axis=1) * np.sum(mesh.size[others] ** 2, axis=1) / 12
+    return np.concatenate([linear, turning + held])
+
+
+def _turned(size: np.ndarray, axis: int) -> np.ndarray:
+    """Of a cylinder along an axis, shape (6,)."""
+    order = [axis, (axis + 1) % 3, (axis + 2) % 3]
+    values = _cylinder(size[order])
+    result = np.zeros(6)
+    result[order], result[[3 + i for i in order]] = values[:3], values[3:]
+    return result
 
 
 def _turning(size: np.ndarray, linear: np.ndarray) -> np.ndarray:

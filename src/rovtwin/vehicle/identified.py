@@ -3,23 +3,32 @@
 import hashlib
 import json
 from dataclasses import replace
+from typing import Any
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
 from rovtwin.vehicle.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
+from rovtwin.vehicle.files import with_meshes
+from rovtwin.vehicle.mesh_solid import digest
 
 # For what tests find. A pair that is driven as one gives the same force however far apart its two are.
-_NO_MATTER = ("source", "sources", "description", "visuals", "pair_spacing")
+_NO_MATTER = (
+    *("source", "sources", "description", "visuals", "pair_spacing", "keeps_names", "spare_sensors"),
+    *schema.SENSOR_FIGURES,
+)
 
 
 def fingerprint(file: schema.VehicleFile) -> str:
-    """Of all that parameters depend on: the whole file but names, remarks, looks and the identification itself."""
-    data = file.model_dump(mode="json", exclude={"identified", "name"}, exclude_none=True)
-    text = json.dumps(_without_remarks(data), sort_keys=True)
+    """Of all that parameters depend on: the whole file but names, remarks, looks and the identification itself.
+
+    A mesh counts by its content, wherever it lies.
+    """
+    data = _without_remarks(file.model_dump(mode="json", exclude={"identified", "name"}, exclude_none=True))
+    text = json.dumps(with_meshes(data, digest), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _without_remarks(data: object) -> object:
+def _without_remarks(data: Any) -> Any:
     if isinstance(data, dict):
         return {k: _without_remarks(v) for k, v in data.items() if k not in _NO_MATTER}
     if isinstance(data, list):

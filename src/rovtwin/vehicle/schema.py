@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.sensors import SENSORS
 from rovtwin.vehicle.fields import Buoyancy, Coefficients, Colour, Direction, Force, Inertia, LogName, Table
 
 Source = Annotated[str | None, Field(description="where the values of this block come from")]
@@ -25,6 +26,8 @@ SensorKind = Literal[
     "attitude",
     "dvl",
     "altimeter",
+    "battery",
+    "leak",
     "sonar",
     "imager",
 ]
@@ -51,7 +54,9 @@ class Shape(Strict):
     cylinder: Cylinder | None = Field(None, description="circular, along x")
     sphere: Positive | None = Field(None, description="radius [m]")
     ellipsoid: list[Positive] | None = Field(None, min_length=3, max_length=3, description="semi-axes [m]")
-    center: Vector3 = Field([0.0, 0.0, 0.0], description="centre of the shape in the part's frame [m]")
+    mesh: str | None = Field(None, description="closed STL, OBJ, PLY or GLB file; x forward, y right, z down")
+    scale: Positive | None = Field(None, description="of a mesh, metres per unit of its file: 0.001 for millimetres")
+    center: Vector3 = Field([0.0, 0.0, 0.0], description="centre in the part's frame [m]; of a mesh, its file's origin")
     attitude_deg: Degrees3 = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw of the shape in the part's frame")
     drag_coefficient: list[NonNegative] | None = Field(
         None, min_length=3, max_length=3, description="C_D along x, y, z on the projected areas; else a usual value"
@@ -59,9 +64,12 @@ class Shape(Strict):
 
     @model_validator(mode="after")
     def _one_kind(self) -> "Shape":
-        kinds = [k for k in ("box", "cylinder", "sphere", "ellipsoid") if getattr(self, k) is not None]
+        kinds = [k for k in ("box", "cylinder", "sphere", "ellipsoid", "mesh") if getattr(self, k) is not None]
         if len(kinds) != 1:
-            raise ValueError(f"found {' and '.join(kinds) or 'none'}, expected one of box, cylinder, sphere, ellipsoid")
+            said = " and ".join(kinds) or "none"
+            raise ValueError(f"found {said}, expected one of box, cylinder, sphere, ellipsoid, mesh")
+        if self.mesh is None and self.scale is not None:
+            raise ValueError("found scale, which is for a mesh; a box, cylinder, sphere or ellipsoid is given in m")
         return self
 
 
@@ -157,13 +165,72 @@ class Camera(Strict):
     source: Source = None
 
 
-class Sensor(Strict):
-    """Where a sensor sits; how well it measures is the scenario's business."""
+PerAxis = NonNegative | Annotated[list[NonNegative], Field(min_length=1, max_length=3)]
+
+
+class SensorFigures(Strict):
+    """How well a sensor measures, in its unit; what is left out is usual for its kind."""
+
+    rate_hz: Positive | None = Field(None, description="readings a second")
+    noise: PerAxis | None = Field(None, description="standard deviation of a reading, one number or one per axis")
+    bias: Number | Annotated[list[Number], Field(min_length=1, max_length=3)] | None = Field(
+        None, description="constant, one number or one per axis"
+    )
+    bias_walk: PerAxis | None = Field(None, description="random walk of the bias, per sqrt(s)")
+    latency: Annotated[Number, Field(ge=0, le=1)] | None = Field(None, description="delay of delivery [s]")
+    clock_drift: Annotated[Number, Field(ge=-0.1, le=0.1)] | None = Field(None, description="relative")
+    dropout: Share | None = Field(None, description="share of the readings that are lost")
+    outlier: Share | None = Field(None, description="share of the others that are outliers")
+    outlier_size: NonNegative | None = Field(None, description="length of an outlier, in any direction")
+    errors: Literal["acoustic"] | None = Field(
+        None, description="of a position: those of an Underwater GPS besides, as they were fitted on a real one"
+    )
+    min_range: NonNegative | None = Field(None, description="no reading nearer to the floor [m]")
+    max_range: Positive | None = Field(None, description="no reading farther from the floor [m]")
+
+
+def _require_axes(kind: str, figures: SensorFigures) -> None:
+    size = SENSORS[kind].size if kind in SENSORS else 3
+    for key in ("noise", "bias", "bias_walk"):
+        value = getattr(figures, key)
+        if isinstance(value, list) and len(value) not in (1, size):
+            expected = "1" if size == 1 else f"1 or {size}"
+            raise ValueError(f"found {len(value)} numbers for {key} of kind {kind}, expected {expected}")
+
+
+class Sensor(SensorFigures):
+    """Where a sensor sits, how it points and how well it measures.
+
+    Attitude 0 points its x axis ahead; an altimeter that looks down has pitch -90 deg. An `imu` is an accelerometer and
+    a gyro, each with figures of its own, and knows its attitude only where `attitude` is given.
+    """
 
     name: str
     kind: SensorKind = Field(description="what it measures")
     pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
+    accelerometer: SensorFigures | None = Field(None, description="of an imu")
+    gyro: SensorFigures | None = Field(None, description="of an imu")
+    attitude: SensorFigures | None = Field(None, description="of an imu that computes it; {} for usual figures")
     source: Source = None
+
+    @model_validator(mode="after")
+    def _figures_where_they_belong(self) -> "Sensor":
+        units = [key for key in ("accelerometer", "gyro", "attitude") if getattr(self, key) is not None]
+        own = [key for key in SensorFigures.model_fields if getattr(self, key) is not None]
+        if self.kind != "imu" and units:
+            raise ValueError(f"found {units[0]} of a sensor of kind {self.kind}, expected it of an imu only")
+        if self.kind == "imu" and own:
+            raise ValueError(f"found {own[0]} of an imu, expected accelerometer: {{{own[0]}: ..}} or gyro: {{..}}")
+        for kind, figures in ((self.kind, self), *((key, getattr(self, key)) for key in units)):
+            _require_axes(kind, figures)
+        if self.errors is not None and self.kind != "position":
+            raise ValueError(f"found errors: {self.errors} of a sensor of kind {self.kind}, expected it of a position")
+        if self.min_range is not None and self.max_range is not None and self.min_range >= self.max_range:
+            raise ValueError(f"found min_range {self.min_range:g} and max_range {self.max_range:g} m, expected less")
+        return self
+
+
+SENSOR_FIGURES = (*SensorFigures.model_fields, "accelerometer", "gyro", "attitude")
 
 
 class Battery(Strict):
@@ -171,6 +238,10 @@ class Battery(Strict):
 
     capacity_wh: Positive = Field(description="[Wh]")
     hotel_load: NonNegative = Field(0.0, description="of all but the thrusters: computers, camera, lights [W]")
+    # None, not False: what is left out must not change the fingerprint of identified files of before.
+    parallel: bool | None = Field(
+        None, description="wired beside the battery of the nearest part around it, or the largest: adds its capacity"
+    )
     source: Source = None
 
 
@@ -243,11 +314,17 @@ class Body(Strict):
     inertia: Inertia = Field(None, description="about its own CG [kg m2]; else that of the homogeneous shape, or none")
     volume: NonNegative | None = Field(None, description="displaced [m3]; else that of the shape, or none")
     center_of_buoyancy: Vector3 | None = Field(None, description="[m]; else the centre of the shape, or the origin")
+    power: NonNegative | None = Field(
+        None, description="electrical, of the part itself but for thrusters, drawn as long as it is on [W]"
+    )
     shape: Shape | None = None
     visuals: list[Visual] = Field([], description="what it looks like; without them its shape is drawn")
     thrusters: list[Thruster] = []
     cameras: list[Camera] = []
     sensors: list[Sensor] = []
+    spare_sensors: list[str] | None = Field(
+        None, description="names of sensors here and in the parts that are on board but not read, such as port.imu"
+    )
     battery: Battery | None = None
     tethers: list[Tether] = []
     parts: list["Part"] = []
@@ -271,17 +348,25 @@ class Body(Strict):
         return self
 
 
+_BESIDE_PART = {"name", "part", "pose", "keeps_names", "description", "source", "sources"}
+
+
 class Part(Body):
     """A part: its own description, or `part: <library name or file>`, placed by `pose`."""
 
     name: LogName
     part: str | None = Field(None, description="name of a library file, or path of a file, that describes the part")
+    keeps_names: bool | None = Field(
+        None,
+        description="names in it go without its own: port.surge, not rov.port.surge; by default true of a part from a "
+        "file that alone has thrusters",
+    )
     pose: Pose = Field(default_factory=lambda: Pose.model_validate({}))
 
     @model_validator(mode="after")
     def _own_or_file(self) -> "Part":
         if self.part is not None:
-            also = sorted(self.model_fields_set - {"name", "part", "pose", "description", "source", "sources"})
+            also = sorted(self.model_fields_set - _BESIDE_PART)
             if also:
                 raise ValueError(f"found 'part' and '{also[0]}': a part from a file is described there; keep one")
         return self
@@ -316,6 +401,7 @@ class Estimate(Strict):
     covariance: list[list[Number]] = Field(description="of the coordinates, in the order of the parameters")
     evidence: list[str] = Field([], description="what it was estimated from")
     findings: list[str] = Field([], description="what the evidence could not tell, and other remarks")
+    doubts: list[str] = Field([], description="why the result as a whole is not to be relied on; empty: it is")
     groups: dict[str, list[str]] = Field({}, description="thrusters that share a curve, by the group's name")
     tested: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
         {}, description="ranges of speed by direction and of command by thrusters.GROUP that the tests covered"

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.numerics import jax
+from rovtwin.core.sensors import SENSORS
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.energy import PowerSource
 from rovtwin.vehicle.findings import findings, uncontrollable
+from rovtwin.vehicle.instruments import Instrument, instruments
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.performance import Ability, performance
 from rovtwin.vehicle.propulsion import direction_vector
@@ -87,6 +89,7 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
         },
         "cameras": [_mounted(c) for c in vehicle.cameras],
         "sensors": [_mounted(s) | {"kind": getattr(s.item, "kind", "")} for s in vehicle.sensors],
+        "instruments": [_instrument(one) for one in instruments(vehicle)],
         "tethers": [_tether(t) for t in vehicle.tethers],
         "batteries": [_battery(source, vehicle.thruster_names) for source in vehicle.power_sources],
         "sources": sources(vehicle),
@@ -185,6 +188,12 @@ def _mounted(mounted: Any) -> dict[str, Any]:
         "position_m": _plain(mounted.position),
         "attitude_deg": np.round(np.degrees(angles), 9).tolist(),
     }
+
+
+def _instrument(one: Instrument) -> dict[str, Any]:
+    """Figures of one that measures, in the unit of its kind."""
+    units = sorted(set(SENSORS[one.kind].units))
+    return {"name": one.part, "kind": one.kind, "unit": ", ".join(units), "spare": one.spare} | one.figures
 
 
 def _tether(mounted: Any) -> dict[str, Any]:

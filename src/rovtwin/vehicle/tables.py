@@ -20,6 +20,8 @@ def tables(found: dict[str, Any]) -> list[Any]:
     shown += [*_thrusters(found), _allocation(found), _reach(found), _performance(found), _floating(found)]
     if found["cameras"] or found["sensors"]:
         shown.append(_mounted(found))
+    if found["instruments"]:
+        shown.append(_instruments(found))
     if found["tethers"]:
         shown.append(_tethers(found))
     if found["batteries"]:
@@ -255,6 +257,25 @@ def _mounted(found: dict[str, Any]) -> Group:
     rows = [(i["name"], i["kind"], _vector(i["position_m"]), _vector(i["attitude_deg"])) for i in items]
     table = _table(("name", "kind", "position [m]", "roll, pitch, yaw [deg]"), rows, text=(2, 3))
     return _titled("cameras and sensors", table)
+
+
+_PLAIN_FIGURES = ("name", "kind", "unit", "spare", "rate_hz", "noise", "bias")
+
+
+def _instruments(found: dict[str, Any]) -> Group:
+    """How well sensors measure."""
+
+    def said(value: Any) -> str:
+        return ", ".join(_g(v) for v in value) if isinstance(value, list) else _g(value)
+
+    rows = []
+    for one in found["instruments"]:
+        more = [f"{key} {said(value)}" for key, value in one.items() if key not in _PLAIN_FIGURES]
+        unit, more = one["unit"], (["spare"] if one["spare"] else []) + more
+        figures = (_g(one["rate_hz"]), said(one["noise"]), said(one["bias"]))
+        rows.append((one["name"], one["kind"], unit, *figures, "; ".join(more)))
+    columns = ("name", "measures", "unit", "Hz", "noise", "bias", "also")
+    return _titled("how well they measure (spare: not read)", _table(columns, rows, text=(1, 2, 6)))
 
 
 def _tethers(found: dict[str, Any]) -> Group:

@@ -45,7 +45,8 @@ def _visual(link: ElementTree.Element, piece: Piece) -> None:
     _origin(visual, _FLU @ place.position, R)
     geometry = ElementTree.SubElement(visual, "geometry")
     if piece.kind == "mesh":
-        ElementTree.SubElement(geometry, "mesh", filename=f"file://{piece.mesh}")
+        scale = " ".join(_number(x) for x in piece.size)
+        ElementTree.SubElement(geometry, "mesh", filename=f"file://{piece.mesh}", scale=scale)
     elif piece.kind == "cylinder":
         size = {"radius": _number(0.5 * piece.size[1]), "length": _number(piece.size[0])}
         ElementTree.SubElement(geometry, "cylinder", size)

@@ -76,7 +76,7 @@ class Vehicle:
     @property
     def power_sources(self) -> list[PowerSource]:
         """Batteries, and which thrusters hang on each."""
-        return power_sources(self.file, self.thruster_names)
+        return power_sources(self.file, self.assembly.thrusters)
 
     def specific_power(self) -> np.ndarray:
         """What each thruster draws, P = c |F|^1.5, ahead and astern, shape (n, 2) [W/N^1.5]."""
@@ -98,6 +98,11 @@ class Vehicle:
     def with_pairs_apart(self) -> Vehicle:
         """The vehicle as its own electronics drive it: each pair that the file counts as one thruster is two."""
         return replace(self, pairs_apart=True)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why its identification is not to be relied on, one reason each; empty where nothing was said against it."""
+        return [] if self.file.identified is None else self.file.identified.estimate.doubts
 
     def without_identification(self) -> Vehicle:
         """The same parts with their own values, without what tests found of them."""
@@ -121,29 +126,16 @@ class Vehicle:
             ConfigError: The parts make no vehicle that can move: M not positive definite, damping that drives.
         """
         from rovtwin.core.numerics import as_array
-        from rovtwin.vehicle.hull import hull_of
-        from rovtwin.vehicle.model import Model, rigid_body_matrix
+        from rovtwin.vehicle.model import Model
         from rovtwin.vehicle.thrusters import Thrusters
 
         total = self._total(water_density, net_buoyancy)
-        damping = total.damping()
-        solid = total.solid
-        rigid_body_mass = rigid_body_matrix(solid.mass, solid.inertia, solid.center_of_gravity)
-        require_sound(total, np.asarray(rigid_body_mass), self.where)
+        body = body_arrays(total)
+        require_sound(total, np.asarray(body["rigid_body_mass"]), self.where)
         arrays = thruster_arrays(total.thrusters, supply_voltage, self.where)
         tabulated = arrays.pop("tabulated")
         return Model(
-            rigid_body_mass=rigid_body_mass,
-            added_mass=total.added_mass,
-            linear_damping_ahead=damping.linear_ahead,
-            linear_damping_astern=damping.linear_astern,
-            quadratic_damping_ahead=damping.quadratic_ahead,
-            quadratic_damping_astern=damping.quadratic_astern,
-            weight=solid.mass * GRAVITY,
-            buoyancy=total.density * GRAVITY * total.volume,
-            center_of_gravity=solid.center_of_gravity,
-            center_of_buoyancy=total.center_of_buoyancy,
-            hull=hull_of(total.boxes, total.center_of_buoyancy),
+            **body,
             thrusters=Thrusters(
                 **{key: as_array(value) for key, value in arrays.items()},
                 tabulated=as_array(np.asarray(tabulated) > 0, bool),
@@ -164,6 +156,29 @@ class Vehicle:
     def to_dict(self) -> dict[str, Any]:
         """The complete description as plain data: no references to files, loadable by `vehicle_from_dict`."""
         return self.file.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
+
+
+def body_arrays(total: Assembly) -> dict[str, Any]:
+    """Arrays of a Model from totals at CO, all but the thrusters, by field."""
+    from rovtwin.vehicle.hull import hull_of
+    from rovtwin.vehicle.model import rigid_body_matrix
+
+    damping, solid = total.damping(), total.solid
+    buoyancy = total.density * GRAVITY * total.volume
+    return {
+        "rigid_body_mass": rigid_body_matrix(solid.mass, solid.inertia, solid.center_of_gravity),
+        "added_mass": total.added_mass,
+        "linear_damping_ahead": damping.linear_ahead,
+        "linear_damping_astern": damping.linear_astern,
+        "quadratic_damping_ahead": damping.quadratic_ahead,
+        "quadratic_damping_astern": damping.quadratic_astern,
+        "weight": solid.mass * GRAVITY,
+        "buoyancy": buoyancy,
+        "displaced_mass": buoyancy / GRAVITY,
+        "center_of_gravity": solid.center_of_gravity,
+        "center_of_buoyancy": total.center_of_buoyancy,
+        "hull": hull_of(total.boxes, total.center_of_buoyancy),
+    }
 
 
 def _ballasted(total: Assembly, buoyancy: float) -> Assembly:

@@ -20,7 +20,7 @@ class Piece:
     Attributes:
         name: Of its part, and its number there.
         kind: "box", "cylinder" (along x), "ellipsoid" or "mesh".
-        size: Full dimensions along its own axes [m], shape (3,); of a mesh 1.
+        size: Full dimensions along its own axes [m], shape (3,); of a mesh its scale, metres per unit of the file.
         placement: In b.
         colour: sRGB, shares.
         mesh: Path of its file, or "".
@@ -43,6 +43,9 @@ def _pieces(body: schema.Body, name: str, placement: Placement) -> Iterator[Piec
     if body.visuals:
         for i, visual in enumerate(body.visuals):
             yield _piece(visual, f"{name}_{i}", placement)
+    elif body.shape is not None and body.shape.mesh is not None:
+        here = Placement.of(body.shape.center, body.shape.attitude_deg).after(placement)
+        yield Piece(name, "mesh", np.full(3, body.shape.scale or 1.0), here, _GREY, body.shape.mesh)
     elif body.shape is not None:
         solid = Solid.of(body.shape)
         yield Piece(name, solid.kind, solid.size, solid.placement.after(placement), _GREY)

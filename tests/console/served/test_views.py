@@ -171,6 +171,18 @@ def test_body_velocity_is_compared_with_the_reference_in_the_body_frame(page):
     np.testing.assert_allclose(found, wanted * np.repeat([1.0, 180 / np.pi], 3), rtol=1e-9)
 
 
+def test_sensors_are_plotted_with_the_units_of_the_table(page):
+    found = page.evaluate(
+        """async () => {
+          const {channels} = await import('/static/plots_channels.js');
+          const setup = {readings: {pressure: {fields: ['depth'], units: ['m']}}};
+          const state = {...fake.stateAt(1), sensors: {pressure: {age: 0, value: [2]}, other: {age: 0, value: [1, 2]}}};
+          return channels(setup, state).filter(c => c.id.startsWith('sensor_')).map(c => [c.name, c.unit]);
+        }"""
+    )
+    assert found == [["Sensor pressure, depth", "m"], ["Sensor other, 1", ""], ["Sensor other, 2", ""]]
+
+
 def test_ring_buffers_keep_ten_minutes_and_no_more(page):
     size, oldest, newest, after, slow = page.evaluate(
         """async () => {

@@ -36,8 +36,9 @@ def main() -> None:
     from rovtwin.console.engine.engine import Engine
     from rovtwin.console.engine.vessel import Wanted
     from rovtwin.scenario.files import load_scenario
+    from rovtwin.scenario.live.connect import as_read
 
-    scenario = load_scenario(str(given.scenario), (), None)
+    scenario = as_read(given.link, load_scenario(str(given.scenario), (), None))
     note["scenario"] = scenario.name
     place.note.write_text(json.dumps(note), encoding="utf-8")
     wanted = Wanted(scenario, given.link, tuple(given.sensor), place.stop)

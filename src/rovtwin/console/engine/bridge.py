@@ -1,6 +1,5 @@
 """The bridge: what each order does, and why it is refused."""
 
-import json
 import logging
 import time
 from typing import Any
@@ -14,11 +13,12 @@ from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import counted
 from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.vessel import Vessel
-from rovtwin.console.wire import FRESH, encode
+from rovtwin.console.wire import FRESH, decode, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array
 from rovtwin.gnc.rules import inside
+from rovtwin.scenario.feasibility import require_feasible
 from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.schema import Scenario, Waypoint
 
@@ -57,9 +57,9 @@ class Bridge:
     def answer(self, text: bytes) -> dict[str, Any] | None:
         """Do what one says; what to reply, nothing where nobody asked to be told."""
         try:
-            message = json.loads(text)
+            message = decode(text)
             order = orders.parse(message)
-        except (ValueError, RecursionError) as error:
+        except ValueError as error:
             return {"id": None, "ok": False, "error": f"not understood: {error}"}
         number, now = message.get("id"), time.monotonic()
         try:
@@ -206,7 +206,8 @@ class Bridge:
         """The mission, if it can be flown here.
 
         Raises:
-            ConfigError: It leads out of the tank or the fence, too deep, or needs an altimeter that there is not.
+            ConfigError: It leads out of the tank or the fence, too deep, needs an altimeter that there is not, or
+                cannot be flown by this vehicle; of a real one the current is not known.
         """
         vessel = self._engine.vessel
         helm, scenario = self._for_missions(vessel), self._engine.scenario_with(waypoints)
@@ -218,7 +219,18 @@ class Bridge:
                 raise ConfigError(f"way-point {i + 1}: has an altitude, but there is no altimeter on board")
         require_inside(scenario, vessel.composed.model)
         require_fenced(scenario)
+        twin, composed = self._engine.is_twin, vessel.composed
+        model = composed.loop.twin.model if twin else composed.model
+        require_feasible(self._from_here(scenario, helm), model, known_world=twin)  # half a millisecond
         return helm.mission_of(scenario)
+
+    def _from_here(self, scenario: Scenario, helm: Helm) -> Scenario:
+        """The scenario, begun where the vehicle is; before it is armed, where the scenario says."""
+        if not self._engine.switch.armed:
+            return scenario
+        eta = np.asarray(helm.output.estimate.eta, dtype=float)
+        start = scenario.start.model_copy(update={"position": eta[:3].tolist()})
+        return scenario.model_copy(update={"start": start})
 
     def _pace(self, order: orders.Pace) -> None:
         if not self._engine.is_twin:

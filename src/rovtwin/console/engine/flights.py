@@ -90,9 +90,10 @@ class FlightLog:
             return {"completed": False, "phase": "idle", "reason": ending, "decisions": []}
         flown = self._recorder.flown()
         figures = live_figures(flown, test=self._composed.scenario.test is not None)
+        composed, scenario = self._composed, self._flown or self._composed.scenario
         return figures | {
             "reason": "" if figures["completed"] else figures["reason"] or ending,
-            "decisions": decisions(flown, self._composed.thruster_names),
+            "decisions": decisions(flown, composed.thruster_names, scenario, composed.model),
         }
 
 

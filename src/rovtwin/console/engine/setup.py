@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rovtwin.core.sensors import SENSORS, kind_named, kind_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.visuals import pieces_of
@@ -25,11 +26,21 @@ def setup_of(
         "kind": "setup",
         "thrusters": composed.thruster_names,
         "sensors": composed.sensor_names,
+        "readings": values_of(composed.sensor_names),
         "twin": wanted.is_twin,
         "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
         "home": np.asarray(readiness.start.position),
         "missing": list(readiness.missing),
         "test": test,
+    }
+
+
+def values_of(sensors: list[str]) -> dict[str, dict[str, list[str]]]:
+    """Names and units of the values of each sensor's readings."""
+    known = {name: kind_named(name) for name in sensors if kind_of(name) in SENSORS}
+    return {
+        name: {"fields": list(kind.fields), "units": ["" if unit == "1" else unit for unit in kind.units]}
+        for name, kind in known.items()
     }
 
 

@@ -10,10 +10,11 @@ from scipy.special import gammaincinv
 from rovtwin.console.engine.world import TRUTH
 from rovtwin.core.datum import Datum
 from rovtwin.core.flow import PHASES, REASONS, AutopilotOutput, Measurement
+from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.scenario.schema import Waypoint
 
 WINDOW = 10.0  # over which innovations are compared with what the filter says of itself [s]
-TOLD = ("position", "pressure", "attitude", "dvl", "altimeter", "battery", "leak")  # sensors whose values are shown
+TOLD = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))  # kinds whose values are shown
 
 
 class Hearing:
@@ -55,7 +56,7 @@ class Hearing:
         """Age [s] of every sensor and values of those that people look at; the truth and the water's velocity."""
         sensors = {}
         for name, (heard, value) in self._last.items():
-            shown = value if name in TOLD else None
+            shown = value if kind_of(name) in TOLD else None
             sensors[name] = {"age": t - heard if value is not None else None, "value": shown}
         truth, current = (None, None) if self.truth is None else (self.truth[:6], self.truth[6:9])
         return {"sensors": sensors, "truth": truth, "current": current}

@@ -84,7 +84,7 @@ class Drafting:
         self._hub.draft.load(await asyncio.to_thread(rows_of, text))  # seconds for a large one: STOP must not wait
 
     async def _template(self, what: dict[str, Any]) -> None:
-        depth, speed = _value(what, "depth", 1.0), _value(what, "speed", 0.2)
+        depth, speed = _value(what, "depth", 1.0), _value(what, "speed", self._hub.draft.own["speed"])
         if what.get("name") == "square":
             x, y = (float(v) for v in self._hub.client.last.get("state", {}).get("eta", (0.0, 0.0))[:2])
             side = _value(what, "side", 4.0)
@@ -93,7 +93,7 @@ class Drafting:
             area, spacing = what.get("area"), _value(what, "spacing", 1.0)
             if not isinstance(inside := what.get("inside", False), bool):
                 raise ConfigError(f"template.inside: found {inside!r}, expected true or false")
-            rows = await asyncio.to_thread(_lawnmower, area, spacing, depth, speed, inside)
+            rows = await asyncio.to_thread(_lawnmower, area, spacing, depth, speed, inside, self._hub.vehicle)
         else:
             raise ConfigError(f"template: found {what.get('name')!r}, expected square or lawnmower")
         self._hub.draft.load(rows)
@@ -146,7 +146,9 @@ def _value(what: dict[str, Any], key: str, default: float) -> float:
     return float(found)
 
 
-def _lawnmower(area: Any, spacing: float, depth: float, speed: float, inside: bool) -> list[dict[str, Any]]:
+def _lawnmower(
+    area: Any, spacing: float, depth: float, speed: float, inside: bool, vehicle: str | dict[str, Any]
+) -> list[dict[str, Any]]:
     """Way-points over an area, by the survey planner; turns lie outside of it unless all is to stay inside."""
     if not isinstance(area, list) or len(area) < 3:
         raise ConfigError("lawn-mower: found no area, expected at least three corners [north, east]")
@@ -164,7 +166,11 @@ def _lawnmower(area: Any, spacing: float, depth: float, speed: float, inside: bo
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "area.yaml"
         file.write_text(yaml.safe_dump({"outline": area}), encoding="utf-8")
-        survey = lay_out(SurveyRequest(file, Swath(spacing, 0.0), depth=depth, speed=speed, inside=inside))
+        if isinstance(vehicle, dict):
+            described, vehicle = vehicle, str(Path(folder) / "vehicle.yaml")
+            Path(vehicle).write_text(yaml.safe_dump(described), encoding="utf-8")
+        swath = Swath(spacing, 0.0)
+        survey = lay_out(SurveyRequest(file, swath, vehicle=vehicle, depth=depth, speed=speed, inside=inside))
     if survey.scenario.mission is None:
         raise RovtwinError("lawn-mower: no line fits into the area; make it larger")
     places = [waypoint.position or [0.0, 0.0, depth] for waypoint in survey.scenario.mission.waypoints]

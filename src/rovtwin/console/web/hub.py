@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 import logging
 import secrets
 import time
@@ -17,8 +16,11 @@ from rovtwin.console.planning import Draft, for_browser, row_from
 from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.drafting import Drafting
 from rovtwin.console.web.sea_check import SeaCheck
-from rovtwin.console.wire import Place, encode
+from rovtwin.console.wire import Place, decode, encode
 from rovtwin.core.errors import RovtwinError
+from rovtwin.scenario.composition import vehicle_of
+from rovtwin.scenario.fitting import own_values
+from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario
 
 logger = logging.getLogger(__name__)
@@ -37,11 +39,10 @@ Do = Callable[[str, dict[str, Any]], Awaitable[str]]  # an order and what was sa
 async def answer(browser: Browser, text: str, do: Do) -> None:
     """Do what a message of a browser asks, and say what came of it."""
     try:
-        message = json.loads(text)
-        if not isinstance(message, dict):
-            raise ValueError
-    except (ValueError, RecursionError):
-        browser.put(encode({"kind": "reply", "id": None, "ok": False, "error": "not understood"}).decode())
+        message = decode(text)
+    except ValueError as error:
+        why = f"not understood: {error}"
+        browser.put(encode({"kind": "reply", "id": None, "ok": False, "error": why}).decode())
         return
     number, what = message.pop("id", None), message.pop("do", None)
     what = what[:40] if isinstance(what, str) else "?"
@@ -62,12 +63,14 @@ class Hub:
     Attributes:
         client: To the engine.
         rights: Who is in control.
+        vehicle: That is flown: its name, file or description.
         draft: The plan on the table, which all see and one edits.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
-        self.rights, self.draft = Rights(), Draft()
+        self.vehicle, own = scenario.vehicle, own_values(Limits.of(vehicle_of(scenario).model()))
+        self.rights, self.draft = Rights(), Draft(own=own)
         self._drafting = Drafting(self, SeaCheck(scenario))
         self._browsers: list[Browser] = []
         self._seen_plan = self._ready = False
@@ -149,6 +152,7 @@ class Hub:
             "flown": rows,
             "submitted": bool(flown.get("submitted")),
             "changed": [_place(row) for row in self.draft.rows] != [_place(row) for row in rows],
+            "own": self.draft.own,
             "undo": self.draft.can_undo,
             "redo": self.draft.can_redo,
             "length": self.draft.length(),

@@ -1,21 +1,22 @@
-"""Whether the sea allows a plan: what `rovtwin sea` says of its places, found beside the server's work."""
+"""Whether vehicle and sea allow a plan: what it cannot do of it, and what `rovtwin sea` says of its places."""
 
 import asyncio
 from collections.abc import Callable
 
 from rovtwin.core.errors import RovtwinError
-from rovtwin.scenario.composition import compose
+from rovtwin.scenario.composition import compose, vehicle_of
+from rovtwin.scenario.feasibility import judge
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 from rovtwin.scenario.sea import moves, verdict
 
 QUIET = 1.0  # a plan that is being changed is not judged yet [s]
-LEVELS = {"holds": "ok", "swept": "warning"}
+LEVELS = {"holds": "ok", "swept": "warning", "turns": "warning"}
 
 Check = dict[str, str]
 
 
 class SeaCheck:
-    """Judges the newest plan in the scenario's sea, current and waves; nothing to say in still water."""
+    """Judges the newest plan, by what the vehicle can do, in the scenario's current and waves."""
 
     def __init__(self, scenario: Scenario):
         self._scenario = scenario
@@ -25,7 +26,7 @@ class SeaCheck:
         """Judge these, and no longer the ones before; `tell` is called when it is known."""
         if self._task is not None:
             self._task.cancel()
-        if waypoints and not self._scenario.test and moves(self._scenario):
+        if waypoints and not self._scenario.test:
             self._task = asyncio.create_task(self._judge(waypoints, tell))
 
     async def _judge(self, waypoints: list[Waypoint], tell: Callable[[Check], None]) -> None:
@@ -35,7 +36,12 @@ class SeaCheck:
     def _verdict(self, waypoints: list[Waypoint]) -> Check:
         scenario = self._scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
         try:
-            worst, said = verdict(compose(scenario))
+            found = judge(scenario, vehicle_of(scenario).model())
+            worst, said = verdict(compose(scenario)) if moves(scenario) else ("holds", "")
         except RovtwinError as error:
             return {"level": "error", "what": f"in this sea: {error}"}
-        return {"level": LEVELS.get(worst, "error"), "what": f"in this sea: {said}"}
+        lines = [finding.line for finding in found] + ([f"in this sea: {said}"] if said else [])
+        if not lines:
+            return {"level": "ok", "what": ""}
+        level = "error" if any(finding.refused for finding in found) else LEVELS.get(worst, "error")
+        return {"level": "warning" if found and level == "ok" else level, "what": ". ".join(lines)}

@@ -42,12 +42,11 @@ def estimate_of(
     nothing = (jnp.zeros(()), jnp.zeros(()))
     told = [heard.get(name, nothing) for name in names]
     force = disturbance(model, x, omega)
-    gyro = tuning.mounts["gyro"].std ** 2 if "gyro" in tuning.mounts else tuning.turn_noise**2
     return Estimate(
         eta=jnp.concatenate([x.position + x.wave_place, euler]),
         nu=jnp.concatenate([x.velocity + R_nb.T @ x.wave_velocity, omega]),
         bias=jnp.concatenate([R_nb @ force, jnp.zeros(3)]),
-        covariance=_covariance(P, R_nb, euler, gyro),
+        covariance=_covariance(P, R_nb, euler, tuning.rate_variance),
         nis=jnp.stack([squares for squares, _ in told]),
         nis_dof=jnp.stack([number for _, number in told]),
         wave=jnp.concatenate([x.wave_place, x.wave_velocity]),
@@ -82,4 +81,4 @@ def _covariance(P: Array, R_nb: Array, euler: Array, gyro_variance: Array) -> Ar
         )
 
     C = seen(seen(P).T)
-    return C + jnp.diag(jnp.concatenate([jnp.zeros(9), jnp.full(3, 1.0) * gyro_variance]))
+    return C + jnp.diag(jnp.concatenate([jnp.zeros(9), gyro_variance]))

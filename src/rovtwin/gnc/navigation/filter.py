@@ -12,8 +12,9 @@ import equinox as eqx
 
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Estimate, Measurements, Slot
-from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.frames import rotation_from_quaternion, skew
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion, readings
 from rovtwin.gnc.navigation.belief import estimate_of
@@ -35,7 +36,7 @@ from rovtwin.gnc.observer import ObserverInput, squared_norm
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
 
-DOUBTED = ("accelerometer", "attitude", "pressure", "dvl")
+CORRECTING = ("attitude", "pressure", "dvl")  # kinds that are compared with the state after the motion
 
 
 class NavigationMemory(eqx.Module):
@@ -49,8 +50,8 @@ class NavigationMemory(eqx.Module):
         ticks: So far, int; time is `ticks * dt`.
         trail: Where dead reckoning went.
         sea: What is believed of the waves.
-        rejected: Positions that were not believed.
-        doubted: Ticks in a row in which a sensor's readings were not, in the order of DOUBTED, shape (4,), int.
+        rejected: Positions that were not believed, by sensor.
+        doubted: Ticks in a row in which a sensor's readings were not, by sensor, int; accelerometers count as one.
     """
 
     x: NavigationState
@@ -60,8 +61,8 @@ class NavigationMemory(eqx.Module):
     ticks: Array
     trail: Trail
     sea: SeaState
-    rejected: Rejected
-    doubted: Array
+    rejected: dict[str, Rejected]
+    doubted: dict[str, Array]
 
 
 class Forecast(NamedTuple):
@@ -105,9 +106,14 @@ class NavigationFilter(Block):
             ticks=jnp.zeros((), dtype=jnp.int32),
             trail=Trail.at(start.position),
             sea=SeaState.unknown(),
-            rejected=Rejected.none(),
-            doubted=jnp.zeros(len(DOUBTED), dtype=jnp.int32),
+            rejected={name: Rejected.none() for name in self.tuning.named("position", self.tuning.mounts)},
+            doubted={name: jnp.zeros((), dtype=jnp.int32) for name in ("accelerometer", *self._correcting)},
         )
+
+    @property
+    def _correcting(self) -> list[str]:
+        """Names of the sensors of CORRECTING."""
+        return [name for kind in CORRECTING for name in self.tuning.named(kind, self.tuning.mounts)]
 
     def step(self, memory: NavigationMemory, input: ObserverInput, dt: float) -> tuple[NavigationMemory, Estimate]:
         """Predict over the tick, then take in what came. The first tick is at time zero, `dt` later the second."""
@@ -123,7 +129,7 @@ class NavigationFilter(Block):
         turning, omega, turn_variance = self._turning(memory, slots, dt)
         heard: dict[str, tuple[Array, Array]] = {}
 
-        doubted = dict(zip(DOUBTED, memory.doubted, strict=True))
+        doubted, rejected = dict(memory.doubted), dict(memory.rejected)
         x, P, forecast, sea, heard["accelerometer"], doubted["accelerometer"] = self._accelerate(
             memory, slots, tau, turning, dt
         )
@@ -132,25 +138,23 @@ class NavigationFilter(Block):
         moved, P, B = motion.step(x, P, forecast.v_dot, forecast.wave_dot, turning, noise, dt)
         way = moved.position + moved.wave_place - x.position - x.wave_place
         trail = memory.trail.after(way, memory.ticks)
-        x, rejected = moved, memory.rejected
+        x, tuning = moved, self.tuning
 
-        found = None
-        if self._listens("position", slots):
-            found, rejected, P = positions(x, P, slots["position"], trail, rejected, self.tuning, now, memory.ticks, dt)
+        places = {}
+        for name in tuning.named("position", slots):
+            mount = tuning.mounts[name]
+            places[name], rejected[name], P = positions(
+                x, P, slots[name], trail, rejected[name], tuning, mount, now, memory.ticks, dt
+            )
         transition = Transition(*before, moved, P, B)
-        if found is not None:
-            x, P, heard["position"] = corrected(x, P, found)
-        for name in ("attitude", "pressure", "dvl"):
-            if self._listens(name, slots):
-                found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
-                found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
-                x, P, heard[name] = corrected(x, P, found)
-        counts = jnp.stack([doubted[name] for name in DOUBTED])
-        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, counts)
+        for name, found in places.items():
+            x, P, heard[name] = corrected(x, P, found)
+        for name in filter(slots.__contains__, self._correcting):
+            found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
+            found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
+            x, P, heard[name] = corrected(x, P, found)
+        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted)
         return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), transition
-
-    def _listens(self, name: str, slots: Measurements) -> bool:
-        return name in slots and name in self.tuning.mounts
 
     def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:
         """Wrench of the thrusters in the middle of the tick, shape (6,), and their forces at its end, shape (n,)."""
@@ -164,20 +168,19 @@ class NavigationFilter(Block):
 
         The mean of readings that end with the tick is half a reading late; the last tick's end mends that.
         """
-        silent = Turning(memory.omega, jnp.zeros(3)), memory.omega, self.tuning.turn_noise**2
-        if not self._listens("gyro", slots):
+        silent = Turning(memory.omega, jnp.zeros(3)), memory.omega, jnp.full(3, 1.0) * self.tuning.turn_noise**2
+        if not (names := self.tuning.named("gyro", slots)):
             return silent
-        mount, slot = self.tuning.mounts["gyro"], slots["gyro"]
-        count = jnp.sum(slot.valid)
-        n = jnp.maximum(count, 1)
-        mean = mount.rotation @ ((slot.valid / n) @ slot.value) - memory.x.gyro_bias
-        last = jnp.zeros(3)
-        for row in range(slot.valid.shape[0]):
-            last = jnp.where(slot.valid[row], slot.value[row], last)
-        end = mount.rotation @ last - memory.x.gyro_bias
-        middle = mean + (memory.omega - end) / (2.0 * n)
-        told = Turning(middle, (end - memory.omega) / dt), end, mount.std**2 * dt / n
-        return jax.tree.map(lambda a, b: jnp.where(count > 0, a, b), told, silent)
+        gyros, mounts = [slots[name] for name in names], [self.tuning.mounts[name] for name in names]
+        means = [readings.averaged(slot, jnp.zeros(()), 0.0) for slot in gyros]
+        counts = [mean.count for mean in means]
+        together = readings.joined([mean.value for mean in means], counts, mounts)
+        last = readings.joined([readings.last(slot) for slot in gyros], counts, mounts)
+        n = jnp.maximum(jnp.max(jnp.stack(counts)), 1)
+        end = last.value - memory.x.gyro_bias
+        middle = together.value - memory.x.gyro_bias + (memory.omega - end) / (2.0 * n)
+        told = Turning(middle, (end - memory.omega) / dt), end, together.variance * dt
+        return jax.tree.map(lambda a, b: jnp.where(together.heard, a, b), told, silent)
 
     def _accelerate(
         self, memory: NavigationMemory, slots: Measurements, tau: Array, turning: Turning, dt: float
@@ -190,26 +193,28 @@ class NavigationFilter(Block):
         slow = tuning.acceleration_noise**2 + doubt
         R_nb = rotation_from_quaternion(x.attitude)
         quick = (R_nb * R_nb).T @ waves.density
-        if not self._listens("accelerometer", slots):
+        if not (names := tuning.named("accelerometer", slots)):
             nothing = (jnp.zeros(()), jnp.zeros(()))
             zero = jnp.zeros(3)
             forecast = Forecast(by_model, motion.by_waves(x, waves), slow, quick, zero)
-            return x, P, forecast, memory.sea, nothing, memory.doubted[0]
-        mount = tuning.mounts["accelerometer"]
-        mean = readings.averaged(slots["accelerometer"], jnp.zeros(()), 0.0)
-        heard = mean.count > 0
-        variance = mount.std**2 / jnp.maximum(mean.count, 1)
-        read = mount.rotation @ mean.value
+            return x, P, forecast, memory.sea, nothing, memory.doubted["accelerometer"]
+        means = [readings.averaged(slots[name], jnp.zeros(()), 0.0) for name in names]
+        mounts = [tuning.mounts[name] for name in names]
+        read = readings.joined([mean.value for mean in means], [mean.count for mean in means], mounts)
+        heard = read.heard
+        # The angular acceleration is a difference of the gyro's readings: on a lever their noise is read, too.
+        swing = skew(read.lever)
+        variance = read.variance + (swing * swing) @ (2.0 * tuning.rate_variance / dt**2)
 
         def difference(x: NavigationState) -> tuple[Acceleration, Acceleration, Acceleration]:
             R_nb = rotation_from_quaternion(x.attitude)
             model, wave = motion.by_model(self.model, x, tau, turning), motion.by_waves(x, waves)
-            sensed = motion.by_accelerometer(x, read, mount.lever, turning)
+            sensed = motion.by_accelerometer(x, read.value, read.lever, turning)
             return model, wave, motion.less(sensed, motion.sum_of(model, wave, R_nb))
 
         found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
         unexplained = found.residual + R_nb.T @ motion.by_waves(x, waves).value
-        found, P, doubts = self._believed("accelerometer", found, P, memory.doubted[0], x)
+        found, P, doubts = self._believed("accelerometer", found, P, memory.doubted["accelerometer"], x)
         # What is rejected neither moves the vehicle nor makes waves.
         heard = jnp.any(found.used)
         sea = memory.sea.after(unexplained, slow / dt + variance, heard, dt)
@@ -229,12 +234,12 @@ class NavigationFilter(Block):
         self, name: str, found: Innovation, P: Array, doubts: Array, x: NavigationState
     ) -> tuple[Innovation, Array, Array]:
         """What is used of an innovation: nothing beyond the gate, unless so many ticks in a row that P is opened."""
-        H, tuning = found.slope, self.tuning
+        H, tuning, kind = found.slope, self.tuning, kind_of(name)
         S = product(product(H, P), H.T) + jnp.diag(found.variance)
         there = jnp.any(found.used)
-        far = there & (squared_norm(found.residual, S) > tuning.gate[name])
+        far = there & (squared_norm(found.residual, S) > tuning.gate[kind])
         doubts = jnp.where(there, jnp.where(far, doubts + 1, 0), doubts)
-        opened = opening(name, found.residual, rotation_from_quaternion(x.attitude), self.model)
+        opened = opening(kind, found.residual, rotation_from_quaternion(x.attitude), self.model)
         lost = (doubts >= tuning.stubbornness) & jnp.any(opened > 0.0)
         P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opened)
         used = eqx.tree_at(lambda i: i.used, found, found.used & (~far | lost))
@@ -259,11 +264,11 @@ class NavigationFilter(Block):
     def _innovation(
         self, name: str, x: NavigationState, slot: Slot, omega: Array, v_dot: Array, sea: SeaState, now: Array
     ) -> Innovation:
-        mount, max_age = self.tuning.mounts[name], self.tuning.max_age
-        if name == "attitude":
+        mount, max_age, kind = self.tuning.mounts[name], self.tuning.max_age, kind_of(name)
+        if kind == "attitude":
             return readings.attitude(x, slot, mount, omega, now, max_age)
-        if name == "pressure":
+        if kind == "pressure":
             R_nb = rotation_from_quaternion(x.attitude)
             blind = (self.tuning.wave_slip * sea.heave(R_nb)) ** 2
             return readings.pressure(x, slot, mount, R_nb @ x.velocity, blind, now, max_age)
-        return readings.dvl(x, slot, mount, omega, v_dot, now, max_age)
+        return readings.dvl(x, slot, mount, omega, self.tuning.rate_variance, v_dot, now, max_age)

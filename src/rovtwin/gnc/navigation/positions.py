@@ -11,6 +11,7 @@ import numpy as np
 from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.ekf_model import product
+from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation import readings
 from rovtwin.gnc.navigation.readings import Innovation
 from rovtwin.gnc.navigation.state import ERRORS, HORIZONTAL, NavigationState
@@ -77,6 +78,7 @@ def positions(
     trail: Trail,
     rejected: Rejected,
     tuning: Tuning,
+    mount: Mount,
     now: Array,
     tick: Array,
     dt: float,
@@ -89,12 +91,13 @@ def positions(
         slot: Readings of north and east.
         trail: Up to this tick.
         rejected: Before this tick.
-        tuning: Noise, gate, patience.
+        tuning: Gate, patience.
+        mount: Of the sensor.
         now: Time [s].
         tick: Its number, int.
         dt: Its length [s].
     """
-    mount, found = tuning.mounts["position"], []
+    found = []
     for row in range(slot.valid.shape[0]):
         age = readings.age_of(slot.t_valid[row], now, jnp.minimum(tuning.max_age, (TRAIL - 2) * dt))
         one = readings.position(x, slot.value[row], age, trail.since(age, tick, dt), mount)

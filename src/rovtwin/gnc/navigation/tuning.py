@@ -1,12 +1,14 @@
 """What the filter believes of its sensors, of its model and of the sea."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.numerics import Array, as_array
-from rovtwin.gnc import ekf_tuning
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.sensors import SENSORS, kind_of
+from rovtwin.gnc.ekf_tuning import STATES
+from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
     ATTITUDE,
@@ -21,20 +23,14 @@ from rovtwin.gnc.navigation.state import (
     WAVE_PLACE,
     WAVE_VELOCITY,
 )
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.vehicle.model import Model
 
-SENSOR_STD = ekf_tuning.SENSOR_STD | {"accelerometer": 0.0308}
-"""Of thesis table 5.7 and of a DVL, per axis [m, rad, m/s, rad/s, m/s2]."""
+SENSOR_STD = {name: SENSORS[name].std for name in STATES}
+"""Usual standard deviation of the sensors that the filter takes in, per axis."""
 
 GATE = {"position": 18.4, "pressure": 15.1, "attitude": 21.1, "dvl": 21.1, "accelerometer": 21.1}
 """Largest squared normalised innovation believed: chi-square of 2, 1, else 3 degrees of freedom at 1e-4."""
-
-
-class Mount(eqx.Module):
-    """A sensor as the filter believes it: std per axis, place seen from CO, b [m], (3,), and R_bs, (3, 3)."""
-
-    std: Array = eqx.field(converter=as_array)
-    lever: Array = eqx.field(converter=as_array, default=(0.0, 0.0, 0.0))
-    rotation: Array = eqx.field(converter=as_array, default_factory=lambda: np.eye(3))
 
 
 class Tuning(eqx.Module):
@@ -50,7 +46,7 @@ class Tuning(eqx.Module):
         turn_noise: Attitude while the gyro is silent [rad/sqrt(s)].
         wave_damping: Half the relative width of the band of waves.
         wave_slip: Share of the waves' heave by which the vehicle does not follow the water.
-        gate: By sensor name, squared normalised innovation beyond which a reading counts as an outlier.
+        gate: By kind of sensor, squared normalised innovation beyond which a reading counts as an outlier.
         patience: So many positions beyond the gate in a row that agree with each other are believed.
         stubbornness: So many ticks in a row may another sensor be beyond its gate before it is believed.
         max_age: Of a reading [s]; one with a stamp further off counts as new.
@@ -70,26 +66,44 @@ class Tuning(eqx.Module):
     stubbornness: int = eqx.field(static=True)
     max_age: Array = eqx.field(converter=as_array)
 
+    def named(self, kind: str, among: Container[str]) -> list[str]:
+        """Names of the sensors of a kind that are known and `among` those on board."""
+        return [name for name in sorted(self.mounts) if kind_of(name) == kind and name in among]
+
+    @property
+    def rate_variance(self) -> Array:
+        """Of the angular velocity that all gyros together tell, b [rad2/s2], shape (3,)."""
+        gyros = [self.mounts[name].variance for name in self.named("gyro", self.mounts)]
+        if not gyros:
+            return jnp.full(3, 1.0) * self.turn_noise**2
+        return gyros[0] if len(gyros) == 1 else 1.0 / jnp.sum(1.0 / jnp.stack(gyros), axis=0)
+
     @classmethod
     def of(
         cls,
+        model: Model,
         mounts: Mapping[str, Mount] | None = None,
         *,
-        force_walk: float = 0.03,
-        turning_force_walk: float = 3e-3,
+        force_walk: float | None = None,
+        turning_force_walk: float | None = None,
         drag_std: float = 0.14,
-        force_std: float = 1.0,
-        turning_force_std: float = 0.15,
-        current_std: float = 0.1,
+        force_std: float | None = None,
+        turning_force_std: float | None = None,
+        current_std: float | None = None,
         acceleration_noise: float = 1e-3,
         acceleration_share: float = 0.1,
         wave_damping: float = 0.2,
         wave_slip: float = 0.3,
         max_age: float = 2.0,
+        gyro_bias: float = 1e-5,
+        gyro_bias_walk: float = 1e-8,
+        accelerometer_bias: float = 0.03,
+        accelerometer_bias_walk: float = 1e-5,
     ) -> "Tuning":
-        """Beliefs in the units in which people think of them.
+        """Beliefs in the units in which people think of them; forces, speeds and times that are None: the vehicle's.
 
         Args:
+            model: The vehicle, whose size says what disturbs it.
             mounts: Sensors; None: those of thesis table 5.7 and a DVL, at CO.
             force_walk: Of the disturbance force, each axis of n [N/sqrt(s)].
             turning_force_walk: Of the one that turns with the vehicle [N/sqrt(s)].
@@ -99,30 +113,44 @@ class Tuning(eqx.Module):
             current_std: Water's velocity at the start, each axis [m/s].
             acceleration_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)].
             acceleration_share: Relative error of the model's acceleration.
-            wave_damping: Half the relative width of their band.
             wave_damping: Half the relative width of the band of waves.
             wave_slip: Share of the waves' heave by which the vehicle does not follow the water.
             max_age: How far back readings are compared with the past [s].
+            gyro_bias: At the start, each axis [rad/s].
+            gyro_bias_walk: [rad/s/sqrt(s)].
+            accelerometer_bias: At the start, each axis [m/s2].
+            accelerometer_bias_walk: [m/s2/sqrt(s)].
         """
+        scales, own = VehicleScales.of(model), beliefs(model)
+        force_walk, force_std, current_std = (
+            own[name] if given is None else given
+            for name, given in (("force_walk", force_walk), ("force_std", force_std), ("current_std", current_std))
+        )
+        if turning_force_walk is None:
+            turning_force_walk = 0.1 * scales.force_walk
+        if turning_force_std is None:
+            turning_force_std = 0.015 * scales.level_force
+        # A current changes by its own size in some thousand times the controller's time.
+        current_walk = 0.01414 * own["current_std"] * np.sqrt(scales.level_bandwidth)
         start = (
             (POSITION, [0.1, 0.1, 0.02]),
-            (VELOCITY, [0.1] * 3),
+            (VELOCITY, [own["current_std"]] * 3),
             (ATTITUDE, [0.01] * 3),
             (WAVE_PLACE, [0.1] * 3),
             (WAVE_VELOCITY, [0.15] * 3),
-            (GYRO_BIAS, [1e-5] * 3),
-            (ACCELEROMETER_BIAS, [0.03] * 3),
-            (FORCE_N, [force_std, force_std, 3.0]),
+            (GYRO_BIAS, [gyro_bias] * 3),
+            (ACCELEROMETER_BIAS, [accelerometer_bias] * 3),
+            (FORCE_N, [force_std, force_std, 0.01 * scales.weight]),
             (FORCE_B, [turning_force_std] * 2),
             (CURRENT, [current_std] * 2),
             (DRAG, [drag_std] * 3),
         )
         walk = (
-            (GYRO_BIAS, [1e-8] * 3),
-            (ACCELEROMETER_BIAS, [1e-5] * 3),
+            (GYRO_BIAS, [gyro_bias_walk] * 3),
+            (ACCELEROMETER_BIAS, [accelerometer_bias_walk] * 3),
             (FORCE_N, [force_walk] * 3),
             (FORCE_B, [turning_force_walk] * 2),
-            (CURRENT, [1e-3] * 2),
+            (CURRENT, [current_walk] * 2),
             (DRAG, [2e-3] * 3),
         )
         return cls(
@@ -131,7 +159,7 @@ class Tuning(eqx.Module):
             walk=_laid_out(walk),
             acceleration_noise=np.full(3, acceleration_noise),
             acceleration_share=acceleration_share,
-            acceleration_memory=2.0,
+            acceleration_memory=1.0 / scales.level_bandwidth,
             turn_noise=0.05,
             wave_damping=wave_damping,
             wave_slip=wave_slip,
@@ -140,6 +168,20 @@ class Tuning(eqx.Module):
             stubbornness=15,
             max_age=max_age,
         )
+
+
+def beliefs(model: Model) -> dict[str, float]:
+    """What a vehicle's size says of the forces and currents that it meets: `force_walk`, `force_std`, `current_std`.
+
+    The sea's forces grow with the weight (Froude's law), forces at the start are a tenth of the thrust, and nobody
+    flies a vehicle in currents much above a third of its speed.
+    """
+    scales = VehicleScales.of(model)
+    return {
+        "force_walk": scales.force_walk,
+        "force_std": 0.1 * scales.level_force,
+        "current_std": 0.309 * float(scales.top[0]),
+    }
 
 
 def _laid_out(parts: Sequence[tuple[slice, list[float]]]) -> np.ndarray:

@@ -25,6 +25,7 @@ def identified_file(
     evidence: Sequence[str],
     findings: Sequence[str],
     tested: Mapping[str, tuple[float, float]],
+    doubts: Sequence[str] = (),
 ) -> dict[str, Any]:
     """A complete vehicle file as plain data, loadable by `vehicle_from_dict`."""
     model, _ = parameters.model_at(theta)
@@ -49,6 +50,7 @@ def identified_file(
         "covariance": [[_short(x) for x in row] for row in covariance],
         "evidence": list(evidence),
         "findings": list(findings),
+        **({"doubts": list(doubts)} if doubts else {}),
         "groups": {group: [vehicle.thruster_names[i] for i in rows] for group, rows in parameters.groups.items()},
         "tested": {name: [_short(x) for x in ends] for name, ends in tested.items()},
     }

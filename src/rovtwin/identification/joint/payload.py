@@ -5,27 +5,35 @@ stays under it. This is what makes the swap of a payload an afternoon's work.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.joint.couplings import place_of, share_of
 from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.interaction import added_mass_std
 from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameters
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.assembly import Assembly, assemble, bodies
+from rovtwin.vehicle.assembly import Assembly, assemble, bodies, by_formula, with_restoring, with_rigid_body
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.damping import Damping
 from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.rigid_body import MassProperties, Placement
+from rovtwin.vehicle.soundness import require_sound
+from rovtwin.vehicle.vehicle import body_arrays
 
-# How far the formulas for a part may be off, relative to what they say of it, and what a part changes in the flow past
-# the others, relative to the total.
-_RELATIVE = {"added_mass": 0.35, "linear_damping": 0.8, "quadratic_damping": 0.5}
-_INTERACTION = {"added_mass": 0.03, "linear_damping": 0.05, "quadratic_damping": 0.05}
+# How far the formulas for the drag of a part may be off, relative to what they say of it, and what a part changes in
+# the flow past the others, relative to the total. Judgement: no panel method tells drag (added mass: `interaction`).
+_RELATIVE = {"linear_damping": 0.8, "quadratic_damping": 0.5}
+_INTERACTION = {"linear_damping": 0.05, "quadratic_damping": 0.05}
+_COUPLED = 0.5  # error of an element of M_A beside the diagonal, of the mean of those of its two diagonals
 # Volume of a part that comes or goes, relative, and its place [m].
 _VOLUME, _PLACE = 0.1, 0.01
+_LEAST = 0.05  # of a diagonal: what parts that go leave of it by difference, below which the share they leave is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +43,14 @@ class Change:
     Attributes:
         model: The new vehicle as predicted: the old identification plus the change.
         hydrodynamics: Change of the matrices, arrays of shape (6, 6), by `added_mass` and the names in DAMPINGS.
+        added_mass_std: Standard deviation of the change of M_A's diagonal, shape (6,).
         displaced: Buoyancy of all parts that come or go [N]: what an error of their volumes is relative to.
         moments: Of these forces about CO, by axis, and for each part as much as its place may be off [N m], shape (3,).
     """
 
     model: Model
     hydrodynamics: dict[str, np.ndarray]
+    added_mass_std: np.ndarray
     displaced: float
     moments: np.ndarray
 
@@ -48,68 +58,135 @@ class Change:
 def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
     """What the new parts change; None where the parts are the same.
 
+    The change is what formulas say of the whole tree of parts, new less old. Totals that were published or measured,
+    of the vehicle or of any part in it, are left out of both: those of the old one stay under the change. Only what the
+    new file states anew of the whole's mass and buoyancy takes their place.
+
     Raises:
-        IdentificationError: The vehicles have different thrusters, so that nothing of the old one holds.
+        IdentificationError: The vehicles have different thrusters or origins, so that nothing of the old one holds, or
+            what goes leaves no vehicle that can move.
     """
     if fingerprint(old.file) == fingerprint(new.file):
         return None
-    if not _same_thrusters(old.thruster_names, new.thruster_names):
+    _require_same_vehicle(old, new)
+    density = new.assembly.density
+    before, after = (assemble(by_formula(v.file), v.where).in_water(density) for v in (old, new))
+    found = old.assembly.in_water(density)
+    had, was, now = found.damping(), before.damping(), after.damping()
+    solid = _changed_solid(found.solid, before.solid, after.solid)
+    volume = found.volume + after.volume - before.volume
+    if volume <= 0 or solid.mass <= 0:
+        raise IdentificationError(f"{new.where}: what is left of {old.where} without the parts that went has no mass")
+    moved = after.volume * after.center_of_buoyancy - before.volume * before.center_of_buoyancy
+    la, lb, qa, qb = map(_changed, had.matrices(), was.matrices(), now.matrices())
+    total = replace(
+        found,
+        solid=solid,
+        volume=volume,
+        center_of_buoyancy=(found.volume * found.center_of_buoyancy + moved) / volume,
+        added_mass=_positive(_changed(found.added_mass, before.added_mass, after.added_mass)),
+        measured=Damping(_positive(la), _positive(lb), qa, qb),
+        elements=(),
+        as_given=False,
+        boxes=new.assembly.boxes,
+    )
+    total = with_rigid_body(total, _stated_anew(old, new, "rigid_body"))
+    total = with_restoring(total, _stated_anew(old, new, "restoring"), new.where)
+    differences = {
+        "added_mass": after.added_mass - before.added_mass,
+        **{name: getattr(now, field) - getattr(was, field) for name, field in zip(DAMPINGS, _MATRICES, strict=True)},
+    }
+    std = added_mass_std(old.file, new.file, density)
+    return Change(_model(total, old, new), differences, std, *_swapped(before, after))
+
+
+_MATRICES = ("linear_ahead", "quadratic_ahead", "linear_astern", "quadratic_astern")  # of Damping, as in DAMPINGS
+
+
+def _require_same_vehicle(old: Vehicle, new: Vehicle) -> None:
+    """One may hold the other as a part, even under longer names (`rov.port.surge`), but where its origin was."""
+    pairs = list(zip(old.assembly.thrusters, new.assembly.thrusters, strict=False))
+    alike = all(f".{a.name}".endswith(f".{b.name}") or f".{b.name}".endswith(f".{a.name}") for a, b in pairs)
+    if len(old.thruster_names) != len(new.thruster_names) or not alike:
         raise IdentificationError(
             f"{new.where}: has thrusters {', '.join(new.thruster_names)}, but the prior's vehicle {old.where} has "
             f"{', '.join(old.thruster_names)}; a prior must come from the same vehicle with other parts"
         )
-    before, after = _parts_only(old), _parts_only(new)
-    model = old.model()
-    differences = {
-        "added_mass": after.added_mass - before.added_mass,
-        **{
-            name: getattr(after.damping(), field) - getattr(before.damping(), field)
-            for name, field in zip(DAMPINGS, _MATRICES, strict=True)
-        },
-    }
-    matrices = {_FIELDS[name]: np.asarray(getattr(model, _FIELDS[name])) + d for name, d in differences.items()}
-    solid = new.assembly.solid
-    weight = solid.mass * GRAVITY
-    net_change = _net(after) - _net(before)
-    buoyancy = weight + float(model.buoyancy - model.weight) + net_change
-    moved = (
-        after.density * GRAVITY * (after.volume * after.center_of_buoyancy - before.volume * before.center_of_buoyancy)
-    )
-    center = (float(model.buoyancy) * np.asarray(model.center_of_buoyancy) + moved) / buoyancy
+    for a, b in pairs:
+        for vehicle, path, inner in ((new, b.path, a.path), (old, a.path, b.path)):
+            around = path[: len(path) - len(inner)]
+            if around + inner == path:
+                _require_same_origin(vehicle, around)
+
+
+def _require_same_origin(vehicle: Vehicle, path: tuple[str, ...]) -> None:
+    """That a part in a part, and so on, has the vehicle's own frame."""
+    body = vehicle.file
+    for name in path:
+        body = next(part for part in body.parts if part.name == name)
+        held = Placement.of(body.pose.position, body.pose.attitude_deg)
+        if not (np.allclose(held.position, 0.0) and np.allclose(held.rotation, np.eye(3))):
+            raise IdentificationError(
+                f"{vehicle.where}: part '{name}' holds the vehicle, found its pose {body.pose.position} m and "
+                f"{body.pose.attitude_deg} deg, expected zeros: what is identified holds about the vehicle's own "
+                "origin. Leave out this pose and move the other parts instead"
+            )
+
+
+def _stated_anew(old: Vehicle, new: Vehicle, key: str) -> Any:
+    """What the new file says of the whole and the old one of nothing: any other statement was of the old parts."""
+    said = getattr(new.file, key)
+    plain = {"source", "sources"}
+    known = [getattr(body, key).model_dump(exclude=plain) for _, body in bodies(old.file, "") if getattr(body, key)]
+    return None if said is None or said.model_dump(exclude=plain) in known else said
+
+
+def _changed_solid(found: MassProperties, before: MassProperties, after: MassProperties) -> MassProperties:
+    """Mass properties that add up about CO: found + after - before."""
+    signed = ((1.0, found), (1.0, after), (-1.0, before))
+    mass = sum(sign * b.mass for sign, b in signed)
+    center = sum((sign * b.mass * b.center_of_gravity for sign, b in signed), np.zeros(3)) / max(mass, 1e-9)
+    about_co = sum((sign * b.inertia_about(np.zeros(3)) for sign, b in signed), np.zeros((3, 3)))
+    at_co = MassProperties(mass, center, np.zeros((3, 3))).inertia_about(np.zeros(3))
+    return MassProperties(mass, center, about_co - at_co)
+
+
+def _changed(found: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """found + after - before, shape (6, 6).
+
+    Where the formulas say that more goes than was found of the whole, they were wrong of the whole as of the part: the
+    share that stays is taken, with the couplings as they were.
+    """
+    new = found + after - before
+    own = found.diagonal()
+    gone = new.diagonal() < _LEAST * own
+    share = np.where(gone, after.diagonal() / np.where(gone, before.diagonal(), 1.0), 1.0)
+    kept = np.sqrt(np.outer(share, share)) * found
+    return np.where(np.logical_or.outer(gone, gone), kept, new)
+
+
+def _positive(matrix: np.ndarray) -> np.ndarray:
+    """M_A or linear damping with couplings reduced until no motion has a negative share of it.
+
+    A published diagonal has none of the couplings of a part that goes, so that they would stay with the other sign.
+    """
+    own = matrix.diagonal()
+    unit = np.sqrt(np.where(own > 0, own, np.inf))
+    share = (matrix + matrix.T) / (2 * np.outer(unit, unit)) * (1 - np.eye(6))
+    least = -float(np.linalg.eigvalsh(share)[0])
+    return matrix if least < 1 else np.diag(own) + 0.99 / least * (matrix - np.diag(own))
+
+
+def _model(total: Assembly, old: Vehicle, new: Vehicle) -> Model:
+    """Arrays of the predicted totals; thrusters as they were found, where they are now."""
+    body = body_arrays(total)
+    try:
+        require_sound(total, np.asarray(body["rigid_body_mass"]), new.where)
+    except ConfigError as error:
+        raise IdentificationError(f"{error}. So it is predicted from {old.where} and the change of the parts") from None
     base = new.model()
-    predicted = base.replace(
-        **matrices,
-        buoyancy=buoyancy,
-        displaced_mass=buoyancy / GRAVITY,
-        center_of_buoyancy=center,
-        thrusters=model.thrusters,
-    )
-    return Change(predicted, differences, *_swapped(before, after))
-
-
-_MATRICES = ("linear_ahead", "quadratic_ahead", "linear_astern", "quadratic_astern")  # of Damping, as in DAMPINGS
-_FIELDS = {
-    "added_mass": "added_mass",
-    "linear_damping": "linear_damping_ahead",
-    "quadratic_damping": "quadratic_damping_ahead",
-    "linear_damping_astern": "linear_damping_astern",
-    "quadratic_damping_astern": "quadratic_damping_astern",
-}
-
-
-def _parts_only(vehicle: Vehicle) -> Assembly:
-    """Totals by formula: nothing published or measured of the whole."""
-    plain = {"hydrodynamics": None, "restoring": None, "rigid_body": None, "identified": None}
-    return assemble(vehicle.file.model_copy(update=plain), vehicle.where)
-
-
-def _same_thrusters(old: list[str], new: list[str]) -> bool:
-    """Whether they are the same ones, or all of them within one part of the new vehicle (`rov.port.surge`)."""
-    if len(old) != len(new):
-        return False
-    prefixes = {n[: -len(o)] if n.endswith(o) else None for o, n in zip(old, new, strict=True)}
-    prefix = prefixes.pop() if len(prefixes) == 1 else None
-    return prefix is not None and (prefix == "" or prefix.endswith("."))
+    thrusters = replace(old.model().thrusters, configuration=base.thrusters.configuration)
+    return base.replace(**body, thrusters=thrusters)
 
 
 def _swapped(before: Assembly, after: Assembly) -> tuple[float, np.ndarray]:
@@ -122,10 +199,6 @@ def _swapped(before: Assembly, after: Assembly) -> tuple[float, np.ndarray]:
     lift = np.array([after.density * GRAVITY * part[0] for part in swapped])
     place = np.array([part[1:4] for part in swapped]).reshape(-1, 3)
     return float(lift.sum()), lift @ (_VOLUME * np.abs(place) + _PLACE)
-
-
-def _net(total: Assembly) -> float:
-    return GRAVITY * (total.density * total.volume - total.solid.mass)
 
 
 def without_shape(vehicle: Vehicle) -> list[str]:
@@ -191,10 +264,17 @@ def _widening(parameters: Parameters, i: int, change: Change, before: float) -> 
     """Standard deviation of the predicted change of one parameter, in theta; `before` is that of the default prior."""
     p = parameters.free[i]
     family, _, where = p.name.partition(".")
+    if family == "added_mass":
+        std, M = change.added_mass_std, np.asarray(change.model.added_mass).diagonal()
+        if where in DIRECTIONS:
+            at = DIRECTIONS.index(where)
+            return float(std[at]) / p.base
+        i, j = place_of(p.name) or (0, 0)
+        return min(_COUPLED * float(np.sqrt(std[i] * std[j] / (M[i] * M[j]))), before) / p.slope(p.base)
     if where in DIRECTIONS:
         kind = family.removesuffix("_astern")
         delta = abs(change.hydrodynamics[family][DIRECTIONS.index(where), DIRECTIONS.index(where)])
-        return float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind]))
+        return min(float(np.hypot(_RELATIVE[kind] * delta / p.base, _INTERACTION[kind])), before)
     if place_of(p.name) is not None:
         kind = family.removesuffix("_astern")
         share = _RELATIVE[kind] * abs(float(share_of(change.hydrodynamics[family], change.model, p.name)))

@@ -5,17 +5,19 @@ Triangles larger than a panel are cut; a finer mesh than panels want is made coa
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.priors.panel import PANELS, Mesher
-from rovtwin.identification.priors.shells import outer_shells, wet_share
-from rovtwin.identification.priors.surface import LEAST, Panels
+from rovtwin.identification.priors.surface import LEAST, Panels, surface_of
+from rovtwin.vehicle.closed_mesh import LARGEST, SUFFIXES, ClosedMesh, read_closed, unit_hint
+from rovtwin.vehicle.hydrodynamics import Solid
+from rovtwin.vehicle.shells import wet_share
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
-_LARGEST, _SMALLEST = 20.0, 0.02  # of a small ROV [m]
+__all__ = ["SUFFIXES", "mesher_of_file"]
+
+_SMALLEST = 0.02  # of a small ROV [m]
 _ORDER = 1.3  # of the error, with the size of triangles cut in even pieces: boxes of the tests
 _LOST = 0.05  # share of the volume that merging may change
 
@@ -36,21 +38,46 @@ def mesher_of_file(
     """
     mesh = _read(path)
     R = _rotation(frame)
-    vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)
-    vertices = scale * (vertices - np.asarray(origin, dtype=float)) @ R.T
+    vertices = scale * (mesh.vertices - np.asarray(origin, dtype=float)) @ R.T
     _require_metres(vertices, path.name, scale)
-    _require_closed(mesh, path.name)
-    faces, notes = outer_shells(vertices, faces)
-    whole = Panels(vertices, _four(faces), tuple(notes))
+    whole = Panels(vertices, _four(mesh.faces), mesh.notes)
 
     # Midpoints of edges quarter triangles: the other mesh is half as fine, so that it is another.
     return Mesher(
-        lambda size, least: _at(whole, faces, size, path.name, least < LEAST),
+        lambda size, least: _at(whole, mesh.faces, size, path.name, least < LEAST),
         whole.area,
-        _order(whole, faces),
+        _order(whole, mesh.faces),
         path.name,
         2.0,
     )
+
+
+def mesher_of_solids(bodies: list[Solid], name: str) -> Mesher:
+    """The surface of solids of which some are meshes, all placed in b: triangles, less what lies inside of others."""
+
+    def at(size: float, least: int) -> Panels:
+        surfaces = [_of_solid(solid, size, least, name) for solid in bodies]
+        starts = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
+        faces = [faces + start for (_, faces), start in zip(surfaces, starts[:-1], strict=True)]
+        return _panels(np.concatenate([vertices for vertices, _ in surfaces]), np.concatenate(faces), ())
+
+    largest = max(float(solid.size.max()) for solid in bodies)
+    return Mesher(at, at(largest / 12, LEAST - 1).area, 0.0, name, 2.0)  # roughly: no merged mesh is refused
+
+
+def _of_solid(solid: Solid, size: float, least: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices in b, (n, 3), and triangles (m, 3) of about that side."""
+    if solid.mesh is None:
+        found = surface_of([solid], size, least)
+        vertices, owner = np.unique(np.round(found.vertices, 9), axis=0, return_inverse=True)  # sides share their edges
+        quads = owner.ravel()[found.faces]
+        faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        distinct = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)
+        return vertices, faces[distinct]
+    place = solid.placement
+    whole = Panels(place.position + solid.mesh.vertices @ place.rotation.T, _four(solid.mesh.faces))
+    found = _at(whole, solid.mesh.faces, size, name, least < LEAST)
+    return found.vertices, found.faces[:, :3]
 
 
 def _order(whole: Panels, faces: np.ndarray) -> float:
@@ -58,24 +85,11 @@ def _order(whole: Panels, faces: np.ndarray) -> float:
     return _ORDER if len(faces) < 0.1 * PANELS else 0.0
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path) -> ClosedMesh:
     try:
-        import trimesh
-    except ImportError as missing:
-        raise IdentificationError("meshes need trimesh: pip install 'rovtwin[panel]'") from missing
-    if not path.is_file():
-        raise IdentificationError(f"{path}: no such file")
-    try:
-        mesh = trimesh.load(path, force="mesh", process=True)
-    except Exception as broken:  # readers of many formats, each with errors of its own
-        raise IdentificationError(f"{path.name}: not readable as a mesh: {broken}") from broken
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) < 4:
-        raise IdentificationError(f"{path.name}: found no triangles, expected a closed surface of at least 4")
-    if not np.isfinite(mesh.vertices).all():
-        raise IdentificationError(f"{path.name}: found vertices that are no numbers")
-    mesh.update_faces(mesh.nondegenerate_faces())
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    return mesh
+        return read_closed(path)
+    except ConfigError as error:
+        raise IdentificationError(str(error)) from error
 
 
 def _rotation(frame: tuple[str, str, str]) -> np.ndarray:
@@ -97,31 +111,14 @@ def _rotation(frame: tuple[str, str, str]) -> np.ndarray:
 
 def _require_metres(vertices: np.ndarray, name: str, scale: float) -> None:
     longest = float(np.ptp(vertices, axis=0).max())
-    if _SMALLEST <= longest <= _LARGEST:
+    if _SMALLEST <= longest <= LARGEST:
         return
-    for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
-        if 0.1 <= longest * factor <= 5.0:
-            hint = f"looks like {unit}; give --scale {scale * factor:g}"
-            break
-    else:
-        hint = "give --scale, metres per unit of the file"
-    raise IdentificationError(
-        f"{name}: found a body {longest:.3g} m long, expected {_SMALLEST} to {_LARGEST} m; {hint}"
-    )
-
-
-def _require_closed(mesh: Any, name: str) -> None:
-    if mesh.is_watertight:
-        if not mesh.is_winding_consistent:
-            mesh.fix_normals()
-        return
-    edges, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)
-    where = mesh.vertices[edges[count == 1].ravel()]
-    about = f", the first near {np.round(where[0], 3).tolist()}" if len(where) else ""
-    raise IdentificationError(
-        f"{name}: the surface is not closed: {int((count == 1).sum())} open edges and {int((count > 2).sum())} shared "
-        f"by more than two triangles{about}; expected a watertight body. Close it in the CAD or mesh program"
-    )
+    factor = unit_hint(longest)
+    names = {1e-3: "millimetres", 1e-2: "centimetres", 0.0254: "inches"}
+    hint = "give --scale, metres per unit of the file"
+    if factor is not None:
+        hint = f"looks like {names[factor]}; give --scale {scale * factor:g}"
+    raise IdentificationError(f"{name}: found a body {longest:.3g} m long, expected {_SMALLEST} to {LARGEST} m; {hint}")
 
 
 def _four(faces: np.ndarray) -> np.ndarray:

@@ -87,6 +87,10 @@ class PanelAddedMass:
 def mesher_of(vehicle: Vehicle) -> Mesher:
     """Of all shapes of a vehicle's parts moving as one body."""
     bodies = solids(vehicle)
+    if any(solid.mesh is not None for solid in bodies):
+        from rovtwin.identification.priors.mesh_file import mesher_of_solids  # it makes Meshers, from here
+
+        return mesher_of_solids(bodies, vehicle.name)
     largest = max(float(solid.size.max()) for solid in bodies)
     area = surface_of(bodies, largest / 6).area
     return Mesher(lambda size, least: surface_of(bodies, size, least), area, 2.0, vehicle.name)

@@ -77,7 +77,7 @@ def solids(vehicle: Vehicle) -> list[Solid]:
     found = _solids(vehicle.file, Placement.of([0, 0, 0]))
     if not found:
         raise IdentificationError(
-            f"{vehicle.where}: no part has a 'shape', expected at least one box, cylinder, sphere or ellipsoid; "
+            f"{vehicle.where}: no part has a 'shape', expected at least one box, cylinder, sphere, ellipsoid or mesh; "
             "add one (docs/vehicles.md), or give a size or a mesh instead"
         )
     return found
@@ -87,7 +87,7 @@ def _solids(body: Body, placement: Placement) -> list[Solid]:
     own = []
     if body.shape is not None:
         solid = Solid.of(body.shape)
-        own = [Solid(solid.kind, solid.size, solid.drag_coefficient, solid.placement.after(placement))]
+        own = [replace(solid, placement=solid.placement.after(placement))]
     for part in body.parts:
         own += _solids(part, Placement.of(part.pose.position, part.pose.attitude_deg).after(placement))
     return own
@@ -97,6 +97,8 @@ def corner_points(solid: Solid) -> np.ndarray:
     """Points on a solid whose convex hull is nearly the solid, in b, shape (n, 3)."""
     if solid.kind == "box":
         local = 0.5 * SIGNS * solid.size
+    elif solid.mesh is not None:
+        local = solid.mesh.outline
     else:
         local = _local_panels(solid, float(solid.size.max()) / 16)[0]
     return solid.placement.position + local @ solid.placement.rotation.T

@@ -131,6 +131,20 @@ def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) 
     return _hosted(opener(text, scenario, clock, observe), scenario)
 
 
+def as_read(text: str, scenario: Scenario) -> Scenario:
+    """The scenario with its sensors where the link at a URL reads them: what two drones say is joined at CO."""
+    scheme, _, rest = text.partition("://")
+    if scheme != "blueye" or "," not in rest.partition("?")[0]:
+        return scenario
+    sensors = scenario.sensors
+    joined = {
+        name: one.model_copy(update={"position": [0.0, 0.0, 0.0]})
+        for name in ("pressure", "accelerometer")
+        if (one := sensors.by_name[name]).position is None
+    }
+    return scenario.model_copy(update={"sensors": sensors.model_copy(update=joined)})
+
+
 def opener(text: str, scenario: Scenario, clock: Clock, observe: bool = False) -> Opener:
     """What opens the real vehicle at a URL in a process of its own, see `connect`.
 

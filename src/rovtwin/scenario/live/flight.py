@@ -19,7 +19,9 @@ from rovtwin.links.replay import ReplayLink
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.feasibility import foreseen
 from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.fitting import assumptions, fitted
 from rovtwin.scenario.flight import Flight, Progress, new_folder
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.live.manoeuvres import Cue, Prompter, touched_spans
@@ -30,6 +32,7 @@ from rovtwin.scenario.provenance import beginning, provenance, scenario_to_repla
 from rovtwin.scenario.realtime import HostAutopilot
 from rovtwin.scenario.run import CHUNK, above, ticks_in
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.summary import not_finished
 
 ROOM = 8  # readings of a sensor in one tick: a link delivers them in bursts
 
@@ -48,6 +51,7 @@ def fly_live(
     progress: Progress | None = None,
     say: Callable[[str], None] = lambda text: None,
     tell: Callable[[Cue], None] = lambda cue: None,
+    warn: Callable[[str], None] = lambda line: None,
 ) -> Flight:
     """Fly a scenario's mission or test with the vehicle behind a link, which is closed when this returns or raises.
 
@@ -62,13 +66,19 @@ def fly_live(
         progress: Called about once a second.
         say: Takes lines for the user, each in place of the last.
         tell: Takes what the operator of a test has to know and do, as its time comes; it must not keep the loop.
+        warn: Told before arming what the vehicle cannot do of the mission, and what it does instead.
 
     Raises:
-        ConfigError: The scenario cannot be composed.
+        ConfigError: The scenario cannot be composed, or the vehicle can do nothing useful of its mission.
         LinkError: The vehicle is not there, is silent, or refuses to arm. A link that is lost in flight ends it.
     """
     with link:
         composed = compose(_without_world(scenario if thrust else _dry(scenario)))
+        for line in foreseen(composed.scenario, composed.vehicle, composed.model, known_world=False):
+            warn(line)
+        if (taken := assumptions(scenario, composed.scenario)) is not None:
+            warn(taken)
+        scenario = fitted(scenario, composed.model)
         ears = Ears(link, sources)
         _rewound(link)
         needed = needed_by(scenario)
@@ -237,10 +247,10 @@ def _summary(recorder: LiveRecorder, composed: Composed, ending: str, pace: Pace
         return {"completed": False, "phase": "idle", "reason": ending, "interrupted": False, "decisions": []}
     flown = recorder.flown()
     figures = live_figures(flown, test=composed.scenario.test is not None)
-    reason = "" if figures["completed"] else ending or figures["reason"] or f"not finished after {flown.duration:.0f} s"
+    reason = "" if figures["completed"] else ending or figures["reason"] or not_finished(flown, composed)
     return figures | {
         "reason": reason,
         "interrupted": reason == "interrupted",
-        "decisions": decisions(flown, composed.thruster_names),
+        "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
         **pace.figures(),
     }

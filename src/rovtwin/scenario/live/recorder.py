@@ -19,7 +19,7 @@ UNKNOWN = (  # without the truth nobody knows
     *("position_error_rms_m", "nees_position_mean", "nees_effective_samples"),
     *("effort_n2s", "energy_wh", "thruster_activity_n_per_s"),
 )
-SCORED = ("eta", "nu", "leg", "mode", "health", "reference")  # of the autopilot's channels
+SCORED = ("eta", "nu", "leg", "mode", "health", "reference", "setpoint", "tau", "bias")  # of the autopilot's channels
 HOST = ("late_ms", "link_age", "thrust_on")
 
 
@@ -130,6 +130,9 @@ class LiveRecorder:
             duration=self.seconds,
             health=whole["health"],
             reference=whole["reference"],
+            setpoint=whole["setpoint"],
+            tau=whole["tau"],
+            bias=whole["bias"],
         )
 
 

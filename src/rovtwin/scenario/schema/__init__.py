@@ -16,7 +16,7 @@ from rovtwin.scenario.schema.faults import FaultSection
 from rovtwin.scenario.schema.mission import MissionSection, Waypoint
 from rovtwin.scenario.schema.operator import RequestSection
 from rovtwin.scenario.schema.scenario import Scenario
-from rovtwin.scenario.schema.sensors import SENSOR_NAMES, SensorSection
+from rovtwin.scenario.schema.sensors import SensorSection, SensorsSection
 from rovtwin.scenario.schema.supervisor import RuleSection, SupervisorSection
 from rovtwin.scenario.schema.tether import TetherSection, TethersSection
 from rovtwin.scenario.schema.trial import ReleaseSection, TrialSection
@@ -32,7 +32,6 @@ from rovtwin.scenario.schema.world import (
 
 __all__ = [
     "PRESETS",
-    "SENSOR_NAMES",
     "AirySection",
     "AutopilotSection",
     "ConstantCurrentSection",
@@ -46,6 +45,7 @@ __all__ = [
     "RuleSection",
     "Scenario",
     "SensorSection",
+    "SensorsSection",
     "ShearedCurrentSection",
     "SupervisorSection",
     "TetherSection",

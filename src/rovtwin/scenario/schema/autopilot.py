@@ -1,11 +1,15 @@
 """Guidance, navigation and control by name, with what may be changed about them."""
 
+import logging
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, field_validator
 
 from rovtwin.core.config import NonNegative, Number, Positive, Strict
 from rovtwin.scenario.schema.supervisor import SupervisorSection
+
+logger = logging.getLogger(__name__)
 
 
 class ObserverSection(Strict):
@@ -42,7 +46,7 @@ class GuidanceSection(Strict):
 
 
 class ThesisSection(Strict):
-    """The thesis's guidance, navigation and control, put right (`thesis`) or as printed (`thesis_as_printed`)."""
+    """The baseline: the thesis's guidance, navigation and control, put right or as printed."""
 
     type: Literal["thesis"] = "thesis"
     observer: ObserverSection = ObserverSection()
@@ -71,13 +75,13 @@ Six = Annotated[list[NonNegative], Field(min_length=6, max_length=6)]
 class TrackingSection(Strict):
     """Model-based tracking of the path."""
 
-    bandwidth: Six = Field(
-        default=[0.5, 0.5, 0.8, 1.0, 1.0, 1.0], description="natural frequency of the error along each axis [rad/s]"
+    bandwidth: Six | None = Field(
+        default=None, description="natural frequency of the error along each axis [rad/s]; default: from the vehicle"
     )
     damping_ratio: Positive = 1.0
     integral: NonNegative = Field(default=0.1, description="rate of the moments' integral, as a share of the bandwidth")
-    dive_speed: Positive = Field(default=0.2, description="largest [m/s]")
-    turn_rate_deg: Positive = Field(default=30.0, description="largest [deg/s]")
+    dive_speed: Positive | None = Field(default=None, description="largest [m/s]; default: from the vehicle")
+    turn_rate_deg: Positive | None = Field(default=None, description="largest [deg/s]; default: from the vehicle")
 
 
 class TunedSection(Strict):
@@ -98,20 +102,37 @@ class TunedSection(Strict):
     rovtwin: str = Field(description="version")
 
 
+@cache
+def _say_replaced(steering: str) -> None:
+    """A line on standard error, once for each."""
+    logger.warning("autopilot.guidance.steering: %s is flown as los, which has taken its place: write los", steering)
+
+
 class PathSection(Strict):
     """Guidance along the path."""
 
-    steering: Literal["auto", "crab", "los", "ilos", "alos"] = Field(
+    steering: Literal["auto", "crab", "los"] = Field(
         default="auto",
-        description="crab sideways, or turn by line of sight (plain, integral, adaptive); auto: alos without sway",
+        description="crab sideways, or turn the bow by line of sight; auto: los where sway is weak or not there",
     )
-    lookahead: Positive = Field(default=2.0, description="of the line of sight [m]")
+    lookahead: Positive | None = Field(
+        default=None,
+        description="how far from a point los goes there at cruising speed [m]; default: from the vehicle",
+    )
+
+    @field_validator("steering", mode="before")
+    @classmethod
+    def _replaced(cls, value: Any) -> Any:
+        if value in ("ilos", "alos"):  # learned a crab angle; los takes the filter's current
+            _say_replaced(value)
+            return "los"
+        return value
 
 
 class ModelBasedSection(Strict):
-    """Error-state filter, guidance along a smooth path, model-based tracking."""
+    """The default: error-state filter, guidance along a smooth path, model-based tracking."""
 
-    type: Literal["model_based"]
+    type: Literal["model_based"] = "model_based"
     navigation: NavigationSection = NavigationSection()
     guidance: PathSection = PathSection()
     control: TrackingSection = TrackingSection()
@@ -120,8 +141,11 @@ class ModelBasedSection(Strict):
 
 
 def _kind(section: Any) -> str:
-    given = section.get("type", "thesis") if isinstance(section, dict) else getattr(section, "type", "thesis")
-    return str(given)
+    """Type of a section; without one that of the default, unless a key says that the thesis's autopilot is meant."""
+    if not isinstance(section, dict):
+        return str(getattr(section, "type", "model_based"))
+    of_thesis = {"observer", "controller", "reference"} & set(section)
+    return str(section.get("type", "thesis" if of_thesis else "model_based"))
 
 
 AutopilotSection = Annotated[
@@ -130,9 +154,14 @@ AutopilotSection = Annotated[
 
 
 PRESETS: dict[str, dict[str, Any]] = {
-    "thesis": {},
-    "thesis_as_printed": {"observer": {"tuning": "as_printed"}},
-    # The same blocks with gains from the vehicle's own model and a reference that it can follow.
-    "thesis_placed": {"controller": {"gains": "pole_placement"}, "reference": {"obey_speed": True}},
     "model_based": {"type": "model_based"},
+    # Baselines: the thesis's autopilot with its errors mended, as printed, and with gains from the vehicle's own model
+    # and a reference that the vehicle can follow.
+    "thesis": {"type": "thesis"},
+    "thesis_as_printed": {"type": "thesis", "observer": {"tuning": "as_printed"}},
+    "thesis_placed": {
+        "type": "thesis",
+        "controller": {"gains": "pole_placement"},
+        "reference": {"obey_speed": True},
+    },
 }

@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from rovtwin.core.config import Number, Strict
 from rovtwin.core.datum import Datum
-from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection, ThesisSection
+from rovtwin.scenario.schema.autopilot import PRESETS, AutopilotSection, ModelBasedSection
 from rovtwin.scenario.schema.battery import BatterySection
 from rovtwin.scenario.schema.datum import DatumSection, require_near
 from rovtwin.scenario.schema.faults import FaultSection
@@ -58,7 +58,7 @@ class Scenario(Strict):
     rates: RatesSection = RatesSection()
     world: WorldSection = WorldSection()
     sensors: SensorsSection = SensorsSection()
-    autopilot: AutopilotSection = ThesisSection()
+    autopilot: AutopilotSection = ModelBasedSection()
     mission: MissionSection | None = Field(default=None, description="way-points, or")
     test: TrialSection | None = Field(default=None, description="an identification test: manoeuvres")
     battery: BatterySection | None = None

@@ -1,17 +1,22 @@
-"""Sensors on board and what is different about them."""
+"""What a scenario says about the sensors on board."""
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from rovtwin.core.config import Degrees3, NonNegative, Number, Positive, Share, Strict, Vector3
+from rovtwin.core.sensors import ESSENTIAL, SENSORS, kind_of
+from rovtwin.core.yamlfile import near
 
 Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class SensorSection(Strict):
-    """What is different about one sensor; all that is not given is the preset's."""
+    """What is different about one sensor; all that is not given is the part's, or the preset's."""
 
+    on_board: bool | None = Field(
+        default=None, description="true: there in any case; false: silent; else as the vehicle carries it"
+    )
     rate_hz: Positive | None = Field(default=None, description="readings a second")
     noise: NonNegative | None = Field(default=None, description="standard deviation per axis, in the sensor's unit")
     bias: Number | None = Field(default=None, description="constant, on every axis")
@@ -22,6 +27,11 @@ class SensorSection(Strict):
     dropout: Share | None = Field(default=None, description="share of the readings that are lost")
     outlier: Share | None = Field(default=None, description="share of the others that are outliers")
     outlier_size: NonNegative | None = Field(default=None, description="length of an outlier, any direction")
+    errors: Literal["acoustic"] | None = Field(
+        default=None, description="of a position: those of an Underwater GPS besides, as fitted on a real one"
+    )
+    min_range: NonNegative | None = Field(default=None, description="nearer to the floor it does not read [m]")
+    max_range: Positive | None = Field(default=None, description="farther from the floor it does not read [m]")
     blackouts: list[Window] | None = Field(default=None, description="from, to [s]: no readings")
     position: Vector3 | None = Field(default=None, description="mounting place seen from CO, body frame [m]")
     attitude_deg: Degrees3 | None = Field(default=None, description="mounting roll, pitch, yaw")
@@ -35,40 +45,48 @@ class SensorSection(Strict):
         return windows
 
 
-class ExtraSection(SensorSection):
-    """A sensor that is not on board unless asked for."""
-
-    on_board: bool = False
-
-
-class DvlSection(ExtraSection):
-    """A Doppler log, 5 mm/s per axis at 10 Hz."""
-
-
-class AltimeterSection(ExtraSection):
-    """A single-beam echo sounder, 1 cm at 10 Hz; it looks along its x axis, which is down by default."""
-
-    max_range: Positive | None = Field(default=None, description="no reading beyond it [m]; default 50")
-
-
-SENSOR_NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl", "altimeter", "battery", "leak")
-
-
 class SensorsSection(Strict):
-    """Sensors of thesis table 5.7 with their biases put right (`table_5_7`) or as printed (`as_printed`)."""
+    """Sensors on board: those of the vehicle's parts (`vehicle`), or in their place those of thesis table 5.7 at CO.
 
-    preset: Literal["table_5_7", "as_printed"] = "table_5_7"
+    `table_5_7` has the biases of that table put right, `as_printed` as printed. Beside the sensors by kind, the second
+    of a kind is `dvl_2`, and so on. `true` has a sensor in any case, `false` silences it.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, SensorSection] = Field(init=False)  # type: ignore[assignment]  (typed extras)
+
+    preset: Literal["vehicle", "table_5_7", "as_printed"] = "vehicle"
     position: SensorSection = SensorSection()
     pressure: SensorSection = SensorSection()
     accelerometer: SensorSection = SensorSection()
     gyro: SensorSection = SensorSection()
     attitude: SensorSection = SensorSection()
-    dvl: DvlSection = DvlSection()
-    altimeter: AltimeterSection = AltimeterSection()
-    battery: ExtraSection = ExtraSection()
-    leak: ExtraSection = ExtraSection()
+    dvl: SensorSection = SensorSection()
+    altimeter: SensorSection = SensorSection()
+    battery: SensorSection = SensorSection()
+    leak: SensorSection = SensorSection()
 
-    @field_validator("dvl", "altimeter", "battery", "leak", mode="before")
+    @property
+    def by_name(self) -> dict[str, SensorSection]:
+        """What is said of each sensor, by its name."""
+        return {name: getattr(self, name) for name in SENSORS} | dict(self.__pydantic_extra__ or {})
+
+    @model_validator(mode="before")
     @classmethod
-    def _by_default(cls, value: Any) -> Any:
-        return {"on_board": value} if isinstance(value, bool) else value
+    def _by_default(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        for name in data:
+            if name != "preset" and kind_of(str(name)) not in SENSORS:
+                raise ValueError(f"{name}: no such key.{near(str(name), [*SENSORS, 'preset'])}")
+        return {name: {"on_board": value} if isinstance(value, bool) else value for name, value in data.items()}
+
+    @model_validator(mode="after")
+    def _what_flies_anyway(self) -> "SensorsSection":
+        for name in ESSENTIAL:
+            if getattr(self, name).on_board is False:
+                raise ValueError(
+                    f"found {name}: false, but autopilots and tests need one; to see what they do without it: "
+                    f"faults: [{{fault: silent, sensor: {name}, at: 0}}]"
+                )
+        return self

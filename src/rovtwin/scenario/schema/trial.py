@@ -19,7 +19,7 @@ class _Manoeuvre(Strict):
     settle: NonNegative = Field(default=0.0, description="still water: thrusters hold, nothing is asked for, after it")
     home: NonNegative = Field(default=0.0, description="time to go back to the start after it [s]; 0: stay")
     hold: list[Literal["depth", "heading"]] = Field(
-        default=["depth", "heading"], description="held by the PIDs of thesis table 3.2 where not excited"
+        default=["depth", "heading"], description="held by PIDs placed from the vehicle where not excited"
     )
 
 
@@ -68,9 +68,10 @@ class MultisineSection(_Manoeuvre):
     axes: dict[Axis, Sines] = Field(min_length=1)
     duration: Seconds = Field(default=60.0, description="[s]")
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 1
-    keep: Annotated[Number, Field(ge=0, le=5)] = Field(
-        default=0.3,
-        description="weak spring towards the start on excited axes, share of full command per metre or radian away",
+    keep: Annotated[Number, Field(ge=0, le=100)] | None = Field(
+        default=None,
+        description="weak spring towards the start on excited axes, share of full command per metre or radian away; "
+        "none given: 0.8 of what brings the vehicle home",
     )
 
 
@@ -105,6 +106,12 @@ class TrialSection(Strict):
     name: str = "test"
     description: str = ""
     manoeuvres: list[Manoeuvre] = Field(min_length=1, max_length=256)
+    written_for: str | None = Field(
+        default=None,
+        description="the vehicle whose times and axes it has; another one flies it in times of its own, without what "
+        "it cannot do. None: flown as it stands, and refused where the vehicle cannot do it",
+    )
+    notes: list[str] = Field(default=[], description="what was changed for the vehicle that flies it")
 
     @model_validator(mode="after")
     def _hands_where_needed(self) -> "TrialSection":

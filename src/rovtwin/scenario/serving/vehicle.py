@@ -125,7 +125,7 @@ def served_of(scenario: Scenario) -> tuple[Served, Composed]:
     composed = compose(scenario, vehicle=vehicle)
     drones = drones_of(vehicle)
     twin = composed.loop.twin
-    sensors = _sensors(twin.sensors, drones)
+    sensors = _sensors(composed, drones)
     first = _of_drone(sensors, next(iter(drones)))  # type: ignore[arg-type]  (sensors by name, as readings are)
     places, onboards = {}, {}
     for name in drones:
@@ -150,23 +150,24 @@ def served_of(scenario: Scenario) -> tuple[Served, Composed]:
 
 def drones_of(vehicle: Vehicle) -> dict[str, np.ndarray]:
     """Drones that a vehicle is made of and where they are in b [m], shape (3,); one without a name if it is one."""
-    parts = [part for part in vehicle.file.parts if part.name and any(t.name == "surge" for t in part.thrusters)]
-    if len(parts) < 2:
-        return {"": np.zeros(3)}
-    by_name = {t.name.split(".")[0]: t.placement.position for t in vehicle.assembly.thrusters}
-    return {part.name: by_name[part.name] for part in parts}
+    surge = [t for t in vehicle.assembly.thrusters if t.item.name == "surge"]
+    places = {t.name.rpartition(".")[0]: t.placement.position for t in surge}
+    return {"": np.zeros(3)} if len(places) < 2 or "" in places else places
 
 
-def _sensors(sensors: dict[str, Sensor], drones: dict[str, np.ndarray]) -> dict[str, Sensor]:
-    """Sensors of the whole vehicle, and each drone's own at its place."""
+def _sensors(composed: Composed, drones: dict[str, np.ndarray]) -> dict[str, Sensor]:
+    """Sensors of the whole vehicle, and each drone's own: those that fly, at the same place of each drone."""
+    sensors = composed.loop.twin.sensors
     if len(drones) == 1:
         return sensors
-    own = {
-        f"{drone}/{name}": eqx.tree_at(lambda s: s.lever, sensor, sensor.lever + as_array(place))
-        for drone, place in drones.items()
-        for name, sensor in sensors.items()
-        if name in OF_A_DRONE
-    }
+    own = {}
+    for name in OF_A_DRONE:
+        if name in sensors:
+            part = composed.on_board.part_of(name)
+            home = next((place for drone, place in drones.items() if part.startswith(f"{drone}.")), np.zeros(3))
+            for drone, place in drones.items():
+                lever = sensors[name].lever + as_array(place - home)
+                own[f"{drone}/{name}"] = eqx.tree_at(lambda s: s.lever, sensors[name], lever)
     return {name: sensor for name, sensor in sensors.items() if name not in OF_A_DRONE} | own
 
 

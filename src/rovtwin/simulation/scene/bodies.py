@@ -23,7 +23,7 @@ def _mesh(piece: Piece, place: Placement, where: str) -> Mesh:
     colour = linear(np.array(piece.colour))
     material = Material(colour, colour, 0.05, 0.1)
     if piece.kind == "mesh":
-        return mesh_from_file(Path(piece.mesh), 1.0, place, material, f"{where}: {piece.name}")
+        return mesh_from_file(Path(piece.mesh), float(piece.size[0]), place, material, f"{where}: {piece.name}")
     if piece.kind == "cylinder":
         return cylinder(0.5 * piece.size[1], piece.size[0], place, material, piece.name)
     if piece.kind == "box":

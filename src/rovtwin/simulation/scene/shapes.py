@@ -60,14 +60,12 @@ def mesh_from_file(path: Path, scale: float, place: Placement, material: Materia
     """Of a file that trimesh reads.
 
     Raises:
-        ConfigError: It is not there, not a mesh, or trimesh is not installed.
+        ConfigError: It is not there, or not a mesh.
     """
     if not path.is_file():
         raise ConfigError(f"{where}: found {path}, which is no file")
-    try:
-        import trimesh
-    except ModuleNotFoundError:
-        raise ConfigError(f"{where}: meshes need trimesh: pip install 'rovtwin[panel]'") from None
+    import trimesh  # on use: most scenes have no mesh
+
     try:
         loaded: Any = trimesh.load(str(path), force="mesh")
     except Exception as error:  # readers of a dozen formats fail each in its own way

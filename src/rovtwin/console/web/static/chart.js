@@ -142,9 +142,10 @@ class Chart {
       return this.notice.complain('The area is too small: drag out a rectangle, or click three corners or more.');
     }
     this.changed({toward: null});
-    const {draft} = model.plan ?? {};
+    const {draft, own} = model.plan ?? {};
     const last = draft?.at(-1);
-    this.form.show(area(this.area), {depth: last?.depth ?? model.state?.setpoint?.[2], speed: last?.speed});
+    const speed = last?.speed ?? own?.speed;
+    this.form.show(area(this.area), {depth: last?.depth ?? model.state?.setpoint?.[2], speed});
     this.changed({});
   }
 

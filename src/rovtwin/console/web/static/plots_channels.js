@@ -6,7 +6,6 @@ const AXES = ['x', 'y', 'z', 'phi', 'theta', 'psi'];
 const WRENCH = [['X', 'N'], ['Y', 'N'], ['Z', 'N'], ['K', 'N m'], ['M', 'N m'], ['N', 'N m']];
 const POSE = ['North', 'East', 'Depth', 'Roll', 'Pitch', 'Heading'];
 const SPEEDS = ['Surge speed u', 'Sway speed v', 'Heave speed w', 'Roll rate p', 'Pitch rate q', 'Yaw rate r'];
-const SENSOR_UNITS = {position: 'm', pressure: 'Pa', altimeter: 'm', imu: '', dvl: 'm/s'};
 
 const unit = i => (i < 3 ? 'm' : '°');
 const scale = i => (i < 3 ? 1 : DEGREES);
@@ -80,8 +79,9 @@ function own(setup, state) {
     }, expected: true});
   }
   for (const [name, {value}] of Object.entries(state?.sensors ?? {})) {
-    (value ?? []).forEach((_, i) => made.push({id: `sensor_${name}_${i}`, group: 'Sensors', name: `Sensor ${name} ${value.length > 1 ? i + 1 : ''}`.trim(),
-      unit: SENSOR_UNITS[name] ?? '', lines: s => ({value: s.sensors?.[name]?.value?.[i]})}));
+    const {fields, units} = setup?.readings?.[name] ?? {};
+    (value ?? []).forEach((_, i) => made.push({id: `sensor_${name}_${i}`, group: 'Sensors', name: `Sensor ${name}, ${fields?.[i] ?? i + 1}`,
+      unit: units?.[i] ?? '', lines: s => ({value: s.sensors?.[name]?.value?.[i]})}));
     made.push({id: `age_${name}`, group: 'Sensors', name: `Sensor ${name}, age`, unit: 's', lines: s => ({value: s.sensors?.[name]?.age})});
   }
   return made;

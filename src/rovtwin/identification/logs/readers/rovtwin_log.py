@@ -8,21 +8,13 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError, RovtwinError
 from rovtwin.core.log import Log
+from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.vehicle import Vehicle
 
 COMMANDS = "autopilot/command"
-# Sensors of a log, and what they are here.
-SENSORS = {
-    "position": "horizontal",
-    "pressure": "depth",
-    "attitude": "attitude",
-    "gyro": "gyro",
-    "dvl": "velocity",
-    "accelerometer": "accelerometer",
-}
 
 
 def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
@@ -52,7 +44,7 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
     tables = {COMMANDS: Table(commands.values, fields, commands.t)}
     signals: dict[str, SignalSpec] = {}
     datasheets = _datasheets(log)
-    for sensor, name in SENSORS.items():
+    for sensor, name in ((sensor, kind.signal) for sensor, kind in SENSORS.items() if kind.signal):
         channel = f"sensor/{sensor}"
         if channel not in log or not len(log[channel]):
             continue
@@ -64,7 +56,15 @@ def read_rovtwin(path: Path, vehicle: Vehicle) -> Raw:
     told = CommandSpec.model_validate({"from": COMMANDS})
     scale = _number(log, "track_scale_std") or 0.0
     length = _tether_length(log)
-    return Raw(path, tables, signals, told, _number(log, "water_density"), length, scale, log.notes, _touched(log))
+    notes = (*log.notes, *_left_out(log))
+    return Raw(path, tables, signals, told, _number(log, "water_density"), length, scale, notes, _touched(log))
+
+
+def _left_out(log: Log) -> list[str]:
+    """A note on each sensor that is the second of its kind: two levers, noises and biases are not one signal."""
+    names = [name.removeprefix("sensor/") for name in log if name.startswith("sensor/") and len(log[name])]
+    second = [name for name in names if name not in SENSORS and kind_of(name) in SENSORS]
+    return [f"sensor/{name}: left out, of several of a kind the first is used" for name in second]
 
 
 def _check_thrusters(path: Path, found: tuple[str, ...], vehicle: Vehicle) -> None:

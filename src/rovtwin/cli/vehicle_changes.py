@@ -1,0 +1,203 @@
+"""rovtwin vehicle add, remove, diff: what a change of a vehicle's parts changes."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
+from rovtwin.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rovtwin.vehicle.ballast import Piece
+    from rovtwin.vehicle.refit import Refit
+
+Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the new vehicle; else only look.")]
+Ballast = Annotated[bool, typer.Option("--ballast", help="Put the foam and lead that trim it again into the file too.")]
+
+
+def add(
+    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")],
+    device: Annotated[
+        str, typer.Argument(metavar="DEVICE", help="A device or vehicle of the library (vehicle list), or a YAML file.")
+    ],
+    at: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="Its origin in the body frame: -0.2,0,0.16 (m) or -200mm,0,160mm.")
+    ],
+    attitude_deg: Annotated[
+        str, typer.Option(metavar="R,P,Y", help="Its roll, pitch, yaw: 0,-90,0 turns its x axis down.")
+    ] = "0,0,0",
+    name: Annotated[str | None, typer.Option(help="Of the part; default the device's.")] = None,
+    ballast: Ballast = False,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Bolt a device onto a vehicle: write the new file and say what that changes.
+
+    For example: rovtwin vehicle add double_blueye dvl_a50 --at -0.2,0,0.16 --name dvl -o my.yaml
+
+    Then fly it: rovtwin fly lawnmower_calm --set vehicle=my.yaml. Body frame: x forward, y to starboard, z down.
+    A file of your own keeps its comments; a vehicle of the library, or a file with totals of the whole (hydrodynamics,
+    restoring, rigid_body), is held as a part beside the device.
+    """
+    from rovtwin.core.quantity import point
+    from rovtwin.vehicle.refit import add as refit
+
+    _check_out(out, overwrite)
+    attitude = _angles(attitude_deg)
+    _report(refit(vehicle, device, point(at, "--at"), attitude, name, out), ballast, out, as_json)
+
+
+def remove(
+    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")],
+    part: Annotated[str, typer.Argument(metavar="PART", help="Its name in the file's list of parts.")],
+    ballast: Ballast = False,
+    out: Out = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Take a part off a vehicle: write the new file and say what that changes.
+
+    For example: rovtwin vehicle remove my.yaml dvl -o bare.yaml
+    """
+    from rovtwin.vehicle.refit import remove as refit
+
+    _check_out(out, overwrite)
+    _report(refit(vehicle, part, out), ballast, out, as_json)
+
+
+def diff(
+    first: Annotated[str, typer.Argument(metavar="A", help="A library name or a YAML file.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="A library name or a YAML file.")],
+    every: Annotated[bool, typer.Option("--all", help="Also the figures in which they agree.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Two vehicles side by side: mass, balance, added mass, top speeds, power, what a filter can know of their place.
+
+    Of identified files what tests found counts; to compare parameters with their errors see rovtwin compare.
+    """
+    from rovtwin.scenario.vehicle_figures import compared
+    from rovtwin.vehicle import load_vehicle
+
+    a, b = load_vehicle(first), load_vehicle(second)
+    rows = compared(a, b)
+    if as_json:
+        emit({"vehicles": [first, second], "figures": rows})
+        return
+    names = (a.name, b.name) if a.name != b.name else (a.where, b.where)
+    _print_figures(f"{names[0]} and {names[1]}", rows, names, every)
+
+
+def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> None:
+    """Write the file, and print or emit what changed and what would trim the vehicle again."""
+    from rovtwin.scenario.vehicle_figures import compared, devices_load
+    from rovtwin.vehicle.findings import reservations
+    from rovtwin.vehicle.refit import trimming, with_ballast
+
+    pieces, notes = [], list(change.notes)
+    try:
+        pieces = trimming(change.before, change.after)
+    except ConfigError as error:
+        if ballast:
+            raise
+        notes.append(f"ballast: {error}")
+    trimmed = with_ballast(change, pieces, out)
+    shown = trimmed if ballast else change
+    rows = compared(change.before, shown.after)
+    notes += [f"in still water {line}" for line in reservations(shown.after.model())]
+    drawn = devices_load(shown.after)
+    if drawn and not shown.after.power_sources:
+        notes.append(f"it draws {drawn:.3g} W; the vehicle's file has no battery")
+    if out is not None:
+        out.write_text(shown.text, encoding="utf-8")
+    if as_json:
+        ballasting = [{"material": p.material, "mass_kg": p.mass, "position_m": list(p.position)} for p in pieces]
+        file = None if out is None else str(out)
+        emit({"vehicle": change.before.name, "figures": rows, "ballast": ballasting, "ballasted": ballast}
+             | {"notes": notes, "file": file})  # fmt: skip
+        return
+    _print_figures(
+        f"{change.before.name} and {shown.after.name if out is None else out.name}",
+        rows,
+        ("before", "after"),
+        every=False,
+    )
+    screen = console(False)
+    screen.print(_about_ballast(pieces, trimmed, ballast), markup=False, soft_wrap=True)
+    for note in notes:
+        screen.print(f"- {note}", markup=False, soft_wrap=True)
+    screen.print(
+        f"wrote {out}" if out is not None else "nothing written; -o FILE writes it", markup=False, soft_wrap=True
+    )
+
+
+def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool) -> str:
+    """Which pieces give the vehicle its net buoyancy back and hang it level."""
+    from rovtwin.vehicle.floating import floating_of
+
+    if not pieces:
+        return "ballast: it needs none"
+    listed = "; ".join(
+        f"{1000 * p.mass:.0f} g of {p.material} at {', '.join(f'{1000 * x:.0f}' for x in p.position)} mm"
+        for p in pieces
+    )
+    net = floating_of(trimmed.after.assembly).net_buoyancy
+    done = "on it now" if on_board else "--ballast puts it on"
+    return f"ballast for the net buoyancy of before and level trim ({done}): {listed}; {net:+.2f} N then"
+
+
+def _print_figures(title: str, rows: list[dict[str, Any]], heads: tuple[str, str], every: bool) -> None:
+    """Figures side by side; those that stay are left out unless asked for."""
+    shown = table(title, "", "unit", *heads, "change")
+    for row in rows:
+        if every or not _alike(row["before"], row["after"]):
+            shown.add_row(row["label"], row["unit"], _cell(row["before"]), _cell(row["after"]), _change(row["change"]))
+    screen = console(False)
+    screen.print(shown)
+    if not every:
+        screen.print(f"what is not listed changes by less than {UNNOTICED:.1%}", style="dim")
+
+
+UNNOTICED = 1e-3  # relative
+
+
+def _alike(before: Any, after: Any) -> bool:
+    """Whether two figures differ by little more than rounding."""
+    if isinstance(before, float) and isinstance(after, float):
+        return abs(after - before) <= max(UNNOTICED * max(abs(before), abs(after)), 1e-9)
+    return before == after
+
+
+def _cell(value: float | list[str] | None) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, list):
+        return str(len(value)) if len(value) > 2 else ", ".join(value) or "-"
+    return f"{round(value, 9) + 0.0:.4g}"
+
+
+def _change(change: float | list[str] | None) -> str:
+    if isinstance(change, list):
+        return "\n".join(change)
+    return "" if change is None else f"{change:+.3g}"
+
+
+def _check_out(out: Path | None, overwrite: bool) -> None:
+    if out is None:
+        return
+    if out.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{out}: found the ending '{out.suffix}', expected .yaml")
+    if not out.parent.is_dir():
+        raise ConfigError(f"{out}: there is no folder {out.parent}")
+    check_free(out, overwrite)
+
+
+def _angles(text: str) -> list[float]:
+    try:
+        angles = [float(part) for part in text.split(",")]
+    except ValueError:
+        angles = []
+    if len(angles) != 3:
+        raise ConfigError(f"--attitude-deg: found '{text}', expected roll,pitch,yaw in degrees such as 0,-90,0")
+    return angles

@@ -1,0 +1,76 @@
+"""Where sensors sit and how they point, and their readings as they would be at CO along the axes of b."""
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.flow import Measurements, Slot
+from rovtwin.core.frames import (
+    cross,
+    euler_from_quaternion,
+    quaternion_conjugate,
+    quaternion_from_euler,
+    quaternion_from_rotation,
+    quaternion_multiply,
+    rotation_from_euler,
+)
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.sensors import kind_of
+
+
+class Mount(eqx.Module):
+    """A sensor as an observer knows it.
+
+    Attributes:
+        std: Of its noise, scalar or shape (n,).
+        lever: Its place seen from CO, b [m], shape (3,).
+        rotation: R_bs, maps its axes to b, shape (3, 3).
+        sight: Of an acoustic position, in place of `std`: along the line of sight from n's origin and across it [m],
+            and how that grows, as the root of the sum of squares, per metre of range, shape (3,); or None.
+    """
+
+    std: Array = eqx.field(converter=as_array)
+    lever: Array = eqx.field(converter=as_array, default=(0.0, 0.0, 0.0))
+    rotation: Array = eqx.field(converter=as_array, default_factory=lambda: np.eye(3))
+    sight: Array | None = None
+
+    @property
+    def variance(self) -> Array:
+        """Of the noise of three axes, along those of b, shape (3,)."""
+        return (self.rotation * self.rotation) @ jnp.broadcast_to(self.std**2, 3)
+
+
+def at_co(measurements: Measurements, mounts: dict[str, Mount], euler: Array, omega: Array) -> Measurements:
+    """Readings as sensors at CO along the axes of b would give them, with an attitude and turn rate that are believed.
+
+    Only turned is specific force: what its lever adds takes the angular acceleration, which readings do not tell.
+
+    Args:
+        measurements: As they came; sensors that `mounts` lacks pass as they are.
+        mounts: By name.
+        euler: zyx Euler angles of b [rad], shape (3,).
+        omega: Angular velocity, b [rad/s], shape (3,).
+    """
+    return {
+        name: slot if name not in mounts else _moved(slot, kind_of(name), mounts[name], euler, omega)
+        for name, slot in measurements.items()
+    }
+
+
+def _moved(slot: Slot, kind: str, mount: Mount, euler: Array, omega: Array) -> Slot:
+    R_nb, lever = rotation_from_euler(euler), mount.lever
+    if kind == "position":
+        value = slot.value - (R_nb @ lever)[:2]
+    elif kind == "pressure":
+        value = slot.value - (R_nb @ lever)[2]
+    elif kind == "dvl":
+        value = slot.value @ mount.rotation.T - cross(omega, lever)
+    elif kind in ("gyro", "accelerometer"):
+        value = slot.value @ mount.rotation.T
+    elif kind == "attitude":
+        q_sb = quaternion_conjugate(quaternion_from_rotation(mount.rotation))
+        value = jax.vmap(lambda e: euler_from_quaternion(quaternion_multiply(quaternion_from_euler(e), q_sb)))(
+            slot.value
+        )
+    else:
+        return slot
+    return Slot(value, slot.valid, slot.t_valid)

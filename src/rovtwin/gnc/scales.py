@@ -1,0 +1,164 @@
+"""How long, fast and quick a vehicle is: what every default of guidance, control and navigation is a share of.
+
+A point's patience is so many lengths of the vehicle, a dive a share of its speed, a controller as quick as thrusters
+and their lag let it be. The shares have no unit; they are those with which the Double Blueye was tuned. So a vehicle
+that is the same but larger by s, in lengths s, in masses and forces s^3, in times sqrt(s), gets the same autopilot, in
+its own metres and seconds (Froude's law of similitude).
+
+    length     cube root of the displaced volume
+    bandwidth  w_i = min(b sqrt(a_i / length), c_i / lag):  an error of a length asks for no more than the thrust,
+               a_i = F_i / M_ii, and the thrusters' lag costs no more than c_i rad of phase
+    cruise     speed whose drag takes half of the thrust, which leaves the rest for feedback and disturbances
+    upright    speed along an axis at which Munk's moment takes half of what rights the vehicle
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+from rovtwin.vehicle.trim import steady_speed
+
+LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
+LAGS = np.array([0.1, 0.1, 0.16, 0.2, 0.2, 0.2])  # c, largest product of bandwidth and the thrusters' lag [rad]
+CRABS = 0.4  # share of the top speed in surge that sway has to reach for a vehicle to crab along its path
+ANY = 100.0  # speed that no vehicle reaches [m/s]: finite, for what is computed from it
+LEAST = 0.1  # share of cruise that is flown though nothing rights the vehicle
+HEAVE, YAW = 2, 5
+
+
+@dataclass(frozen=True)
+class VehicleScales:
+    """Sizes of one vehicle; surge to yaw, shape (6,), unless said otherwise.
+
+    Attributes:
+        length: Cube root of the displaced volume of fresh water [m].
+        force: What thrusters push either way beside weight and buoyancy [N, N m]; 0 along an axis without thrusters.
+        acceleration: Of that force [m/s2, rad/s2].
+        top: Speed whose drag takes all of it [m/s, rad/s].
+        cruise: Speed whose drag takes half of it [m/s, rad/s].
+        bandwidth: Of a controller [rad/s]; surge and sway share the lower one. Along an axis without thrusters the
+            lowest of the others, so that a time never gets infinite.
+        upright: Speed in surge, sway and heave at which Munk's moment in roll and pitch is half as stiff as what
+            rights the vehicle [m/s], shape (3,); ANY where it turns nothing.
+        weight: In air [N].
+    """
+
+    length: float
+    force: np.ndarray
+    acceleration: np.ndarray
+    top: np.ndarray
+    cruise: np.ndarray
+    bandwidth: np.ndarray
+    upright: np.ndarray
+    weight: float
+
+    @classmethod
+    def of(cls, model: Model) -> "VehicleScales":
+        """Of the vehicle as built: thrusters that are lost on the way change no scale."""
+        length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
+        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        net = np.zeros(6)
+        net[HEAVE] = float(model.weight - model.buoyancy)
+        size = np.maximum(-lower, upper)
+        # Forces are compared with forces, and moments with moments.
+        largest = np.repeat([size[:3].max(), size[3:].max()], 3)
+        force = np.maximum(np.minimum(upper + net, -lower - net), 0.0)
+        force = np.where(size > RANK_TOLERANCE * largest, force, 0.0)
+        acceleration = force / np.diagonal(np.asarray(model.mass))
+        lag = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
+        bandwidth = _bandwidth(acceleration, length, lag)
+        return cls(
+            length=length,
+            force=force,
+            acceleration=acceleration,
+            top=_speeds(model, force, acceleration, length),
+            cruise=_speeds(model, 0.5 * force, 0.5 * acceleration, length),
+            bandwidth=bandwidth,
+            upright=_upright(model, np.where(acceleration > 0.0, bandwidth, 0.0)),
+            weight=float(model.weight),
+        )
+
+    @property
+    def level_bandwidth(self) -> float:
+        """Of surge and sway [rad/s]."""
+        return float(self.bandwidth[0])
+
+    @property
+    def crabs(self) -> bool:
+        """Whether thrusters push sideways well enough for the vehicle to go where it does not point."""
+        return bool(self.top[1] >= CRABS * self.top[0] and self.force[1] > 0.0)
+
+    @property
+    def level_force(self) -> float:
+        """The weaker of surge and sway, of those that have thrusters [N]."""
+        return float(min(self.force[:2][self.force[:2] > 0.0], default=0.0))
+
+    @property
+    def dive_speed(self) -> float:
+        """Of dives [m/s]: a little below cruise in heave, upright; what nothing rights has to come up all the same."""
+        return float(max(min(0.97 * self.cruise[HEAVE], self.upright[HEAVE]), LEAST * self.cruise[HEAVE]))
+
+    @property
+    def surge_speed(self) -> float:
+        """Of ways that nobody gave a speed [m/s]: cruise in surge, upright."""
+        return float(max(min(self.cruise[0], self.upright[0]), LEAST * self.cruise[0]))
+
+    @property
+    def piloted_speed(self) -> np.ndarray:
+        """Largest speed of a pilot in surge and sway, level and with thrust to spare [m/s], shape (2,)."""
+        level = np.maximum(np.sqrt(2.0) * self.upright[:2], LEAST * self.cruise[:2])
+        return np.minimum(0.95 * self.top[:2], level)
+
+    @property
+    def turn_rate(self) -> float:
+        """Of turns [rad/s]: cruise in yaw, and no more than a quarter turn of that bandwidth reaches by itself."""
+        return float(min(self.cruise[YAW], 0.5 * np.pi / np.e * self.bandwidth[YAW]))
+
+    @property
+    def force_walk(self) -> float:
+        """Random walk of a disturbance force that the sea may make [N/sqrt(s)], by weight and Froude's law."""
+        return 4.3004e-5 * self.weight / (self.length / GRAVITY) ** 0.25
+
+
+def _speeds(model: Model, force: np.ndarray, acceleration: np.ndarray, length: float) -> np.ndarray:
+    """Steady speed of each axis under a force, the slower of ahead and astern, shape (6,).
+
+    Without drag a speed has no end: one that the force reaches within a length, or a radian, does in its place.
+    """
+    pairs = [(steady_speed(model, i, float(f)), steady_speed(model, i, -float(f))) for i, f in enumerate(force)]
+    reached = np.sqrt(acceleration * np.repeat([length, 1.0], 3))
+    return np.where(np.isfinite(np.min(pairs, axis=1)), np.min(pairs, axis=1), reached)
+
+
+def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
+    """Half of the stiffness of roll and pitch, by righting moment and control, over the added masses' difference.
+
+    Munk's moment at a small angle is that difference times speed squared and angle (Fossen 2021, sec. 6.3.3). It turns
+    a body away from its motion where the added mass across is the larger one. Surge and heave turn pitch, sway and
+    heave roll.
+    """
+    righting = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
+    controlled = (bandwidth**2 * np.diagonal(np.asarray(model.mass)))[3:5]
+    a_x, a_y, a_z = np.diagonal(np.asarray(model.added_mass))[:3]
+    roll, pitch = np.maximum(righting + controlled, 0.0)
+
+    def level(stiffness: float, turning: float) -> float:
+        return np.sqrt(0.5 * stiffness / turning) if turning > 0.0 else ANY
+
+    diving = min(level(pitch, a_x - a_z), level(roll, a_y - a_z))
+    return np.array([level(pitch, a_z - a_x), level(roll, a_z - a_y), diving])
+
+
+def _bandwidth(acceleration: np.ndarray, length: float, lag: float) -> np.ndarray:
+    own = np.sqrt(acceleration / np.repeat([length, 1.0], 3)) * [LEVEL, LEVEL, DEPTH, TURN, TURN, TURN]
+    w = np.minimum(own, LAGS / lag if lag > 0.0 else np.inf)
+    some = w > 0.0
+    if not some.any():
+        return np.sqrt(np.full(6, GRAVITY / length))  # nothing to control: any frequency of its size will do
+    w = np.where(some, w, w[some].min())
+    if some[:2].any():
+        w[:2] = w[:2][some[:2]].min()
+    return w

@@ -1,0 +1,299 @@
+"""Before a mission: what the vehicle cannot do, with the numbers, and what is done or has to be changed instead.
+
+Horizontal motion is judged through the water. On a leg that points along chi, in a current with the part c_a along the
+leg and c_x across it, a vehicle that turns its bow into the current makes good
+
+    U = sqrt(w^2 - c_x^2) + c_a,
+
+w being its top speed ahead; one that looks along the leg and pushes sideways w + c_a, if its top speed in sway is more
+than c_x. A place is held where c is less than w, a heading with it where each axis stems its part of c. Top speeds are
+those of one axis alone (`Limits`): what is refused here is impossible, what is not may still be hard.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.limits import Limits, compass_point
+from rovtwin.scenario.schema import (
+    ConstantCurrentSection,
+    Scenario,
+    ShearedCurrentSection,
+    ThesisSection,
+    Waypoint,
+    WorldSection,
+)
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.reach import wrench_limits
+
+SPARE = 0.9  # share of a top speed that guidance plans with: the rest is the feedback's
+SOME = 0.01  # current that counts [m/s]
+SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
+_BASELINE_OF = "double_blueye"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that the vehicle cannot do.
+
+    Attributes:
+        what: With its numbers.
+        instead: What to change where it is refused, what will be done where it is not.
+        refused: Whether nothing useful can be flown.
+    """
+
+    what: str
+    instead: str
+    refused: bool
+
+    @property
+    def line(self) -> str:
+        """Both, as one line."""
+        return f"{self.what}; {self.instead}"
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """From a place to a way-point: its name, length [m], direction [rad], way-point, depth change [m]."""
+
+    name: str
+    length: float
+    direction: float
+    point: Waypoint
+    down: float
+    depth: float
+
+
+def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Finding]:
+    """What the vehicle cannot do of the scenario's mission, the gravest first; NumPy, milliseconds.
+
+    Args:
+        scenario: Its mission, start and world; a test has its own checks.
+        model: Of the vehicle as it truly is.
+        known_world: False where the vehicle is somewhere else, behind a link: current and tank do not count then.
+    """
+    if not scenario.waypoints:
+        return []
+    limits, legs = Limits.of(model), _legs(scenario)
+    found = [*_own(limits, legs, model)]
+    if not any(finding.refused for finding in found):
+        for leg in legs:
+            current = current_at(scenario.world, leg.depth) if known_world else np.zeros(2)
+            found += _on_leg(limits, leg, current)
+        if known_world:
+            found += _in_tank(limits, legs, scenario.world)
+    return sorted(_once(found), key=lambda finding: not finding.refused)
+
+
+def require_feasible(scenario: Scenario, model: Model, known_world: bool = True) -> list[Finding]:
+    """What remains to be said of a mission that can be flown; arguments are those of `judge`.
+
+    Raises:
+        ConfigError: Nothing useful can be flown; with the numbers and what to change.
+    """
+    found = judge(scenario, model, known_world)
+    refused = [finding.line for finding in found if finding.refused]
+    if refused:
+        raise ConfigError(f"{scenario.name}: " + "\n".join(refused))
+    return found
+
+
+def foreseen(scenario: Scenario, vehicle: Vehicle, model: Model, known_world: bool = True) -> list[str]:
+    """Lines for whoever is about to fly: what the vehicle cannot do of the mission, and what it does instead.
+
+    Arguments are those of `judge`, and the vehicle's description.
+
+    Raises:
+        ConfigError: Nothing useful can be flown.
+    """
+    lines = [finding.line for finding in require_feasible(scenario, model, known_world)]
+    other = baseline_of_another(scenario, vehicle) if scenario.waypoints else None
+    return [*lines, other] if other else lines
+
+
+def baseline_of_another(scenario: Scenario, vehicle: Vehicle) -> str | None:
+    """One line where the gains of the thesis fly another vehicle than the one that they are of; None else."""
+    section = scenario.autopilot
+    placed = isinstance(section, ThesisSection) and section.controller.gains == "pole_placement"
+    if not isinstance(section, ThesisSection) or placed or vehicle.name.startswith(_BASELINE_OF):
+        return None
+    return (
+        f"the baseline thesis has the gains of the Double Blueye, not of {vehicle.name}: expect it to fail, or fly "
+        "autopilot=model_based, which is made for the vehicle that it flies"
+    )
+
+
+def current_at(world: WorldSection, depth: float) -> np.ndarray:
+    """Mean horizontal current at a depth [m], n [m/s], shape (2,)."""
+    current = world.current
+    if isinstance(current, ConstantCurrentSection):
+        return np.asarray(current.velocity[:2], dtype=float)
+    if isinstance(current, ShearedCurrentSection):
+        velocities = np.asarray(current.velocities, dtype=float)
+        return np.array([np.interp(depth, current.depths, velocities[:, i]) for i in (0, 1)])
+    return np.asarray(current.mean[:2], dtype=float)
+
+
+def _legs(scenario: Scenario) -> list[_Leg]:
+    before, legs = np.asarray(scenario.start.position, dtype=float), []
+    heading = scenario.heading
+    for i, point in enumerate(scenario.waypoints):
+        there = np.asarray(point.placed(scenario.origin), dtype=float)
+        way = there - before
+        length = float(math.hypot(way[0], way[1]))
+        heading = math.atan2(way[1], way[0]) if length > 1e-3 else heading
+        legs.append(_Leg(f"way-point {i + 1}", length, heading, point, float(way[2]), float(there[2])))
+        before = there
+    return legs
+
+
+def _own(limits: Limits, legs: list[_Leg], model: Model) -> Iterator[Finding]:
+    """What no water is to blame for: axes without thrusters."""
+    longest, deepest = max(leg.length for leg in legs), max(legs, key=lambda leg: abs(leg.down))
+    net = float(model.buoyancy - model.weight)
+    if not limits.can(HEAVE):
+        sinks = f"weight and buoyancy leave {_size(net)} N {'upwards' if net > 0 else 'downwards'}"
+        if abs(net) > 1e-3 * float(model.weight):
+            yield Finding(
+                f"thrusters cannot hold the depth: {sinks}, and thrusters give {_alone(model)}",
+                "ballast it (rovtwin vehicle ballast) or give it thrust in heave",
+                True,
+            )
+        elif abs(deepest.down) > 0.5 * limits.length:
+            yield Finding(
+                f"no thrust in heave, and {deepest.name} lies {abs(deepest.down):.2g} m "
+                f"{'deeper' if deepest.down > 0 else 'higher'}: pitch alone is not flown to change depth",
+                "start at the mission's depth, or give it thrust in heave",
+                True,
+            )
+    if longest < 0.5 * limits.length:
+        return
+    if not limits.can(SURGE) and not limits.can(SWAY):
+        yield Finding("no thrust in surge or sway both ways: it cannot go to a way-point and stop there",
+                      "give it thrusters that push ahead and astern", True)  # fmt: skip
+    elif not limits.can(YAW):
+        cannot = "no moment in yaw both ways: its heading cannot be controlled"
+        if limits.can(SURGE) and limits.can(SWAY):
+            yield Finding(cannot, "its heading is left to the water, and it goes sideways where it must", False)
+        else:
+            yield Finding(cannot, "give it thrusters beside each other, or a lateral one ahead or astern", True)
+
+
+def _alone(model: Model) -> str:
+    """What thrusters give in heave without weight and buoyancy."""
+    low, high = (float(np.asarray(limit)[HEAVE]) for limit in wrench_limits(model.thrusters))
+    return f"{_size(high)} N down and {_size(low)} N up"
+
+
+def _size(value: float) -> str:
+    """Two digits below 100, whole numbers above: never a power of ten."""
+    return f"{abs(value):.0f}" if abs(value) >= 99.5 else f"{abs(value):.2g}"
+
+
+def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray) -> Iterator[Finding]:
+    """What speed, current, heading and corner ask of a leg and of the stay at its end."""
+    ahead, size = float(limits.top[SURGE, 1]), float(np.hypot(*current))
+    best = max(ahead, float(limits.top[SWAY].max()))
+    towards = compass_point(math.atan2(current[1], current[0]))
+    flow = f"a current of {size:.2g} m/s to the {towards}"
+    if size > SOME and size >= best:
+        yield Finding(f"{leg.name}: {flow} is more than its top speed of {best:.2g} m/s: it is carried off at "
+                      f"{size - best:.2g} m/s or more, whatever it does",
+                      "wait for less current, or give it more thrust", True)  # fmt: skip
+        return
+    if leg.length > 0.5 * limits.length:
+        yield from _made_good(limits, leg, current, flow)
+        yield from _stops(limits, leg)
+    if leg.point.heading_deg is not None and size > SOME:
+        yield from _held_heading(limits, leg, current, flow, ahead)
+    elif leg.point.hold_time > 0 and size > SOME and not limits.can(SWAY):
+        psi = math.degrees(math.atan2(-current[1], -current[0])) % 360
+        yield Finding(f"{leg.name}: no thrust in sway, and it is to stay there in {flow}",
+                      f"it turns its bow into the current ({psi:.0f} deg)", False)  # fmt: skip
+
+
+def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Iterator[Finding]:
+    along = float(current @ [math.cos(leg.direction), math.sin(leg.direction)])
+    across = float(current @ [-math.sin(leg.direction), math.cos(leg.direction)])
+    ahead, leg_speed = float(limits.top[SURGE, 1]), leg.point.speed or 0.0
+    aside = float(limits.top[SWAY, 0 if across > 0 else 1])  # it pushes against what runs across
+    crabs = aside > abs(across)
+    steered = math.sqrt(max(ahead**2 - across**2, 0.0)) + along
+    most = max(ahead + along if crabs else -math.inf, steered if ahead > abs(across) else -math.inf)
+    name = f"the leg to {leg.name}"
+    if most <= 0.0:
+        yield Finding(f"{name}: against {flow} it makes no way over ground with its top speed of {ahead:.2g} m/s",
+                      "wait for less current, turn the mission round, or give it more thrust", True)  # fmt: skip
+    elif leg_speed > SPARE * ahead + along or leg_speed > most:
+        slower = max(min(most, SPARE * ahead + along), 0.1 * leg_speed)
+        why = f" in {flow}" if np.hypot(*current) > SOME else ""
+        yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and the thrusters give {most:.2g} m/s over ground{why}",
+                      f"it is flown at about {slower:.2g} m/s", False)  # fmt: skip
+    if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY):
+        yield Finding(f"{name}: {abs(across):.2g} m/s of {flow} run across it, more than the {aside:.2g} m/s that "
+                      "thrust in sway can stem",
+                      "looking along the leg it is swept off; lay the leg along the current", False)  # fmt: skip
+
+
+def _stops(limits: Limits, leg: _Leg) -> Iterator[Finding]:
+    """Room to stop and to turn, against the acceptance."""
+    speed, accepted = min(leg.point.speed or 0.0, float(limits.top[SURGE, 1])), leg.point.acceptance or math.inf
+    rate, way = float(limits.top[YAW].min()), limits.stopping(speed)
+    if max(leg.length, accepted) < way < math.inf:
+        what = f"{leg.name}: from {speed:.2g} m/s it takes {way:.2g} m to stop, and the leg has {leg.length:.2g} m"
+        yield Finding(what, "it is flown slower; leave more room", False)
+    if not limits.can(SWAY) and rate > 0.0 and speed / rate > accepted:
+        room = f"without thrust in sway it turns within {speed / rate:.2g} m at {speed:.2g} m/s"
+        what = f"{leg.name}: {room}, and the acceptance is {accepted:.2g} m"
+        yield Finding(what, f"raise the acceptance to {_up(1.2 * speed / rate)} m, or fly slower", False)
+
+
+def _up(value: float) -> float:
+    return round(0.1 * math.ceil(10.0 * value), 1)
+
+
+def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float) -> Iterator[Finding]:
+    """Whether a place can be held with the heading that is asked for."""
+    psi = math.radians(leg.point.heading_deg or 0.0)
+    c, s = math.cos(psi), math.sin(psi)
+    stem = -np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])  # through the water, in b
+    has = [float(limits.top[axis, 1 if stem[axis] > 0 else 0]) for axis in (SURGE, SWAY)]
+    short = [(name, abs(float(stem[i])), has[i]) for i, name in enumerate(("surge", "sway"))
+             if abs(stem[i]) > max(has[i], SOME)]  # fmt: skip
+    if not short:
+        return
+    name, takes, gives = short[0]
+    into = math.degrees(math.atan2(-current[1], -current[0])) % 360
+    cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name} is {gives:.2g} m/s"
+    what = (
+        f"{leg.name}: {flow} cannot be stemmed heading {leg.point.heading_deg:g} deg: {takes:.2g} m/s in {name}, and "
+    )
+    if np.hypot(*current) < ahead:
+        yield Finding(what + cannot, f"the heading is given up: it looks into the current ({into:.0f} deg)", False)
+    else:
+        yield Finding(what + cannot, "leave the heading out, or wait for less current", True)
+
+
+def _in_tank(limits: Limits, legs: list[_Leg], world: WorldSection) -> Iterator[Finding]:
+    """Whether a tank is long enough to stop in."""
+    if world.tank is None:
+        return
+    room = max(world.tank.north[1] - world.tank.north[0], world.tank.east[1] - world.tank.east[0])
+    speed = min(max(leg.point.speed or 0.0 for leg in legs), float(limits.top[SURGE, 1]))
+    way = limits.stopping(speed)
+    if way < math.inf and 2.0 * way + limits.length > room:
+        what = f"from {speed:.2g} m/s it takes {way:.2g} m to stop, and the tank is {room:.2g} m long"
+        yield Finding(what, "write slower way-points", False)
+
+
+def _once(found: list[Finding]) -> list[Finding]:
+    """What is said of several way-points in the same words but for their number, once."""
+    kept: dict[Any, Finding] = {}
+    for finding in found:
+        _, _, rest = finding.what.rpartition("way-point ")
+        kept.setdefault((rest.partition(":")[2] or rest, finding.instead), finding)
+    return list(kept.values())

@@ -1,0 +1,69 @@
+"""What a mission leaves out, from the vehicle that flies it: speed and acceptance of way-points, the time limit.
+
+    speed       FROUDE sqrt(g L), at most SHARE of the top speed ahead      (Double Blueye: 0.2 m/s)
+    acceptance  REACHED L, twice that without thrust in sway                (Double Blueye: 0.2 m)
+    duration    LONGEST, or its holds and PATIENCE times what its ways take at these speeds
+
+L is the cube root of the displaced volume. Equal Froude numbers mean equal patterns of motion (Froude's law). What a
+file says counts as it stands; what was taken is written into the run's own scenario.
+"""
+
+import math
+
+import numpy as np
+
+from rovtwin.scenario.limits import Limits
+from rovtwin.scenario.schema import Scenario, Waypoint
+from rovtwin.vehicle import Model
+from rovtwin.vehicle.constants import GRAVITY
+
+FROUDE, SHARE, REACHED = 0.115, 0.7, 0.65
+LONGEST, PATIENCE = 1500.0, 4.0  # [s], and times
+SLOWEST = 0.01  # [m/s]
+
+
+def fitted(scenario: Scenario, model: Model) -> Scenario:
+    """The scenario with speeds, acceptances and time limit that it leaves out as fit the vehicle."""
+    if not scenario.waypoints or scenario.mission is None:
+        return scenario
+    own = own_values(Limits.of(model))
+    points = [_completed(point, own) for point in scenario.waypoints]
+    made = scenario.model_copy(update={"mission": scenario.mission.model_copy(update={"waypoints": points})})
+    if "duration" in scenario.model_fields_set:
+        return made
+    held = sum(point.hold_time for point in points)
+    needed = 100.0 * math.ceil((held + PATIENCE * travel(made)) / 100.0)
+    return made.model_copy(update={"duration": min(max(LONGEST, needed), 86_400.0)})
+
+
+def own_values(limits: Limits) -> dict[str, float]:
+    """Speed [m/s] and acceptance [m] of a vehicle, to the centimetre."""
+    speed = min(FROUDE * math.sqrt(GRAVITY * limits.length), SHARE * float(limits.top[0, 1]) or math.inf)
+    wide = REACHED * limits.length * (1.0 if limits.can(1) else 2.0)
+    return {"speed": max(round(speed, 2), SLOWEST), "acceptance": max(round(wide, 2), SLOWEST)}
+
+
+def assumptions(given: Scenario, made: Scenario) -> str | None:
+    """One line that names the speed, acceptance and time limit taken from the vehicle; None where they are as usual."""
+    default = {key: Waypoint.model_fields[key].default for key in ("speed", "acceptance")}
+    taken = {}
+    for before, after in zip(given.waypoints, made.waypoints, strict=True):
+        for key in default:
+            if key not in before.model_fields_set and getattr(after, key) != default[key]:
+                taken[key] = getattr(after, key)
+    parts = [f"{key} {value:g} {'m/s' if key == 'speed' else 'm'}" for key, value in taken.items()]
+    if made.duration != given.duration:
+        parts.append(f"duration {made.duration:g} s")
+    return f"the mission leaves it out, this vehicle's are taken: {', '.join(parts)}" if parts else None
+
+
+def travel(scenario: Scenario) -> float:
+    """Time at the way-points' speeds, straight from one to the next [s]."""
+    places = [np.asarray(scenario.start.position), *(np.asarray(w.placed(scenario.origin)) for w in scenario.waypoints)]
+    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    return sum(float(way) / w.speed for way, w in zip(ways, scenario.waypoints, strict=True))
+
+
+def _completed(point: Waypoint, own: dict[str, float]) -> Waypoint:
+    left_out = {key: value for key, value in own.items() if key not in point.model_fields_set}
+    return point.model_copy(update=left_out) if left_out else point

@@ -1,0 +1,67 @@
+"""What a vehicle can do at most, in plain numbers, for whoever judges a mission before or after it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.vehicle import Model
+from rovtwin.vehicle.constants import FRESH_WATER
+from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+from rovtwin.vehicle.trim import steady_speed
+
+_POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of each axis alone, surge to yaw; columns: negative and positive direction, as sizes.
+
+    Attributes:
+        length: Cube root of the volume of water that the vehicle displaces [m].
+        force: Of all thrusters together, weight and buoyancy counted in heave [N, N m], shape (6, 2); 0 along an axis
+            without thrusters.
+        top: Speed at which drag takes all of it [m/s, rad/s], shape (6, 2).
+        mass: Of each axis, added mass included [kg, kg m2], shape (6,).
+    """
+
+    length: float
+    force: np.ndarray
+    top: np.ndarray
+    mass: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model) -> "Limits":
+        """Of a model with sound thrusters."""
+        low, high = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        size = np.maximum(-low, high)
+        net = np.zeros(6)
+        net[2] = float(model.weight - model.buoyancy)
+        force = np.maximum(np.stack([-(low + net), high + net], axis=1), 0.0)
+        largest = np.repeat([size[:3].max(initial=0.0), size[3:].max(initial=0.0)], 3)
+        force[size <= RANK_TOLERANCE * largest] = 0.0  # forces are compared with forces, moments with moments
+        top = [[steady_speed(model, i, -float(a)), steady_speed(model, i, float(b))] for i, (a, b) in enumerate(force)]
+        return cls(
+            length=float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0),
+            force=force,
+            top=np.array(top),
+            mass=np.diagonal(np.asarray(model.mass)),
+        )
+
+    def can(self, axis: int) -> bool:
+        """Whether thrusters push both ways along an axis."""
+        return bool(self.force[axis].min() > 0.0)
+
+    def both_ways(self, axis: int) -> float:
+        """Force or moment that there is either way [N or N m]."""
+        return float(self.force[axis].min())
+
+    def stopping(self, speed: float) -> float:
+        """Way from a speed ahead to rest under full thrust astern, without drag [m]; inf without such thrust."""
+        braking = float(self.force[0, 0] / self.mass[0])
+        return 0.5 * speed**2 / braking if braking > 0.0 else math.inf
+
+
+def compass_point(angle: float) -> str:
+    """The nearest of the eight points of the compass to an angle from north over east [rad]."""
+    return _POINTS[round(angle / (math.pi / 4.0)) % 8]

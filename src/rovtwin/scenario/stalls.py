@@ -1,0 +1,286 @@
+"""Why a mission does not get on, in words: where it stalled, what was asked of the thrusters, what to change.
+
+The vehicle makes headway towards a way-point while its distance, on a dive its depth error, on a turn its heading
+error, goes on reaching new lows. It stalls where for PATIENCE lengths of the vehicle at the leg's speed there is none.
+What an autopilot feels as a disturbing force is also told as the current whose drag is that force.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, REASONS, TURN
+from rovtwin.scenario.limits import Limits, compass_point
+from rovtwin.scenario.schema import Scenario, ThesisSection, Waypoint
+from rovtwin.scenario.score import Flown
+from rovtwin.vehicle import Model
+from rovtwin.vehicle.trim import stability, steady_speed
+
+PATIENCE = 20.0  # lengths of the vehicle at the leg's speed
+HEADWAY = 0.25  # of a length, or this many radians over pi of a turn: a smaller step is no headway
+LIMIT = 0.9  # share of a limit from which thrust counts as used up
+FELT = 0.02  # current from which it is worth a word [m/s]
+TILTED = math.radians(15.0)  # mean roll or pitch that explains something
+DEEP, AIMED = 0.16, 0.1  # errors at which a dive is complete: lengths of the vehicle, radians (`gnc.path_guidance`)
+BEFORE = 5.0  # what tips a vehicle has its effect within this time [s]
+SURGE, PITCH = 0, 4
+MOVING = (GO, DIVE, TURN)
+
+
+@dataclass(frozen=True)
+class Stall:
+    """A stretch of a run without headway.
+
+    Attributes:
+        start, end: [s].
+        waypoint: Index of the one aimed at.
+        phase: One of MOVING.
+        nearest: Least distance [m] or angle [rad] in it.
+        patience: Time without headway after which it counted as one [s].
+    """
+
+    start: float
+    end: float
+    waypoint: int
+    phase: int
+    nearest: float
+    patience: float
+
+
+def stalls(flown: Flown, scenario: Scenario, model: Model) -> list[Stall]:
+    """Stretches of a mission without headway, in order of time."""
+    found, length = [], Limits.of(model).length
+    for rows, phase, waypoint in _stretches(flown):
+        point = scenario.waypoints[min(waypoint, len(scenario.waypoints) - 1)]
+        step = HEADWAY if phase == TURN else HEADWAY * length
+        patience = PATIENCE * length / (point.speed or 1.0)
+        left, t = _left(flown, rows, phase), flown.t[rows]
+        lowest = np.floor(np.minimum.accumulate(left) / step)
+        changes = np.flatnonzero(np.diff(lowest, prepend=lowest[0] + 1.0))
+        ends = np.append(changes[1:], len(t) - 1)
+        for a, b in zip(changes, ends, strict=True):
+            if t[b] - t[a] > patience:
+                nearest = float(left[a : b + 1].min())
+                found.append(Stall(float(t[a]), float(t[b]), waypoint, phase, nearest, patience))
+    return found
+
+
+def _stretches(flown: Flown) -> Iterator[tuple[slice, int, int]]:
+    """Samples, phase and way-point of each stretch on its way somewhere."""
+    state = flown.mode[:, [0, 2]].astype(int)
+    starts = np.flatnonzero(np.any(np.diff(state, axis=0, prepend=-1), axis=1))
+    for a, b in zip(starts, np.append(starts[1:], len(state)), strict=True):
+        if state[a, 0] in MOVING and b - a > 1:
+            yield slice(a, b), int(state[a, 0]), int(state[a, 1])
+
+
+def _left(flown: Flown, rows: slice, phase: int) -> np.ndarray:
+    """What is left to go in a phase, by the estimate [m or rad], shape (n,)."""
+    eta, leg = flown.eta_hat[rows], flown.leg[rows]
+    if phase == DIVE:
+        return np.abs(eta[:, 2] - leg[:, 5])
+    if phase == TURN and flown.setpoint is not None:
+        return _aside(flown, rows)
+    return np.hypot(*(eta[:, :2] - leg[:, 3:5]).T)
+
+
+def _aside(flown: Flown, rows: slice | np.ndarray) -> np.ndarray:
+    """Heading error, as a size [rad], shape (n,); 0 where no set-point was logged."""
+    if flown.setpoint is None:
+        return np.zeros(len(flown.t[rows]))
+    return np.abs((flown.eta_hat[rows, 5] - flown.setpoint[rows, 5] + np.pi) % (2 * np.pi) - np.pi)
+
+
+def unfinished(flown: Flown, scenario: Scenario, model: Model) -> str:
+    """Why a mission that was not completed, and that no rule ended, is where it is; one sentence."""
+    phase, waypoint = int(flown.mode[-1, 0]), int(flown.mode[-1, 2])
+    if phase in (PAUSED, PILOTED):
+        return f"{'paused' if phase == PAUSED else 'flown by hand'} at the end; nobody asked it to resume the mission"
+    if not scenario.waypoints:
+        return "the test is longer than that"
+    last = [stall for stall in stalls(flown, scenario, model) if stall.end >= flown.t[-1] - 1e-6]
+    if last:
+        return f"{_numbered(waypoint, scenario)} was not reached: {cause(last[-1], flown, scenario, model)}"
+    return _under_way(flown, scenario, phase, waypoint)
+
+
+def tipped(flown: Flown, model: Model) -> str:
+    """Why the attitude limit ended a run: angle, the fastest it went just before, and up to which it stays level."""
+    at = int(np.argmax(flown.mode[:, 1] == REASONS.index("attitude limit")))
+    roll, pitch = np.degrees(flown.eta[at, 3:5])
+    pitched = abs(pitch) >= abs(roll)
+    rows = (flown.t >= flown.t[at] - BEFORE) & (flown.t <= flown.t[at])
+    through = flown.nu[rows, :3]
+    if flown.water is not None:
+        attitude = Rotation.from_euler("ZYX", flown.eta[rows, 5:2:-1])
+        through = through - attitude.inv().apply(flown.water[rows])
+    speeds = np.linalg.norm(through, axis=1)
+    fastest = int(np.argmax(speeds))
+    speed = float(speeds[fastest])
+    clauses = (
+        f"at {flown.t[at]:.1f} s {'pitch' if pitched else 'roll'} was {pitch if pitched else roll:.0f} deg, and its"
+    )
+    clauses += f" speed {'over ground' if flown.water is None else 'through the water'} had come to {speed:.2g} m/s"
+    if not pitched or Limits.of(model).can(PITCH):
+        return clauses
+    level = stability(model, astern=bool(through[fastest, SURGE] < 0.0)).pitch_depth_held
+    if not math.isfinite(level):
+        return clauses
+    clauses += f"; with its depth held it stays level up to {level:.2g} m/s"
+    return f"{clauses}: fly slower, or raise BG" if speed > level else clauses
+
+
+def _numbered(waypoint: int, scenario: Scenario) -> str:
+    return f"way-point {waypoint + 1} of {len(scenario.waypoints)}"
+
+
+def _under_way(flown: Flown, scenario: Scenario, phase: int, waypoint: int) -> str:
+    """It makes headway, and the time is too short: how far it is, and how long it would take."""
+    at = flown.eta_hat[-1]
+    where = "at" if phase == HOLD else "diving at" if phase == DIVE else "on its way to"
+    clauses = f"{where} {_numbered(waypoint, scenario)}, ({at[0]:.1f}, {at[1]:.1f}) at {at[2]:.1f} m depth"
+    seconds = _seconds_left(flown, scenario, phase, waypoint)
+    enough = 10.0 * math.ceil((flown.duration + seconds) / 10.0)
+    return f"{clauses}; what is left takes about {seconds:.0f} s more: raise duration to {enough:.0f}"
+
+
+def _seconds_left(flown: Flown, scenario: Scenario, phase: int, waypoint: int) -> float:
+    """What is left of a mission at the way-points' speeds, and at the pace on the legs so far if that is slower [s]."""
+    on_leg = flown.mode[:, 3] > 0.5
+    made = float(np.mean(np.hypot(flown.nu_hat[on_leg, 0], flown.nu_hat[on_leg, 1]))) if on_leg.sum() > 50 else np.inf
+    places = [np.asarray(w.placed(scenario.origin)) for w in scenario.waypoints[waypoint:]]
+    before, seconds = flown.eta_hat[-1, :3], 0.0
+    for i, (place, point) in enumerate(zip(places, scenario.waypoints[waypoint:], strict=True)):
+        if i or phase != HOLD:
+            seconds += float(np.linalg.norm(place - before)) / max(min(point.speed, made), 0.01)
+        before = place
+        held = float(np.sum(flown.mode[:, 0] == HOLD)) * float(np.median(np.diff(flown.t))) if i == 0 else 0.0
+        seconds += max(point.hold_time - (held if phase == HOLD else 0.0), 0.0)
+    return 1.2 * seconds + 10.0
+
+
+def cause(stall: Stall, flown: Flown, scenario: Scenario, model: Model, advise: bool = True) -> str:
+    """Where the vehicle was, what was asked of its thrusters, what pushes it, and what would help."""
+    rows = (flown.t >= stall.start - 1e-9) & (flown.t <= stall.end + 1e-9)
+    point = scenario.waypoints[min(stall.waypoint, len(scenario.waypoints) - 1)]
+    clauses = [_place(stall, flown, rows, point, model), _asked(stall, flown, rows, model), _pushed(flown, rows, model)]
+    clauses += [_tilted(flown, rows), _misled(flown, rows, point)]
+    text = "; ".join(part for part in clauses if part)
+    return f"{text}: {_advice(stall, flown, rows, scenario, model, point)}" if advise else text
+
+
+def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model: Model) -> str:
+    """Where it was, and how near it came."""
+    eta, leg = flown.eta_hat[rows], flown.leg[rows][-1]
+    began = f"from {stall.start:.0f} s the vehicle"
+    if stall.phase == DIVE:
+        off, named = float(np.mean(eta[:, 2])) - leg[5], _axes(stall, flown, rows, model)
+        deep = f"stayed {abs(off):.2g} m {'below' if off > 0 else 'above'} its depth of {leg[5]:.3g} m"
+        turned = f"{math.degrees(np.mean(_aside(flown, rows))):.0f} deg off the heading of the leg"
+        if _YAW not in named:
+            return f"{began} {deep}"
+        return f"{began} {deep}, {turned}" if _HEAVE in named else f"{began} was at its depth and stayed {turned}"
+    if stall.phase == TURN:
+        return f"{began} came no nearer than {math.degrees(stall.nearest):.0f} deg to the heading of the leg"
+    off, x, y = eta[:, :2].mean(axis=0) - leg[3:5], *eta[:, :2].mean(axis=0)
+    reach, accepted = float(np.hypot(*eta[:, :2].std(axis=0))), f"acceptance {point.acceptance:g} m"
+    if reach > max(float(np.hypot(*off)), 4.0 * (point.acceptance or 0.0)):
+        near = f"came no nearer than {stall.nearest:.2g} m ({accepted})"
+        return f"{began} went to and fro within {reach:.2g} m (rms) and {near}"
+    side = compass_point(math.atan2(off[1], off[0]))
+    near = f"{began} stayed {np.hypot(*off):.2g} m {side} of it at ({x:.1f}, {y:.1f})"
+    return f"{near}, no nearer than {stall.nearest:.2g} m ({accepted})"
+
+
+def _asked(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> str:
+    """Mean force or moment that was asked of each axis in question, of what it has."""
+    if flown.tau is None:
+        return ""
+    clauses, limits = [], Limits.of(model)
+    for axis, name, unit in _axes(stall, flown, rows, model):
+        has, mean = limits.both_ways(axis), float(np.mean(np.abs(flown.tau[rows, axis])))
+        clauses.append(f"no thrust in {name}" if has <= 0.0 else f"{mean:.2g} of {has:.3g} {unit} in {name}")
+    return "asked for " + ", ".join(clauses)
+
+
+_HEAVE, _YAW = (2, "heave", "N"), (5, "yaw", "N m")
+
+
+def _axes(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> list[tuple[int, str, str]]:
+    """Axes in question: number, name, unit. A dive waits for its depth and for the heading of the leg behind it."""
+    if stall.phase == TURN:
+        return [_YAW]
+    if stall.phase != DIVE:
+        return [(0, "surge", "N"), (1, "sway", "N")]
+    off = abs(float(np.mean(flown.eta_hat[rows, 2]) - flown.leg[rows][-1, 5]))
+    deep = off > DEEP * Limits.of(model).length
+    turned = float(np.mean(_aside(flown, rows))) > AIMED
+    return [_HEAVE] * (deep or not turned) + [_YAW] * turned
+
+
+def _pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
+    """The disturbance that the autopilot believes in, as a force and as the current whose drag it is."""
+    force, current = _disturbance(flown, rows, model)
+    speed = float(np.hypot(*current))
+    if speed < FELT:
+        return ""
+    towards = compass_point(math.atan2(force[1], force[0]))
+    surge, sway = np.abs(_in_body(force, flown, rows))
+    felt = f"something like a current of {speed:.2g} m/s to the {towards} pushes it"
+    return f"{felt}, which takes {surge:.2g} N in surge and {sway:.2g} N in sway"
+
+
+def _disturbance(flown: Flown, rows: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Mean horizontal force in n [N] and the current whose drag it is along each axis of the body, shape (2,) each."""
+    if flown.bias is None:
+        return np.zeros(2), np.zeros(2)
+    force = flown.bias[rows, :2].mean(axis=0)
+    body = _in_body(force, flown, rows)
+    return force, np.array([math.copysign(steady_speed(model, i, float(f)), f) for i, f in enumerate(body)])
+
+
+def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:
+    psi = flown.eta_hat[rows, 5]
+    c, s = float(np.mean(np.cos(psi))), float(np.mean(np.sin(psi)))
+    return np.array([[c, s], [-s, c]]) @ force / max(math.hypot(c, s), 1e-9)
+
+
+def _tilted(flown: Flown, rows: np.ndarray) -> str:
+    mean = dict(zip(("roll", "pitch"), flown.eta_hat[rows, 3:5].mean(axis=0), strict=True))
+    tilts = [f"a {name} of {math.degrees(angle):.0f} deg" for name, angle in mean.items() if abs(angle) > TILTED]
+    return f"it lay at {' and '.join(tilts)}" if tilts else ""
+
+
+def _misled(flown: Flown, rows: np.ndarray, point: Waypoint) -> str:
+    """Where the truth is known: by how much the filter was wrong, if that alone would explain it."""
+    error = float(np.mean(np.hypot(*(flown.eta_hat - flown.eta)[rows, :2].T)))
+    return f"the filter was wrong by {error:.2g} m" if error > 2.0 * max(point.acceptance or 0.0, 0.25) else ""
+
+
+def _advice(stall: Stall, flown: Flown, rows: np.ndarray, scenario: Scenario, model: Model, point: Waypoint) -> str:
+    """What to change, the likeliest first."""
+    spent = _spent(stall, flown, rows, model)
+    if spent:
+        more = "less buoyancy or weight (rovtwin vehicle ballast)" if "heave" in spent else "a weaker current"
+        return f"thrust in {' and '.join(spent)} is used up; it takes {more}, or stronger thrusters"
+    if isinstance(scenario.autopilot, ThesisSection):
+        return "the gains of this baseline are another vehicle's, or too weak; fly it with autopilot model_based"
+    if stall.phase != GO:
+        return "raise duration, or look at the trim of the vehicle (rovtwin vehicle show)"
+    wider = 0.1 * math.ceil(10.0 * 1.2 * stall.nearest)
+    raised = f"raise the way-point's acceptance to {wider:.1f} m"
+    if not Limits.of(model).can(1):
+        return f"without thrust in sway it comes nearer only bow first; {raised}, or leave more room before it"
+    return f"{raised}, or its speed"
+
+
+def _spent(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> list[str]:
+    """Names of the axes on which nearly all of the thrust was asked for, on average."""
+    if flown.tau is None:
+        return []
+    mean, limits = np.abs(flown.tau[rows]).mean(axis=0), Limits.of(model)
+    names = [(axis, name) for axis, name, _ in _axes(stall, flown, rows, model) if limits.can(axis)]
+    return [name for axis, name in names if mean[axis] > LIMIT * limits.both_ways(axis)]

@@ -1,0 +1,246 @@
+"""A part bolted onto a vehicle or taken off it: the new file's text, and the vehicle before and after.
+
+A vehicle of the library, and a file that gives totals of the whole (`rigid_body`, `restoring`, `hydrodynamics`), is
+held as a part with the device beside it, so that what is published of it stays and the device's own is added. A file of
+one's own without totals is written again with one line more, all its comments kept.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import parse_yaml, read_yaml
+from rovtwin.vehicle import files
+from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
+from rovtwin.vehicle.ballasted import SHARE, blocks
+from rovtwin.vehicle.editing import with_parts, with_references, without_part, written
+from rovtwin.vehicle.extent import bounding_box
+from rovtwin.vehicle.floating import floating_of
+from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.rigid_body import Box, Placement
+from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
+
+TOTALS = ("rigid_body", "restoring", "hydrodynamics")
+INSIDE = 0.1  # share of a part that may lie in the box of another before it is said
+STEP = 0.001  # what pieces of ballast are rounded to [kg]
+
+
+@dataclass(frozen=True)
+class Refit:
+    """What changing a vehicle comes to.
+
+    Attributes:
+        text: Of the new file.
+        before: The vehicle by its parts, without what tests found of it.
+        after: The same with the change.
+        notes: What to know.
+        folder: What references to files in the text are relative to.
+    """
+
+    text: str
+    before: Vehicle
+    after: Vehicle
+    notes: tuple[str, ...]
+    folder: Path
+
+
+def add(
+    vehicle: str | Path,
+    device: str | Path,
+    position: Sequence[float],
+    attitude_deg: Sequence[float] = (0.0, 0.0, 0.0),
+    name: str | None = None,
+    out: Path | None = None,
+) -> Refit:
+    """A vehicle with one part more; nothing is written.
+
+    Args:
+        vehicle: Library name or file.
+        device: Library name or file of what is added.
+        position: Of the part's origin in b [m].
+        attitude_deg: Roll, pitch, yaw of the part.
+        name: Of the part; None: as its file is called.
+        out: File that the text is for; references to files are relative to its folder.
+
+    Raises:
+        ConfigError: No such vehicle or device, a name that is taken, or parts that make no vehicle.
+    """
+    path, part_path, folder = files.find(vehicle), files.find(device), Path() if out is None else out.parent
+    before, identified = load_vehicle(path, identified=False), files.load(path).identified is not None
+    beside = path.parent != files.LIBRARY and path.parent.resolve() == folder.resolve()
+    extended = beside and not identified and not _totals(before)
+    holder = {} if extended else _holder(path, before, folder, out)
+    taken = [part.name for part in before.file.parts] if extended else [holder["parts"][0]["name"]]
+    part = {
+        "name": _free_name(name, _log_name(part_path.stem), taken),
+        "part": files.reference(part_path, folder),
+        "pose": {"position": [float(x) for x in position]},
+    }
+    if any(attitude_deg):
+        part["pose"]["attitude_deg"] = [float(angle) for angle in attitude_deg]
+    if extended:
+        text = with_parts(path.read_text(encoding="utf-8"), [part], path.name)
+    else:
+        holder["description"] = f"{before.name} with {part['name']}"
+        text = written(holder | {"parts": [*holder["parts"], part]})
+    notes = [*_about_overlap(before, part, folder), *_about_identification(path, out)]
+    return Refit(text, before, _read(text, out, folder), tuple(notes), folder)
+
+
+def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
+    """A vehicle with one part fewer; nothing is written.
+
+    Args:
+        vehicle: Library name or file.
+        name: Of the part, in the list `parts` of that file.
+        out: File that the text is for; references to files become relative to its folder. None: to the vehicle's.
+
+    Raises:
+        ConfigError: It has no such part, or is no vehicle without it.
+    """
+    path = files.find(vehicle)
+    folder = path.parent if out is None else out.parent
+    before = load_vehicle(path, identified=False)
+    text = path.read_text(encoding="utf-8")
+    if "identified" in parse_yaml(text, path.name):
+        text = written({key: value for key, value in read_yaml(path).items() if key != "identified"})
+    text = _moved(without_part(text, name, path.name), path, folder)
+    notes = [
+        f"{path.name} gives {key} of the whole, which stays as it is without '{name}': take it out, or measure it again"
+        for key in _totals(before)
+    ]
+    return Refit(text, before, _read(text, out, folder), (*notes, *_about_identification(path, out)), folder)
+
+
+def trimming(before: Vehicle, after: Vehicle) -> list[Piece]:
+    """Least foam and lead that gives a changed vehicle its net buoyancy back and hangs it level, to the gram.
+
+    The pieces sit around the box of the vehicle as it was.
+
+    Raises:
+        ConfigError: No pieces do it.
+    """
+    box = bounding_box(before.file)
+    if box is None:
+        raise ConfigError(f"{before.where}: no part has a shape, so it has no outside to put ballast on")
+    target = Wish(floating_of(before.assembly).net_buoyancy, level=True)
+    stock = Stock(places_around(*box), SHARE * after.assembly.solid.mass, FOAM, LEAD)
+    pieces = [piece.rounded(STEP) for piece in pieces_for(after.assembly, target, stock)]
+    return [piece for piece in pieces if piece.mass > 0]
+
+
+def with_ballast(change: Refit, pieces: Sequence[Piece], out: Path | None = None) -> Refit:
+    """The same with pieces on it."""
+    where = "vehicle" if out is None else out.name
+    parts = blocks(pieces, [part.name for part in change.after.file.parts])
+    text = with_parts(change.text, parts, where) if parts else change.text
+    return Refit(text, change.before, _read(text, out, change.folder), change.notes, change.folder)
+
+
+def _read(text: str, out: Path | None, folder: Path) -> Vehicle:
+    where = "vehicle" if out is None else out.name
+    return vehicle_from_dict(parse_yaml(text, where), where, folder)
+
+
+def _moved(text: str, path: Path, folder: Path) -> str:
+    """The text of a file for another folder: what it names with a relative path is named from there."""
+    if folder.resolve() == path.parent.resolve():
+        return text
+
+    def renamed(key: str, name: str) -> str:
+        if key != "part":
+            target = path.parent / Path(name).expanduser()
+            return name if Path(name).expanduser().is_absolute() else files.reference(target, folder)
+        target = files.find(name, path.parent)
+        same = _found(name, folder) == target.resolve()
+        return name if same else files.reference(target, folder)
+
+    moved = with_references(text, renamed)
+    was = vehicle_from_dict(parse_yaml(text, path.name), path.name, path.parent)
+    if _read(moved, None, folder).to_dict() != was.to_dict():
+        raise ConfigError(f"{path.name}: its references to files cannot be moved to {folder}: write it beside it (-o)")
+    return moved
+
+
+def _found(name: str, folder: Path) -> Path | None:
+    try:
+        return files.find(name, folder).resolve()
+    except ConfigError:
+        return None
+
+
+def _totals(vehicle: Vehicle) -> list[str]:
+    return [key for key in TOTALS if getattr(vehicle.file, key) is not None]
+
+
+def _holder(path: Path, vehicle: Vehicle, folder: Path, out: Path | None) -> dict[str, Any]:
+    """Data of a file that holds a vehicle as its only part."""
+    if out is not None and out.resolve() == path.resolve():
+        totals = " and ".join(_totals(vehicle)) or "parameters"
+        raise ConfigError(
+            f"{path}: gives {totals} of the whole, so that it must become a part of another file; choose one"
+        )
+    name, whole = _log_name(vehicle.name), {"name": f"{vehicle.name}_refitted" if out is None else out.stem}
+    whole |= {"description": vehicle.description}
+    if vehicle.file.water_density is not None:
+        whole |= {"water_density": vehicle.file.water_density}
+    identified = files.load(path).identified
+    if identified is None:
+        return whole | {"parts": [{"name": name, "part": files.reference(path, folder)}]}
+    # What was identified as a whole does not carry over to a part: hold the vehicle that it was identified from.
+    for shipped in files.list_library():
+        if fingerprint(files.load(files.find(shipped))) == identified.made_with:
+            return whole | {"parts": [{"name": name, "part": shipped}]}
+    own = vehicle.without_identification().to_dict()
+    return whole | {"parts": [own | {"name": name, "keeps_names": True}]}
+
+
+def _log_name(text: str) -> str:
+    """A name as parts may have it: a letter, then letters, digits and _."""
+    plain = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return plain if plain[:1].isalpha() else f"v_{plain}"
+
+
+def _free_name(given: str | None, usual: str, taken: Sequence[str]) -> str:
+    if given in taken:
+        raise ConfigError(f"--name {given}: there is a part of that name already; there are {', '.join(taken)}")
+    names = [given or usual, *(f"{usual}_{i}" for i in range(2, len(taken) + 3))]
+    return next(name for name in names if name not in taken)
+
+
+def _about_overlap(vehicle: Vehicle, part: dict[str, Any], folder: Path) -> list[str]:
+    """Whether a new part lies in the boxes around what is there, by points spread evenly in its own boxes."""
+    where = Placement.of(part["pose"]["position"], part["pose"].get("attitude_deg", [0, 0, 0]))
+    own = [box.moved(where) for box in load_vehicle(files.find(part["part"], folder)).assembly.boxes]
+    if not own:
+        return []
+    grid = (np.stack(np.meshgrid(*[np.arange(7)] * 3), axis=-1).reshape(-1, 3) - 3.0) / 7.0
+    points = np.concatenate([box.placement.position + (grid * box.size) @ box.placement.rotation.T for box in own])
+    share = float(np.mean(np.any([_inside(box, points) for box in vehicle.assembly.boxes], axis=0)))
+    if share <= INSIDE:
+        return []
+    return [
+        f"{100 * share:.0f} % of '{part['name']}' lies in the boxes around the parts of {vehicle.name}: water is "
+        "counted twice there; move it (--at), unless it replaces something"
+    ]
+
+
+def _inside(box: Box, points: np.ndarray) -> np.ndarray:
+    """Which of the points, shape (n, 3), lie in a box, shape (n,)."""
+    local = (points - box.placement.position) @ box.placement.rotation
+    return np.all(np.abs(local) <= 0.5 * box.size, axis=1)
+
+
+def _about_identification(path: Path, out: Path | None) -> list[str]:
+    if files.load(path).identified is None:
+        return []
+    new = "NEW.yaml" if out is None else str(out)
+    return [
+        f"{path.name} was identified with other parts: what tests found does not hold any more, and both columns are "
+        f"what parts and published values give. Predict it: rovtwin identify {new} --prior {path} -o PREDICTED.yaml"
+    ]

@@ -1,0 +1,133 @@
+"""What a vehicle cannot do of a mission, said before it is flown, with the numbers."""
+
+import pytest
+from tests.scenario.test_stalls import NO_SWAY
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.feasibility import baseline_of_another, foreseen, judge, require_feasible
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.flight import fly
+from rovtwin.scenario.limits import Limits, compass_point
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.performance import performance
+
+NO_HEAVE = NO_SWAY | {"thrusters": NO_SWAY["thrusters"][:2], "volume": 0.0065}
+ONE_ROW = {"name": "row", "thrusters": [NO_SWAY["thrusters"][2], NO_SWAY["thrusters"][0] | {"position": [0, 0, 0]}]}
+
+
+def lines(vehicle, *changes, name="square", **options):
+    """What is said: refused, then noted."""
+    model = load_vehicle(vehicle).model() if isinstance(vehicle, str) else vehicle_from_dict(vehicle, "made up").model()
+    found = judge(load_scenario(name, changes), model, **options)
+    return [f.line for f in found if f.refused], [f.line for f in found if not f.refused]
+
+
+def test_limits_are_those_of_the_table_of_performance():
+    model = load_vehicle("bluerov2").model()
+    table, limits = performance(model), Limits.of(model)
+    for axis, (one, other) in {0: ("ahead", "astern"), 1: ("starboard", "port"), 2: ("down", "up")}.items():
+        name = ("surge", "sway", "heave")[axis]
+        assert limits.top[axis, 1] == pytest.approx(table[name][one].top_speed, rel=1e-9)
+        assert limits.top[axis, 0] == pytest.approx(table[name][other].top_speed, rel=1e-9)
+    assert limits.stopping(1.0) == pytest.approx(0.5 * limits.mass[0] / limits.force[0, 0])
+
+
+@pytest.mark.parametrize("vehicle", ["double_blueye", "bluerov2", "bluerov2_heavy", NO_SWAY])
+@pytest.mark.parametrize("name", ["square", "lawnmower_hard"])
+def test_nothing_is_said_of_what_can_be_flown(vehicle, name):
+    assert lines(vehicle, name=name) == ([], [])
+
+
+def test_a_place_and_heading_in_a_cross_current_without_sway():
+    """It turns into the current, and that is said."""
+    refused, noted = lines(NO_SWAY, "world.current=[0, 0.1, 0]", name="station_keeping")
+    assert refused == [] and len(noted) == 1
+    assert "a current of 0.1 m/s to the east cannot be stemmed heading 0 deg" in noted[0]
+    assert "no thrust in sway" in noted[0] and "it looks into the current (270 deg)" in noted[0]
+    assert lines("double_blueye", "world.current=[0, 0.1, 0]", name="station_keeping") == ([], [])
+
+
+def test_a_current_faster_than_the_vehicle_is_refused_with_both_numbers(capsys):
+    model, scenario = load_vehicle("double_blueye").model(), load_scenario("square", ["world.current=[0, 2, 0]"])
+    with pytest.raises(ConfigError) as error:
+        require_feasible(scenario, model)
+    assert "a current of 2 m/s to the east is more than its top speed of 0.34 m/s" in str(error.value)
+    assert "carried off at 1.7 m/s or more" in str(error.value) and "more thrust" in str(error.value)
+    with pytest.raises(ConfigError, match="is more than its top speed"):
+        fly(scenario)
+    assert foreseen(scenario, load_vehicle("double_blueye"), model, known_world=False) == []  # it is elsewhere
+
+
+def test_a_sheared_current_counts_at_the_mission_s_depth():
+    sheared = "world.current={type: sheared, depths: [0, 2.9], velocities: [[0, 2, 0], [0, 0, 0]]}"
+    assert lines("double_blueye", sheared) == ([], [])
+
+
+def test_legs_that_are_slower_than_asked():
+    refused, noted = lines("double_blueye", "mission.waypoints=[{position: [9, 0, 3], speed: 0.6, acceptance: 0.2}]")
+    assert refused == [] and "0.6 m/s are wanted, and the thrusters give 0.34 m/s over ground" in noted[0]
+    assert "it is flown at about 0.3 m/s" in noted[0]
+    upstream = "mission.waypoints=[{position: [-9, 0, 3], speed: 0.2, acceptance: 0.2}]"
+    _, noted = lines("double_blueye", upstream, "world.current=[0.2, 0, 0]")
+    assert (
+        "0.2 m/s are wanted, and the thrusters give 0.14 m/s over ground in a current of 0.2 m/s to the north"
+        in noted[0]
+    )
+
+
+def test_a_cross_current_that_sway_cannot_stem():
+    _, noted = lines("double_blueye", "world.current=[0, 0.3, 0]")
+    assert any("more than the 0.25 m/s that thrust in sway can stem" in line for line in noted)
+
+
+def test_a_turn_wider_than_the_acceptance():
+    fast = "mission.waypoints=[{position: [9, 0, 3], speed: 0.8, acceptance: 0.1}]"
+    _, noted = lines(NO_SWAY, fast)
+    assert any("without thrust in sway it turns within" in line and "raise the acceptance to" in line for line in noted)
+
+
+def test_no_thrust_in_heave():
+    deeper, level = "start.position=[0, 0, 0.5]", "start.position=[0, 0, 3]"
+    refused, _ = lines(NO_HEAVE, deeper)
+    assert "no thrust in heave, and way-point 1 lies 2.5 m deeper" in refused[0]
+    assert lines(NO_HEAVE, level)[0] == []
+    heavy, _ = lines(NO_HEAVE | {"volume": 0.0066}, level)
+    assert "thrusters cannot hold the depth: weight and buoyancy leave 0.98 N upwards" in heavy[0]
+    assert "rovtwin vehicle ballast" in heavy[0]
+
+
+def test_a_vehicle_that_floats_more_than_it_can_push_says_what_its_thrusters_give():
+    """36.92 l of fresh water and 6.5 kg: 298 N upwards, against 16 N each way."""
+    heave = NO_SWAY["thrusters"][2] | {"force": 16}
+    refused, _ = lines(NO_SWAY | {"volume": 0.03692, "thrusters": [*NO_SWAY["thrusters"][:2], heave]})
+    assert "weight and buoyancy leave 298 N upwards, and thrusters give 16 N down and 16 N up" in refused[0]
+
+
+def test_no_moment_in_yaw_and_no_thrust_aside():
+    refused, _ = lines(NO_SWAY | ONE_ROW)
+    assert "its heading cannot be controlled" in refused[0]
+
+
+def test_a_tank_too_short_to_stop_in():
+    tank = "world.tank={north: [-1, 2], east: [-1, 2]}"
+    fast = "mission.waypoints=[{position: [1, 0, 3], speed: 2.5, acceptance: 0.2}]"
+    slow = NO_SWAY | {"mass": 65.0, "volume": 0.0655, "inertia": [0.6, 1.1, 1.2]}
+    said = [[line for line in lines(one, tank, fast)[1] if "the tank is 3 m long" in line] for one in (NO_SWAY, slow)]
+    assert said[0] == [] and len(said[1]) == 1
+
+
+def test_the_baseline_on_another_vehicle_is_one_line():
+    for name, vehicle, said in (
+        ("thesis", "bluerov2", True), ("thesis_as_printed", "bluerov2", True), ("thesis_placed", "bluerov2", False),
+        ("thesis", "double_blueye", False), ("thesis", "double_blueye_thesis", False),
+        ("model_based", "bluerov2", False),
+    ):  # fmt: skip
+        line = baseline_of_another(load_scenario("square", [f"autopilot={name}"]), load_vehicle(vehicle))
+        assert (line is not None) is said, name
+        assert line is None or "gains of the Double Blueye, not of bluerov2" in line
+
+
+def test_points_of_the_compass():
+    assert [compass_point(x) for x in (0.0, 0.8, 1.5, 3.2, -1.57, -0.1, 6.2)] == [
+        "north", "north-east", "east", "south", "west", "north", "north",
+    ]  # fmt: skip

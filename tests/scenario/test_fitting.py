@@ -1,0 +1,59 @@
+"""Speeds, acceptances and the time limit that a mission leaves out."""
+
+import pytest
+from tests.scenario.test_stalls import NO_SWAY
+
+from rovtwin.scenario.composition import compose
+from rovtwin.scenario.files import list_missions, load_mission, load_scenario
+from rovtwin.scenario.fitting import assumptions, fitted, own_values
+from rovtwin.scenario.limits import Limits
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+
+
+def values(scenario):
+    return [(w.speed, w.acceptance) for w in scenario.waypoints]
+
+
+@pytest.mark.parametrize("vehicle", ["double_blueye", "double_blueye_thesis"])
+@pytest.mark.parametrize("mission", list_missions())
+def test_the_reference_scenarios_are_what_they_were(vehicle, mission):
+    scenario = load_scenario("lawnmower_calm", [f"mission={mission}", f"vehicle={vehicle}"])
+    made = fitted(scenario, load_vehicle(vehicle).model())
+    assert set(values(made)) == {(0.2, 0.2)} and made.duration == 1500 and assumptions(scenario, made) is None
+
+
+def test_another_vehicle_has_its_own_by_froude_s_law():
+    scenario, small = load_scenario("square"), load_vehicle("blueye_pioneer").model()
+    made = fitted(scenario, small)
+    ratio = Limits.of(small).length / Limits.of(load_vehicle("double_blueye").model()).length
+    speed, acceptance = values(made)[0]
+    # Both vehicles' values are rounded to the centimetre.
+    assert speed == pytest.approx(0.2 * ratio**0.5, abs=0.01) and acceptance == pytest.approx(0.2 * ratio, abs=0.01)
+    assert f"speed {speed:g} m/s, acceptance {acceptance:g} m" in str(assumptions(scenario, made))
+
+
+def test_without_sway_a_way_point_is_twice_as_wide():
+    limits = Limits.of(vehicle_from_dict(NO_SWAY, "no_sway").model())
+    assert own_values(limits)["acceptance"] == pytest.approx(2 * 0.65 * limits.length, abs=0.005)
+
+
+def test_what_is_said_counts():
+    points = (
+        "mission.waypoints=[{position: [3, 0, 3], speed: 0.3, acceptance: 0.5}, {position: [3, 3, 3], speed: 0.25}]"
+    )
+    scenario = load_scenario("square", [points, "vehicle=bluerov2", "duration=90"])
+    made = compose(scenario).scenario
+    assert values(made)[0] == (0.3, 0.5) and made.waypoints[1].speed == 0.25 and made.duration == 90
+    assert values(fitted(made, load_vehicle("double_blueye").model())) == values(made)  # a run's own file, flown again
+
+
+def test_a_long_mission_gets_the_time_it_takes():
+    far = "mission.waypoints=[{position: [200, 0, 3]}]"
+    scenario = load_scenario("square", [far])
+    made = fitted(scenario, load_vehicle("double_blueye").model())
+    assert made.duration == 4100 and "duration 4100 s" in str(assumptions(scenario, made))
+
+
+def test_missions_say_only_what_they_say():
+    for waypoint in (*load_mission("square").waypoints, *load_scenario("square").waypoints):
+        assert not {"speed", "acceptance"} & waypoint.model_fields_set

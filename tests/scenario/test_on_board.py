@@ -1,0 +1,175 @@
+"""Which sensors fly: the vehicle's at their places, what is assumed, and what a scenario changes."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from rovtwin.cli import app
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.log import Log, LogWriter
+from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
+from rovtwin.scenario.channels import log_channels, sensor_channel
+from rovtwin.scenario.compose_sensors import listed, on_board, sensors_of
+from rovtwin.scenario.composition import compose, vehicle_of
+from rovtwin.scenario.files import dump_scenario, load_scenario, scenario_of
+from rovtwin.scenario.live.connect import as_read
+from rovtwin.scenario.provenance import provenance
+from rovtwin.scenario.serving.vehicle import served_of
+from rovtwin.vehicle import load_vehicle
+
+KEEL = {
+    "name": "keel",
+    "pose": {"position": [-0.2, 0.0, 0.16], "attitude_deg": [0, 0, 45]},
+    "mass": 0.2,
+    "volume": 0.0002,
+    "sensors": [
+        {"name": "dvl", "kind": "dvl", "noise": [0.004, 0.004, 0.002], "rate_hz": 5},
+        {"name": "deep", "kind": "pressure", "noise": 0.005},
+    ],
+}
+BOW = {"name": "bow", "pose": {"position": [0.3, 0, 0.1]}, "sensors": [{"name": "dvl", "kind": "dvl"}]}
+MINE = {
+    "name": "mine",
+    "parts": [{"name": "rov", "part": "double_blueye"}, KEEL, BOW],
+    "restoring": {"buoyancy": "neutral"},
+}
+
+
+def scenario(*settings, vehicle=MINE, name="lawnmower_calm", **sections):
+    base = load_scenario(name, ["autopilot=model_based", *settings]).model_dump(mode="json")
+    return scenario_of(base | {"vehicle": vehicle} | sections, "test.yaml")
+
+
+def flown(*settings, **changes):
+    found = scenario(*settings, **changes)
+    return sensors_of(found, vehicle_of(found))
+
+
+def test_a_dvl_that_is_bolted_on_flies_at_its_place_and_as_it_points():
+    sensors = flown()
+    dvl = sensors["dvl"]
+    np.testing.assert_allclose(dvl.lever, [-0.2, 0.0, 0.16])
+    np.testing.assert_allclose(np.asarray(dvl.rotation)[:, 0], [np.sqrt(0.5), np.sqrt(0.5), 0.0], atol=1e-12)
+    np.testing.assert_allclose(dvl.noise, [0.004, 0.004, 0.002])
+    assert dvl.rate == 5000
+    np.testing.assert_allclose(sensors["gyro"].lever, [0.0, -0.28, 0.0])
+
+
+def test_two_of_a_kind_are_numbered_and_said_whose_they_are():
+    found = scenario()
+    there = on_board(found, vehicle_of(found))
+    assert [there.part_of(name) for name in ("dvl", "dvl_2")] == ["keel.dvl", "bow.dvl"]
+    assert there.part_of("pressure").endswith("port.pressure") and there.part_of("pressure_2") == "keel.deep"
+    assert "gyro_2" not in there.names, "the starboard Pioneer's are spare"
+    assert there.part_of("position") == "" and there.assumed == ("position",) and there.line(vehicle_of(found)) is None
+    assert any("dvl_2 (bow.dvl): at [0.3, 0, 0.1] m" in line for line in listed(found, vehicle_of(found)))
+
+
+def test_the_filter_knows_where_they_sit():
+    filter = compose(scenario()).loop.autopilot.observer
+    np.testing.assert_allclose(filter.tuning.mounts["dvl"].lever, [-0.2, 0.0, 0.16])
+    np.testing.assert_allclose(filter.tuning.mounts["dvl_2"].lever, [0.3, 0.0, 0.1])
+    np.testing.assert_allclose(filter.tuning.mounts["dvl"].std, [0.004, 0.004, 0.002])
+    thesis = compose(scenario("autopilot=thesis")).loop.autopilot.observer
+    assert {"dvl", "pressure", "dvl_2"} <= set(thesis.mounts) and "position" not in thesis.mounts
+
+
+def test_a_scenario_silences_changes_and_adds():
+    sensors = flown("sensors.dvl=false", "sensors.dvl_2.noise=0.1", "sensors.leak=true")
+    assert "dvl" not in sensors and "leak" in sensors
+    np.testing.assert_allclose(sensors["dvl_2"].noise, 0.1)
+    moved = flown("sensors.dvl.position=[0,0,1]")["dvl"]
+    np.testing.assert_allclose(moved.lever, [0.0, 0.0, 1.0])
+    broken = flown(faults=[{"sensor": "dvl_2", "fault": "silent", "at": 3.0}])["dvl_2"]
+    assert np.asarray(broken.blackouts).tolist() == [[3.0, np.inf]]
+
+
+@pytest.mark.parametrize(
+    "settings, said",
+    [
+        (["sensors.dvl_3.noise=1"], "sensors.dvl_3: there is none on board; expected one of position, pressure"),
+        (["sensors.leak.noise=1"], "sensors.leak: there is none on board; set sensors.leak.on_board to true"),
+        (["sensors.pressure=false"], "found pressure: false, but autopilots and tests need one"),
+        (["sensors.dvk=false"], "sensors.dvk: no such key. Did you mean 'dvl'?"),
+        (["sensors.dvl_2.nois=1"], "sensors.dvl_2.nois: no such key. Did you mean 'noise'?"),
+    ],
+)
+def test_what_is_not_there_cannot_be_changed(settings, said):
+    with pytest.raises(ConfigError) as error:
+        flown(*settings)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize("preset", ["table_5_7", "as_printed"])
+def test_presets_fly_the_thesis_sensors_at_co(preset):
+    sensors = flown(f"sensors={preset}")
+    assert list(sensors) == ["position", "pressure", "accelerometer", "gyro", "attitude"]
+    assert all(not np.any(sensor.lever) for sensor in sensors.values())
+    assert "dvl" in flown(f"sensors={preset}", "sensors.dvl=true")
+
+
+def test_a_vehicle_without_sensors_flies_with_assumed_ones_and_says_so():
+    bare = {"name": "bare", "mass": 10.0, "shape": {"box": [0.5, 0.3, 0.2]}, "restoring": {"buoyancy": "neutral"}}
+    bare["thrusters"] = [{"name": "ahead", "direction": [1, 0, 0], "force": 10}]
+    found = scenario(vehicle=bare)
+    line = on_board(found, vehicle_of(found)).line(vehicle_of(found))
+    assert line.startswith("bare carries no sensor that measures pressure, accelerometer, gyro, attitude: those of")
+    assert set(flown(vehicle=bare)) == {"position", "pressure", "accelerometer", "gyro", "attitude"}
+    shown = CliRunner().invoke(app, ["scenario", "show", "lawnmower_calm", "--set", "vehicle=double_blueye_thesis"])
+    assert "#   gyro (assumed, thesis table 5.7): at [0, 0, 0] m, 100 Hz" in shown.output
+
+
+def test_what_reads_faster_than_the_physics_gives_means():
+    quick = {"name": "imu", "kind": "imu", "gyro": {"rate_hz": 2000, "noise": 0.002}}
+    gyro = flown(vehicle=MINE | {"parts": [MINE["parts"][0]], "sensors": [quick]})["gyro"]
+    assert gyro.rate == 500_000
+    np.testing.assert_allclose(gyro.noise, 0.001)
+
+
+def test_a_scenario_with_numbered_sensors_is_written_and_read_again():
+    found = scenario("sensors.dvl_2.noise=0.1", "sensors.dvl=false")
+    assert scenario_of(yaml.safe_load(dump_scenario(found)), "again.yaml") == found
+
+
+def test_served_drones_have_the_sensors_of_their_own_place():
+    served, _ = served_of(load_scenario("lawnmower_calm", ["autopilot=model_based", "sensors.dvl=true"]))
+    for drone, y in (("port", -0.28), ("starboard", 0.28)):
+        np.testing.assert_allclose(served.twin.sensors[f"{drone}/pressure"].lever, [0.0, y, 0.0], atol=1e-12)
+    np.testing.assert_allclose(served.filter.tuning.mounts["pressure"].lever, [0.0, -0.28, 0.0])
+    assert "dvl" in served.twin.sensors
+
+
+def test_what_two_blueyes_say_is_taken_at_co():
+    found = scenario()
+    two = as_read("blueye://127.0.0.2,127.0.0.3", found)
+    assert not np.any(sensors_of(two, vehicle_of(two))["pressure"].lever)
+    np.testing.assert_allclose(sensors_of(two, vehicle_of(two))["dvl"].lever, [-0.2, 0.0, 0.16])
+    assert as_read("blueye://127.0.0.2", found) is found and as_read("twin://", found) is found
+
+
+def test_identification_reads_one_of_two_pressure_sensors(tmp_path):
+    """A log with both: the depth is that of the first, with its place, and the other is named."""
+    composed = compose(scenario())
+    names, t = composed.thruster_names, np.arange(0.0, 2.0, 0.1)
+    channels = [c for c in log_channels(names, composed.sensor_names, 10, True) if c.name == "autopilot/command"]
+    channels += [sensor_channel("pressure"), sensor_channel("pressure_2")]
+    with LogWriter(tmp_path / "log.mcap", channels, provenance(composed.scenario, composed)) as log:
+        log.write_many("autopilot/command", t, np.zeros((len(t), len(names))))
+        for name, depth in (("pressure", 1.0), ("pressure_2", 1.16)):
+            log.write_many(f"sensor/{name}", t, np.stack([np.full(len(t), depth), t], axis=1))
+    sheet = json.loads(Log.read(tmp_path / "log.mcap").metadata["sensors"])
+    assert sheet["pressure_2"]["part"] == "keel.deep" and sheet["pressure"]["part"].endswith("port.pressure")
+    raw = read_rovtwin(tmp_path / "log.mcap", composed.vehicle)
+    assert raw.signals["depth"].lever == [0.0, -0.28, 0.0]
+    assert np.all(raw.tables["sensor/pressure"].values == 1.0) and "sensor/pressure_2" not in raw.tables
+    assert any("pressure_2" in note for note in raw.notes)
+
+
+def test_spare_sensors_are_spare_wherever_their_vehicle_is_a_part():
+    names = {one.name: one.spare for one in load_vehicle("double_blueye").sensors}
+    assert names["starboard.imu"] and not names["port.imu"]
+    spare = {".".join(one.name.split(".")[-2:]) for one in vehicle_of(scenario()).sensors if one.spare}
+    assert spare == {"starboard.imu", "starboard.compass", "starboard.pressure"}

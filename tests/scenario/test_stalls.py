@@ -1,0 +1,170 @@
+"""Why a mission does not get on, in words: on made-up runs of which every sample is known."""
+
+import numpy as np
+import pytest
+
+from rovtwin.core.flow import ABORTED, DIVE, GO, HOLD, PAUSED, REASONS, TURN
+from rovtwin.scenario.decisions import without_headway
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.score import Flown
+from rovtwin.scenario.stalls import stalls, tipped, unfinished
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.trim import stability
+
+SURGE = {"direction": [1, 0, 0], "force": {"ahead": 14, "astern": 11}}
+NO_SWAY = {
+    "name": "no_sway",
+    "mass": 6.5,
+    "inertia": [0.06, 0.11, 0.12],
+    "volume": 0.00655,
+    "center_of_buoyancy": [0, 0, -0.02],
+    "shape": {"box": [0.42, 0.30, 0.20]},
+    "thrusters": [
+        {"name": "port", "position": [-0.15, -0.11, 0]} | SURGE,
+        {"name": "starboard", "position": [-0.15, 0.11, 0]} | SURGE,
+        {"name": "heave", "position": [0, 0, 0], "direction": [0, 0, 1], "force": 12},
+    ],
+}
+SECONDS = 400
+
+
+@pytest.fixture(scope="module")
+def model():
+    return vehicle_from_dict(NO_SWAY, "no_sway").model()
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    legs = "[{position: [3, 0, 3], speed: 0.2, acceptance: 0.2}, {position: [3, 3, 3], speed: 0.2, acceptance: 0.2}]"
+    return load_scenario("square", [f"mission.waypoints={legs}"])
+
+
+def flown(x, y, phase=GO, waypoint=0, **changes):
+    """A run at 10 Hz past (x, y) at 3 m, heading north, to way-point 1 at (3, 0) or 2 at (3, 3)."""
+    n = 10 * SECONDS + 1
+    eta = np.zeros((n, 6))
+    eta[:, 0], eta[:, 1], eta[:, 2] = x, y, 3.0
+    zero = np.zeros((n, 6))
+    mode = np.tile([phase, 0, waypoint, phase == GO], (n, 1)).astype(float)
+    leg = np.tile([0, 0, 3, 3, 3 * waypoint, 3], (n, 1)).astype(float)
+    base = {
+        "t": np.arange(n) / 10, "eta": eta, "nu": zero, "eta_hat": eta, "nu_hat": zero,
+        "covariance": np.tile(np.eye(12), (n, 1, 1)), "leg": leg, "mode": mode, "thrust": np.zeros((2, 2)),
+        "saturated": np.zeros(n, bool), "control_dt": 0.02, "duration": float(SECONDS), "setpoint": eta,
+        "tau": zero, "bias": zero,
+    }  # fmt: skip
+    return Flown(**(base | changes))
+
+
+def tips(axis, degrees, speed, **changes):
+    """Heading east over ground at a speed, tipped at 100 s; the water runs to the west with 0.2 m/s."""
+    eta, nu, water = (np.zeros((10 * SECONDS + 1, n)) for n in (6, 6, 3))
+    eta[:, 5], nu[:, 0], water[:, 1] = 0.5 * np.pi, speed, -0.2
+    mode = np.tile([GO, 0, 0, 1.0], (len(eta), 1))
+    eta[1000:, axis], mode[1000:, :2] = np.radians(degrees), [ABORTED, REASONS.index("attitude limit")]
+    nu[1000:, 0] = 0.0
+    return flown(0.0, 0.0, **({"eta": eta, "nu": nu, "water": water, "mode": mode} | changes))
+
+
+def test_what_tipped_it_names_angle_speed_through_the_water_and_what_it_stays_level_up_to(model):
+    level = stability(model).pitch_depth_held
+    said = tipped(tips(4, -60.0, 0.2 + level), model)
+    assert said.startswith("at 100.0 s pitch was -60 deg, and its speed through")
+    assert f"through the water had come to {0.4 + level:.2g} m/s; with its depth" in said
+    assert f"it stays level up to {level:.2g} m/s: fly slower, or raise BG" in said
+    assert "fly slower" not in tipped(tips(4, -60.0, 0.0), model), "0.2 m/s are not what tipped it"
+    assert f"speed over ground had come to {0.2 + level:.2g}" in tipped(tips(4, -60.0, 0.2 + level, water=None), model)
+    rolled = tipped(tips(3, 61.0, 1.0), model)
+    assert "roll was 61 deg" in rolled and "level" not in rolled
+
+
+TIME = np.arange(10 * SECONDS + 1) / 10
+ARRIVES = np.minimum(0.02 * TIME, 3.0)  # 150 s to the north of 3 m
+
+
+def test_beside_the_way_point_in_a_cross_current_without_sway(scenario, model):
+    """3.1 N to the east hold it 0.7 m off its leg; surge is hardly asked for anything."""
+    bias, tau = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
+    bias[:, 1], tau[:, 0] = 3.1, 0.3
+    run = flown(ARRIVES, 0.7, bias=bias, tau=tau)
+    said = unfinished(run, scenario, model)
+    assert said.startswith("way-point 1 of 2 was not reached: from 1")
+    assert "0.7 m east of it at (3.0, 0.7)" in said and "acceptance 0.2 m" in said
+    assert "asked for 0.3 of 22 N in surge, no thrust in sway" in said
+    assert "to the east pushes it, which takes 0 N in surge and 3.1 N in sway" in said
+    assert "raise the way-point's acceptance to 0.9 m" in said
+    (stall,) = stalls(run, scenario, model)
+    assert 130 < stall.start < 150 and stall.end == SECONDS and stall.nearest == pytest.approx(0.7)
+    (told,) = without_headway(run, scenario, model)
+    assert told["what"].startswith("no headway for 19 s, at way-point 1 of 2")  # 20 lengths of 0.187 m at 0.2 m/s
+    assert told["t"] == pytest.approx(stall.start + 18.7, abs=0.1) and "raise" not in told["cause"]
+
+
+def test_patience_grows_with_the_vehicle(scenario, model):
+    larger = load_vehicle("double_blueye").model()
+    run = flown(ARRIVES, 0.7)
+    small, large = (stalls(run, scenario, of)[0].patience for of in (model, larger))
+    assert large / small == pytest.approx((float(larger.displaced_mass) / float(model.displaced_mass)) ** (1 / 3))
+
+
+def test_thrust_that_is_used_up(scenario, model):
+    tau = np.zeros((len(TIME), 6))
+    tau[:, 0] = 21.5
+    said = unfinished(flown(1.0, 0.0, tau=tau), scenario, model)
+    assert "asked for 22 of 22 N in surge" in said and "thrust in surge is used up" in said
+
+
+def test_a_dive_that_hangs(model):
+    """The thesis's gains have no integral in heave."""
+    legs = "mission.waypoints=[{position: [3, 0, 4], speed: 0.2, acceptance: 0.2}]"
+    scenario = load_scenario("square", ["autopilot=thesis", legs])
+    leg = np.tile([0, 0, 4, 3, 0, 4], (len(TIME), 1)).astype(float)
+    said = unfinished(flown(0.0, 0.0, phase=DIVE, leg=leg), scenario, model)
+    assert "stayed 1 m above its depth of 4 m" in said and "of 11.5 N in heave" in said
+    assert "fly it with autopilot model_based" in said
+
+
+def test_a_dive_that_waits_for_its_heading(scenario, model):
+    """At its depth it is not the depth that is named; off both, both are."""
+    setpoint, tau = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
+    setpoint[:, 5], tau[:, 5] = 1.0, 2.9
+    said = unfinished(flown(0.0, 0.0, phase=DIVE, setpoint=setpoint, tau=tau), scenario, model)
+    assert "the vehicle was at its depth and stayed 57 deg off the heading of the leg" in said and "heave" not in said
+    assert "asked for 2.9 of" in said and "thrust in yaw is used up; it takes a weaker current" in said
+    leg = np.tile([0, 0, 4, 3, 0, 4], (len(TIME), 1)).astype(float)
+    said = unfinished(flown(0.0, 0.0, phase=DIVE, setpoint=setpoint, leg=leg), scenario, model)
+    assert "stayed 1 m above its depth of 4 m, 57 deg off the heading of the leg" in said
+    assert "N in heave" in said and "N m in yaw" in said
+
+
+def test_a_turn_that_never_ends(scenario, model):
+    setpoint = np.zeros((len(TIME), 6))
+    setpoint[:, 5] = 1.0
+    said = unfinished(flown(0.0, 0.0, phase=TURN, setpoint=setpoint), scenario, model)
+    assert "no nearer than 57 deg to the heading of the leg" in said and "N m in yaw" in said
+
+
+def test_a_vehicle_that_circles(scenario, model):
+    run = flown(3 + np.cos(TIME), np.sin(TIME), waypoint=0)
+    assert "went to and fro within 1 m (rms) and came no nearer than 1 m" in unfinished(run, scenario, model)
+
+
+def test_headway_that_takes_longer_than_there_is_time(scenario, model):
+    run = flown(0.005 * TIME, 0.0)
+    assert stalls(run, scenario, model) == []
+    said = unfinished(run, scenario, model)
+    assert said.startswith("on its way to way-point 1 of 2, (2.0, 0.0) at 3.0 m depth; what is left takes about")
+    assert "raise duration to" in said
+
+
+def test_neither_holding_nor_pausing_is_a_stall(scenario, model):
+    for phase, said in ((HOLD, "at way-point 1 of 2"), (PAUSED, "paused at the end")):
+        run = flown(3.0, 0.0, phase=phase)
+        assert stalls(run, scenario, model) == []
+        assert unfinished(run, scenario, model).startswith(said)
+
+
+def test_a_filter_that_is_wrong_is_named(scenario, model):
+    estimate = flown(3.0, 0.7).eta
+    truth = estimate + np.array([5.0, 0, 0, 0, 0, 0])
+    assert "the filter was wrong by 5 m" in unfinished(flown(3.0, 0.7, eta=truth), scenario, model)

@@ -1,0 +1,193 @@
+"""Devices bolted onto vehicles and taken off again: the file that comes out, and what it amounts to."""
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.ballast import Piece
+from rovtwin.vehicle.floating import floating_of
+from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.refit import add, remove, trimming, with_ballast
+
+OWN = """# mine
+name: own
+parts:
+  - {name: rov, part: bluerov2}  # the ROV
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text(OWN)
+    return path
+
+
+@pytest.mark.parametrize("name", list_library())
+@pytest.mark.parametrize("device", ["dvl_a50", "imaging_sonar", "gripper", "battery_pod"])
+def test_a_device_adds_what_it_is_to_any_vehicle(name, device, tmp_path):
+    change = add(name, device, [0.0, 0.0, 0.5], out=tmp_path / "new.yaml")
+    before, after, part = load_vehicle(name).assembly, change.after.assembly, load_vehicle(device).assembly
+    assert after.solid.mass == pytest.approx(before.solid.mass + part.solid.mass)
+    assert after.volume == pytest.approx(before.volume + part.volume)
+    assert np.all(np.diag(after.added_mass) >= np.diag(before.added_mass))
+    assert after.added_mass[0, 0] == pytest.approx(before.added_mass[0, 0] + part.added_mass[0, 0])
+    assert change.after.thruster_names == change.before.thruster_names
+    (tmp_path / "new.yaml").write_text(change.text)
+    again = load_vehicle(tmp_path / "new.yaml")
+    assert again.to_dict() == change.after.to_dict()
+    # Taken off again it is what it was.
+    bare = remove(tmp_path / "new.yaml", device).after.assembly
+    np.testing.assert_allclose(bare.added_mass, before.added_mass, rtol=1e-12)
+    assert bare.solid.mass == before.solid.mass
+
+
+def test_a_vehicle_of_the_library_is_held_as_a_part():
+    change = add("double_blueye", "dvl_a50", [-0.2, 0, 0.16], name="dvl")
+    data = yaml.safe_load(change.text)
+    assert data["parts"] == [
+        {"name": "double_blueye", "part": "double_blueye"},
+        {"name": "dvl", "part": "dvl_a50", "pose": {"position": [-0.2, 0, 0.16]}},
+    ]
+    assert change.notes == ()
+
+
+def test_a_file_of_ones_own_keeps_its_comments(own, tmp_path):
+    change = add(own, "ping360", [0.2, 0, 0.15], [0, 0, 90], out=tmp_path / "new.yaml")
+    line = "  - {name: ping360, part: ping360, pose: {position: [0.2, 0, 0.15], attitude_deg: [0, 0, 90]}}\n"
+    assert change.text == OWN + line
+    own.write_text(change.text)
+    assert "name: ping360_2" in add(own, "ping360", [0.2, 0, 0.3], out=own).text
+    assert remove(own, "ping360", own).text == OWN
+
+
+def test_a_file_with_totals_of_the_whole_is_held_as_a_part(own, tmp_path):
+    own.write_text(OWN + "restoring: {buoyancy: neutral}\n")
+    change = add(own, "lead_500g", [0, 0, 0.2], out=tmp_path / "new.yaml")
+    assert yaml.safe_load(change.text)["parts"][0] == {"name": "own", "part": "own.yaml"}
+    assert floating_of(change.after.assembly).net_buoyancy == pytest.approx(-9.81 * (0.5 - 0.04409))
+    with pytest.raises(ConfigError, match="gives restoring of the whole"):
+        add(own, "lead_500g", [0, 0, 0.2], out=own)
+
+
+def test_into_another_folder_the_file_is_referred_to(own, tmp_path):
+    (tmp_path / "sub").mkdir()
+    change = add(own, "lead_500g", [0, 0, 0.2], out=tmp_path / "sub" / "new.yaml")
+    assert yaml.safe_load(change.text)["parts"][0]["part"] == "../own.yaml"
+
+
+def test_removing_from_given_totals_says_that_they_stay():
+    change = remove("double_blueye", "uhi")
+    assert change.after.assembly.solid.mass == pytest.approx(26.0)
+    assert [note.split()[2] for note in change.notes] == ["restoring", "hydrodynamics"]
+
+
+def test_what_lies_inside_the_hull_is_said():
+    (note,) = add("double_blueye", "imaging_sonar", [0, 0.28, 0]).notes
+    assert note.startswith("100 % of 'imaging_sonar' lies in the boxes")
+    assert not add("double_blueye", "imaging_sonar", [0, 0.28, 0.25]).notes
+
+
+@pytest.mark.parametrize("name", ["double_blueye", "blueye_pioneer"])
+def test_ballast_trims_it_again(name):
+    change = add(name, "imaging_sonar", [0.2, 0.1, 0.2])
+    before = floating_of(change.before.assembly)
+    off = floating_of(change.after.assembly)
+    assert abs(off.net_buoyancy - before.net_buoyancy) > 3 and np.abs(off.trim).max() > np.radians(1)
+    trimmed = with_ballast(change, trimming(change.before, change.after))
+    rest = floating_of(trimmed.after.assembly)
+    assert rest.net_buoyancy == pytest.approx(before.net_buoyancy, abs=0.03)  # pieces are rounded to the gram
+    assert np.abs(rest.trim).max() < np.radians(0.1) and rest.stiffness[0] > 0
+
+
+def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
+    data = load_vehicle("double_blueye").to_dict() | {"name": "found"}
+    made_with = fingerprint(vehicle_from_dict(data).file)
+    data["identified"] = {
+        "made_with": made_with,
+        "hydrodynamics": {"added_mass": [40.0, 60.0, 50.0, 2.5, 0.9, 2.6]},
+        "restoring": {"net_buoyancy": 1.0},
+        "estimate": {"parameters": [], "covariance": []},
+    }
+    path = tmp_path / "found.yaml"
+    path.write_text(yaml.safe_dump(data))
+    assert load_vehicle(path).assembly.added_mass[0, 0] == 40.0
+    change = add(path, "dvl_a50", [-0.2, 0, 0.16], out=tmp_path / "new.yaml")
+    assert yaml.safe_load(change.text)["parts"][0] == {"name": "found", "part": "double_blueye"}
+    assert f"rovtwin identify {tmp_path / 'new.yaml'} --prior {path}" in change.notes[0]
+    assert change.before.assembly.added_mass[0, 0] == 31.3
+    # Of a vehicle that is not in the library the description itself is held.
+    data["parts"][0]["mass"] = 9.5
+    data["identified"]["made_with"] = fingerprint(vehicle_from_dict({**data, "identified": None}).file)
+    path.write_text(yaml.safe_dump(data))
+    change = add(path, "dvl_a50", [-0.2, 0, 0.16], out=tmp_path / "new.yaml")
+    assert change.after.assembly.solid.mass == pytest.approx(30.5 + 0.17)
+    assert change.after.thruster_names == change.before.thruster_names
+    assert "identified" not in yaml.safe_load(remove(path, "uhi").text)
+
+
+@pytest.mark.parametrize(
+    "asked, said",
+    [
+        (("double_blue", "dvl_a50", [0, 0, 0]), "Did you mean 'double_blueye'"),
+        (("double_blueye", "dvl_a5", [0, 0, 0]), "Did you mean 'dvl_a50'"),
+        (("double_blueye", "dvl_a50", [0, 0, 0], [0, 0, 0], "double_blueye"), "there is a part of that name already"),
+        (("double_blueye", "dvl_a50", [0, 0, 0], [0, 0, 0], "2nd"), "parts[1].name"),
+    ],
+)
+def test_mistakes_are_said_with_the_fix(asked, said):
+    with pytest.raises(ConfigError) as error:
+        add(*asked)
+    assert said in str(error.value)
+
+
+def test_a_part_that_is_not_there(own):
+    with pytest.raises(ConfigError, match="no part 'dvl': its parts are rov"):
+        remove(own, "dvl")
+
+
+@pytest.fixture
+def far(tmp_path, monkeypatch):
+    """A file that names others beside it, one of them as the library does, and a current folder that is elsewhere."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    monkeypatch.chdir(tmp_path / "b")
+    (tmp_path / "a" / "hull.yaml").write_text("name: hull\nmass: 7.0\nshape: {box: [0.4, 0.3, 0.2]}\n")
+    (tmp_path / "a" / "gripper.yaml").write_text("name: gripper\nmass: 3.0\nshape: {sphere: 0.05}\n")
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "a" / "pod.stl")
+    (tmp_path / "a" / "t.txt").write_text("command force\n-1 -20\n0 0\n1 30\n")
+    path = tmp_path / "a" / "veh.yaml"
+    path.write_text(
+        "name: veh  # mine\nparts:\n  - {name: hull, part: ./hull.yaml}\n  - {name: claw, part: gripper}\n"
+        "  - {name: dvl, part: dvl_a50}\n  - name: pod\n    mass: 1.0\n    shape: {mesh: pod.stl}  # CAD\n"
+        "    thrusters:\n      - {name: t, direction: [1, 0, 0], curve: {table: t.txt}}\n"
+        "  - {name: lamp, mass: 0.1}\n"
+    )
+    return path
+
+
+def test_a_part_is_taken_off_a_file_in_another_folder(far, tmp_path):
+    whole = load_vehicle(far).assembly
+    looked = remove(far, "lamp")
+    assert "./hull.yaml" in looked.text and "lamp" not in looked.text
+    out = tmp_path / "b" / "new.yaml"
+    out.write_text(remove(far, "lamp", out).text)
+    for after in (looked.after.assembly, load_vehicle(out).assembly):
+        assert after.solid.mass == pytest.approx(whole.solid.mass - 0.1)  # with the claw beside the file, of 3 kg
+        assert after.volume == pytest.approx(whole.volume)
+    parts = yaml.safe_load(out.read_text())["parts"]
+    assert [part.get("part") for part in parts] == ["../a/hull.yaml", "../a/gripper.yaml", "dvl_a50", None]
+    assert parts[3]["shape"]["mesh"] == "../a/pod.stl"
+    assert parts[3]["thrusters"][0]["curve"]["table"] == "../a/t.txt"
+    assert "# mine" in out.read_text() and "# CAD" in out.read_text()
+
+
+def test_ballast_for_a_file_in_another_folder(far):
+    """What is only looked at is read against the folder of its file with ballast too."""
+    change = remove(far, "lamp")
+    block = Piece("lead", 0.2, 11340.0, (0.0, 0.0, 0.1))
+    assert with_ballast(change, [block]).after.assembly.solid.mass > change.after.assembly.solid.mass
+    assert add(far, "dvl_a50", [0, 0, 0.3], name="second").after.assembly.solid.mass > change.after.assembly.solid.mass
