@@ -34,8 +34,8 @@ COMMANDS = commands()
 
 
 @jax.jit
-def flown(plant, share, push, commands):
-    """Health that the monitor believes in, (ticks, n): thrusters lose their share, and a wrench begins at FAULT_AT."""
+def flown(plant, share, push, commands, fault_at=FAULT_AT):
+    """Health that the monitor believes in, (ticks, n): thrusters lose their share, and a wrench begins at `fault_at`."""
     start = Start.at([0, 0, 3])
 
     def one(carry, given):
@@ -43,7 +43,7 @@ def flown(plant, share, push, commands):
         t, u = given
         estimate = estimate_of(truth_of(state)[:6], state.nu)
         memory, health = MONITOR.step(memory, HealthInput(estimate, Command(before)), DT)
-        late = t >= FAULT_AT
+        late = t >= fault_at
         weak = eqx.tree_at(lambda m: m.thrusters.health, plant, jnp.where(late, share, jnp.ones(6)))
         wrench = Environment.calm(wrench=jnp.where(late, push, jnp.zeros(6)))
         return (plant_step(weak, state, Command(u), wrench, DT), memory, u), health
@@ -69,6 +69,13 @@ def test_a_lost_thruster_is_found_within_ten_seconds_and_no_other(lost, left):
     assert np.all(health[T < FAULT_AT] == 1.0), "before it was lost"
     assert np.array_equal(health[T > FAULT_AT + 10.0][0], without(lost)), "within ten seconds"
     assert np.array_equal(health[-1], without(lost))
+
+
+@pytest.mark.parametrize("lost", [0, 3])
+def test_one_that_is_dead_from_the_start_is_found_though_it_is_asked_for_the_same_all_the_time(lost):
+    steady = jnp.broadcast_to(COMMANDS[0], COMMANDS.shape)
+    health = np.asarray(flown(MODEL, as_array(without(lost)), jnp.zeros(6), steady, 0.0))
+    assert np.array_equal(health[T > 20.0][0], without(lost)), "within twenty seconds"
 
 
 def test_a_unit_is_found():

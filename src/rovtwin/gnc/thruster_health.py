@@ -154,7 +154,11 @@ class ThrusterHealth(Block):
         quick = 1.0 - jnp.exp(-self.bandwidth * dt)
         residual = memory.residual + quick * (external - memory.residual)
         seen = memory.seen + quick * (force - memory.seen)
-        baseline = memory.baseline + dt / self.memory * (residual - memory.baseline)
+        # In a current that the filter has not learnt yet, the flow's moments are no thruster's, and no slow part either:
+        # a thruster that is dead from the start has to stand out when the current is known.
+        learnt = memory.age > 0.5 * self.memory
+        slow = jnp.where(learnt, dt / self.memory, 0.0)
+        baseline = memory.baseline + slow * (residual - memory.baseline)
 
         x = residual - baseline
         # A sum, for XLA puts no product of such matrices into one piece with the rest of a tick (`in_one_piece`).
@@ -164,8 +168,7 @@ class ThrusterHealth(Block):
         energy = memory.energy + fade * (jnp.sum(weighed * s, axis=1) - memory.energy)
         match = memory.match + fade * (weighed @ x - memory.match)
         total = memory.total + fade * (self.weight @ (x * x) - memory.total)
-        # In a current that the filter has not learnt yet, the flow's moments are no thruster's.
-        holds = self._holds(energy, match, total) & (memory.age > 0.5 * self.memory)
+        holds = self._holds(energy, match, total) & learnt
         since = jnp.where(holds, memory.since + dt, 0.0)
 
         found = since > self.patience
