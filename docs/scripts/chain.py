@@ -256,7 +256,7 @@ def table(cells: dict) -> str:
     for vehicle, row in cells.items():
         marks = [row[s]["verdict"] if s in row else "–" for s in steps]
         lines.append(f"| `{Path(vehicle).stem}` | " + " | ".join(marks) + " |")
-        notes += [f"- `{Path(vehicle).stem}`, {s}: {row[s]['said']}" for s in steps if s in row and row[s]["message"]]
+        notes += [f"- `{Path(vehicle).stem}`, {s}: {row[s]['message']}" for s in steps if s in row and row[s]["message"]]
     return "\n".join([*lines, "", *notes])
 
 
