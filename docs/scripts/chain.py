@@ -111,7 +111,8 @@ def ballast(bench: Bench) -> tuple[str, str]:
     code, data, message = bench.run("vehicle", "ballast", bench.vehicle, "--level", "--buoyancy", "2N", "--json")
     if code == 0:
         return "yes", f"{len(data.get('pieces', []))} pieces"
-    return ("FAILED" if "Traceback" in message or code != 1 else "ended"), _last(message) or str(data.get("reason", ""))
+    bad = "Traceback" in message or code not in (1, 2)
+    return "FAILED" if bad else ("ended", "refused")[code - 1], _last(message) or str(data.get("reason", ""))
 
 
 def sea(bench: Bench) -> tuple[str, str]:
@@ -149,20 +150,20 @@ def tune(bench: Bench) -> tuple[str, str]:
 
 
 def calm(bench: Bench) -> tuple[str, str]:
-    options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--json"]
+    options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--batch", "--json"]
     return bench.scored(*bench.run("score", "square", *options))
 
 
 def current(bench: Bench) -> tuple[str, str]:
     speed = f"world.current=[0,{bench.top_speed() * CURRENT_SHARE:.3f},0]"
-    options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, *_set(speed), "--json"]
+    options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--batch", *_set(speed), "--json"]
     return bench.scored(*bench.run("score", "square", *options))
 
 
 def station(bench: Bench) -> tuple[str, str]:
     speed = f"world.current=[0,{bench.top_speed() * CURRENT_SHARE:.3f},0]"
     place = f"mission.waypoints=[{{position: [0, 0, 3], hold_time: {STATION}}}]"
-    options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, *_set(speed, place), "--json"]
+    options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--batch", *_set(speed, place), "--json"]
     return bench.scored(*bench.run("score", "square", *options))
 
 
@@ -256,7 +257,9 @@ def table(cells: dict) -> str:
     for vehicle, row in cells.items():
         marks = [row[s]["verdict"] if s in row else "–" for s in steps]
         lines.append(f"| `{Path(vehicle).stem}` | " + " | ".join(marks) + " |")
-        notes += [f"- `{Path(vehicle).stem}`, {s}: {row[s]['message']}" for s in steps if s in row and row[s]["message"]]
+        notes += [
+            f"- `{Path(vehicle).stem}`, {s}: {row[s]['message']}" for s in steps if s in row and row[s]["message"]
+        ]
     return "\n".join([*lines, "", *notes])
 
 

@@ -20,6 +20,8 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LogError
 from rovtwin.core.flow import Command
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.fitting import own_values
+from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import MissionSection, Waypoint
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -392,7 +394,7 @@ def moored(bridge, scenario, twin, at=None, model=None):
         switch=SimpleNamespace(armed=at is not None),
         scenario_with=lambda w: scenario.model_copy(update={"mission": MissionSection(waypoints=w)}),
         submit=taken.append,
-        fly=lambda *_: taken.append("fly"),
+        fly=lambda helm, mission, plan: taken.append(plan[0]),
         event=lambda *_: None,
     )
     return taken
@@ -418,9 +420,19 @@ def test_where_it_can_go_is_judged_from_where_it_is(bridge):
     scenario, flat = load_scenario("square"), vehicle_from_dict(NO_HEAVE, "flat").model()
     assert abs(scenario.start.position[2] - 7.0) > 1.0
     taken = moored(bridge, scenario, twin=True, at=(5.0, 6.0, 7.0), model=flat)
-    assert answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0, speed=0.2)["ok"] and taken == ["fly"]
+    assert answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0, speed=0.2)["ok"] and len(taken) == 1
     found = answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0, depth=2.0, speed=0.2)
-    assert "no thrust in heave" in found["error"] and taken == ["fly"]
+    assert "no thrust in heave" in found["error"] and len(taken) == 1
+
+
+@pytest.mark.parametrize("name", ["double_blueye", "minerva", "gladius_mini"])
+def test_it_goes_to_a_place_at_the_vehicles_own_speed_and_as_near_as_fits_it(bridge, name):
+    model = load_vehicle(name).model()
+    taken = moored(bridge, load_scenario("square"), twin=True, at=(5.0, 6.0, 3.0), model=model)
+    own = own_values(Limits.of(model))
+    assert answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0)["ok"]
+    assert answer(bridge, "goto", time.monotonic(), x=5.0, y=9.0, speed=0.05)["ok"]
+    assert [(w.speed, w.acceptance) for w in taken] == [(own["speed"], own["acceptance"]), (0.05, own["acceptance"])]
 
 
 def test_the_console_does_not_begin_with_a_mission_that_cannot_be_flown():

@@ -24,13 +24,13 @@ class Submit(Strict):
 
 
 class Goto(Strict):
-    """Go to a place at once [m]; without a depth, at the depth where the vehicle is."""
+    """Go to a place at once [m]; without a depth, at the depth where the vehicle is; without a speed, at its own."""
 
     do: Literal["goto"]
     x: Number
     y: Number
     depth: NonNegative | None = None
-    speed: Positive = 0.2
+    speed: Positive | None = None
 
 
 class Pilot(Strict):

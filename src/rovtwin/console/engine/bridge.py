@@ -19,7 +19,9 @@ from rovtwin.core.flow import Mission
 from rovtwin.core.numerics import as_array
 from rovtwin.gnc.rules import inside
 from rovtwin.scenario.feasibility import require_feasible
+from rovtwin.scenario.fitting import own_values
 from rovtwin.scenario.inside import require_inside
+from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
@@ -142,7 +144,9 @@ class Bridge:
     def _goto(self, order: orders.Goto) -> None:
         helm = self._for_missions(self._underway())
         depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
-        there = Waypoint(position=[order.x, order.y, depth], speed=order.speed)
+        own = own_values(Limits.of(self._engine.vessel.composed.model))
+        asked = {} if order.speed is None else {"speed": order.speed}
+        there = Waypoint(position=[order.x, order.y, depth], **(own | asked))
         self._engine.fly(helm, self._checked([there]), [there])
         self._engine.event("info", f"going to north {order.x:.1f} m, east {order.y:.1f} m, depth {depth:.1f} m")
 
