@@ -35,7 +35,7 @@ COMMANDS = commands()
 
 @jax.jit
 def flown(plant, share, push, commands, fault_at=FAULT_AT):
-    """Health that the monitor believes in, (ticks, n): thrusters lose their share, and a wrench begins at `fault_at`."""
+    """Health of the monitor, (ticks, n): from `fault_at` [s] on thrusters keep a share, and a wrench pushes."""
     start = Start.at([0, 0, 3])
 
     def one(carry, given):

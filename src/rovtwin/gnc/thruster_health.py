@@ -154,8 +154,8 @@ class ThrusterHealth(Block):
         quick = 1.0 - jnp.exp(-self.bandwidth * dt)
         residual = memory.residual + quick * (external - memory.residual)
         seen = memory.seen + quick * (force - memory.seen)
-        # In a current that the filter has not learnt yet, the flow's moments are no thruster's, and no slow part either:
-        # a thruster that is dead from the start has to stand out when the current is known.
+        # In a current that the filter has not learnt yet, the flow's moments are no thruster's. Nor are they a slow
+        # part: a thruster that is dead from the start has to stand out when the current is known.
         learnt = memory.age > 0.5 * self.memory
         slow = jnp.where(learnt, dt / self.memory, 0.0)
         baseline = memory.baseline + slow * (residual - memory.baseline)
