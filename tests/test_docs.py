@@ -71,6 +71,17 @@ def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "run.nc").stat().st_size > 10_000
 
 
+def test_the_first_vehicle_of_the_docs_is_what_its_page_says(tmp_path, monkeypatch, capsys):
+    text = (ROOT / "docs" / "first_vehicle.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    Path("otter.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    monkeypatch.setattr(sys, "argv", ["rovtwin", "vehicle", "check", "otter.yaml"])
+    with pytest.raises(SystemExit):
+        rovtwin.cli.main()
+    found = " ".join(capsys.readouterr().out.split())
+    assert "rank 5 of 6" in found and "floats with 1.47 N" in found and "above 0.27 m/s" in found
+
+
 def test_the_ballast_of_the_docs_is_what_is_printed(tmp_path, monkeypatch, capsys):
     text = (ROOT / "docs" / "vehicles.md").read_text()
     monkeypatch.chdir(tmp_path)
