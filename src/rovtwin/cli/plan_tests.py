@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 def plan_tests(
     vehicle: Annotated[str, typer.Argument(help="A library name or a file; identified.yaml after an earlier test.")],
     minutes: Annotated[float, typer.Option(min=0.5, max=240, help="Of test, ways home included.")] = 15.0,
-    tank: Annotated[str, typer.Option(help="Length x width x depth of the water [m].")] = "6x3x1.5",
+    tank: Annotated[
+        str | None, typer.Option(help="Length x width x depth of the water [m]; default: what the vehicle needs.")
+    ] = None,
     bollard: Annotated[
         float, typer.Option(min=0, max=1, help="Full thrust is known to this share from a pull on a scale; 0: unknown.")
     ] = 0.02,
@@ -42,7 +44,8 @@ def plan_tests(
     from rovtwin.scenario.plan_tests import plan_tests, write_plan
     from rovtwin.vehicle import load_vehicle
 
-    size = Tank.parse(tank)
+    own = load_vehicle(vehicle)
+    size = Tank.parse(tank) if tank else Tank.of(own.model())
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -52,7 +55,7 @@ def plan_tests(
     ) as bar:
         task = bar.add_task("compiling", total=1.0)
         plan = plan_tests(
-            load_vehicle(vehicle),
+            own,
             vehicle,
             minutes,
             size,
@@ -66,8 +69,10 @@ def plan_tests(
 
         plan_picture(plan, size).savefig(picture, dpi=150)
     if as_json:
-        emit(_as_data(plan) | {"scenario": str(out)})
+        emit(_as_data(plan) | {"tank_m": list(size.sizes), "scenario": str(out)})
         raise typer.Exit(DONE)
+    if tank is None:
+        console(False).print(f"no --tank given: taken is one of {size} m", markup=False)
     _print(plan, console(False))
     _print_what_it_counts_on(plan, minutes, bollard)
     console(False).print(f"wrote {out}: rovtwin fly {out}", markup=False, soft_wrap=True)
