@@ -40,6 +40,8 @@ def plan_tests(
     # Matrices of a hundred rows: threads of OpenBLAS cost more than they bring, by far where others compute, too. It
     # reads this when NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from rovtwin.identification.joint.groups import thruster_groups
+    from rovtwin.report.parameter_words import groups_in_words
     from rovtwin.scenario.plan_tank import Tank
     from rovtwin.scenario.plan_tests import plan_tests, write_plan
     from rovtwin.vehicle import load_vehicle
@@ -74,12 +76,15 @@ def plan_tests(
     if tank is None:
         console(False).print(f"no --tank given: taken is one of {size} m", markup=False)
     _print(plan, console(False))
+    for line in groups_in_words(thruster_groups(own), own.thruster_names):
+        console(False).print(line, markup=False, soft_wrap=True)
     _print_what_it_counts_on(plan, minutes, bollard)
     console(False).print(f"wrote {out}: rovtwin fly {out}", markup=False, soft_wrap=True)
 
 
 def _print(plan: "Plan", screen: Any) -> None:
     from rovtwin.report.identification_words import is_coupling
+    from rovtwin.report.parameter_words import what_teaches
 
     expected = plan.expected
     rows = table(
@@ -104,6 +109,11 @@ def _print(plan: "Plan", screen: Any) -> None:
         f"\nlearnt: {sum(learnt[False])} of {len(learnt[False])} parameters and "
         f"{sum(learnt[True])} of {len(learnt[True])} couplings between directions (--json)"
     )
+    for i, name in enumerate(expected.names):
+        if not is_coupling(name) and not expected.learnt[i]:
+            after = _sd(expected.plan[i], bool(expected.relative[i]))
+            before = _sd(expected.prior[i], bool(expected.relative[i]))
+            screen.print(f"not learnt: {name}, {before} before and {after} after. It takes {what_teaches(name)}")
     if shown:
         screen.print(f"standard deviation over the one before, geometric mean: {line}")
     if len(minutes) > 1:
