@@ -13,7 +13,6 @@ from rovtwin.scenario.trial_scales import TrialScales
 
 # Shares of the vehicle's own times: of the rise of a pull, of the way home's time constant, of a period of roll, pitch.
 PULL, HALVES, HOME, DECAY = 17.5, (1.45, 2.9, 4.35), 5.0, 3.8
-ROUND_ABOUT = 2.0  # of the way home without sway: bow or stern turns home first, and to its heading there
 SLOWEST, FASTEST = 0.07, 1.0  # frequencies of multi-sines, over one by the rise
 SHORTEST, LONGEST = 5.0, 90.0  # of a manoeuvre: readings come at 15 Hz, and time is dear [s]
 HAND = 8.0  # a person tilts a vehicle in this, of whatever size [s]
@@ -40,7 +39,7 @@ class _Times:
         return cls(
             pull=pull,
             halves=[round(float(np.clip(share * scales.unit, 0.3, pull)), 2) for share in HALVES],
-            home=bounded(HOME * scales.home * (1.0 if scales.able[1] else ROUND_ABOUT)),
+            home=bounded(HOME * scales.home),
             decay=bounded(DECAY * (scales.swing or 0.0)),
             frequencies=(slowest, max(FASTEST / scales.unit, 2.0 * slowest)),
         )
