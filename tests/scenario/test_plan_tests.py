@@ -8,12 +8,16 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError
+from rovtwin.identification.experiment.information import Information
+from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.report.identification_words import is_coupling
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
+from rovtwin.scenario.plan_room import excitation, require_possible
 from rovtwin.scenario.plan_tank import Tank
-from rovtwin.scenario.plan_tests import require_possible, what_is_known
+from rovtwin.scenario.plan_tests import _laid_out, what_is_known
+from rovtwin.scenario.rehearsal import Rehearsed
 from rovtwin.scenario.trial_scales import TrialScales
 from rovtwin.vehicle import load_vehicle
 
@@ -120,3 +124,66 @@ def test_a_plan_beats_the_steady_steps_fits_its_tank_and_flies(tmp_path):
 def test_mistakes_of_the_command_are_said():
     result = CliRunner().invoke(app, ["plan-tests", "double_blueye", "--tank", "6x3"])
     assert isinstance(result.exception, ConfigError) and "6x3x1.5" in str(result.exception)
+
+
+def rehearsed(speed, position=(0.0, 0.0, 0.75), aborted_at=None, ticks=100):
+    nu = np.zeros((ticks, 6))
+    nu[:, 0] = speed
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1))
+    t = 0.02 * np.arange(ticks)
+    return Rehearsed(None, t, np.tile(position, (ticks, 1)), level, nu, np.zeros((ticks, 4)), [], aborted_at)
+
+
+@pytest.mark.parametrize(("reached", "refused"), [(1e-16, True), (0.3, False), (0.6, None)])
+def test_a_tank_too_small_to_excite_an_axis_is_said_with_the_numbers(reached, refused):
+    vehicle, tank = load_vehicle("double_blueye"), Tank(6.0, 3.0, 1.5)
+    top, able = np.array([1.0, 0.5, 0.5]), np.array([True, False, False, False, False, True])
+    pulls = [("surge", rehearsed(0.9, (8.0, 0.0, 0.75)))]
+    speeds = np.array([reached, 0, 0, 0, 0, 0])
+    if refused:
+        with pytest.raises(ConfigError, match=r"surge reaches 1e-16 of 1 m/s, and 0.5 m/s are needed.* a tank of 1\d"):
+            excitation(vehicle, tank, top, able, pulls, speeds)
+    else:
+        lines = excitation(vehicle, tank, top, able, pulls, speeds)
+        assert len(lines) == (refused is False) and all("reaches 0.3 of 1 m/s" in line for line in lines)
+
+
+def test_what_comes_near_a_wall_counts_until_an_abort():
+    vehicle, tank = load_vehicle("double_blueye"), Tank(6.0, 3.0, 1.5)
+    assert len(tank.near(vehicle, rehearsed(0.0), 0.03)) == 0
+    assert len(tank.near(vehicle, rehearsed(0.0, (2.8, 0.0, 0.75)), 0.03)) == 20
+    assert len(tank.near(vehicle, rehearsed(0.0, (2.8, 0.0, 0.75), aborted_at=0.5), 0.03)) == 6
+
+
+def test_a_plan_ends_though_candidates_come_near_walls_in_company():
+    """Where all but one touch a wall in the plan, that one is left; where none keeps clear, that is said."""
+    prior = Gaussian(np.zeros(1), np.eye(1))
+    scenario = load_scenario("test_mixed")
+
+    def laid_out(good):
+        told = Information(np.linspace(2.0, 1.0, 20)[:, None, None], np.zeros(0), np.full(20, 10.0))
+        at = {"order": []}
+
+        def fly(order):
+            at["order"] = order
+            test = scenario.test.model_copy(update={"manoeuvres": scenario.test.manoeuvres[:1] * len(order)})
+            at["spans"] = spans_of(scenario.model_copy(update={"test": test}))
+            return scenario.model_copy(update={"test": test}), rehearsed(0.0)
+
+        def near(_):
+            return np.array([s["start"] for s in at["spans"] if at["order"][s["manoeuvre"]] not in good])
+
+        return _laid_out(fly, near, prior, told, 40.0, lambda what, share: None)[0]
+
+    assert set(laid_out({5})) == {5}
+    with pytest.raises(ConfigError, match="no plan keeps clear of the walls"):
+        laid_out(set())
+
+
+def test_the_tank_that_nobody_gave_is_the_vehicles():
+    small, large = (Tank.of(load_vehicle(name).model()) for name in ("gladius_mini", "minerva"))
+    assert small.sizes == (6.0, 3.0, 1.5)
+    assert large.length > 12.0 and large.width == pytest.approx(0.5 * large.length, abs=0.1)
+    for vehicle, tank in (("gladius_mini", small), ("minerva", large)):
+        scales = TrialScales.of(load_vehicle(vehicle).model())
+        require_possible(load_vehicle(vehicle), scales, tank, some=True)

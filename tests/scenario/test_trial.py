@@ -20,6 +20,7 @@ from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.compose_trial import pieces_of, spans_of, trial_of
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import list_scenarios, load_scenario
+from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.loop import stack
 from rovtwin.scenario.records import free_spans, trial_records
@@ -223,7 +224,7 @@ def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name,
     model = load_vehicle(reference).model()
     able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
     try:
-        scenario = load_scenario(name, [f"vehicle={reference}"])
+        scenario = fitted_test(load_scenario(name, [f"vehicle={reference}"]))
     except ConfigError as error:
         assert "nothing of this test is left" in str(error)
         assert not able.any() or (name == "free_running_sway" and "sway is left out" in str(error))
@@ -236,6 +237,17 @@ def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name,
     for axis in {"surge", "sway", "heave"} - {("surge", "sway", "heave")[i] for i in range(3) if able[i]}:
         if name == "test_steps_thesis":
             assert f"{axis} is left out: no thruster pushes there" in scenario.test.notes
+
+
+def test_a_library_test_is_that_of_the_vehicle_put_in_after_it_was_read():
+    written = load_scenario("test_mixed")
+    assert written.test.written_for == "double_blueye"
+    other = written.model_copy(update={"vehicle": "gladius_mini"})
+    composed = compose(other)
+    assert composed.scenario.test == fitted_test(load_scenario("test_mixed", ["vehicle=gladius_mini"])).test
+    assert "sway is left out: no thruster pushes there" in composed.scenario.test.notes
+    assert int(composed.loop.autopilot.timeline.count) < round(spans_of(written)[-1]["end"] / written.control_dt)
+    assert compose(composed.scenario).scenario == composed.scenario, "the log's own scenario, flown again"
 
 
 def test_a_test_of_ones_own_that_asks_for_sway_is_refused_without_sway(no_sway):

@@ -109,11 +109,12 @@ def console(
 
 
 def _sized(wanted: "Scenario") -> "Scenario":
-    """With what its mission leaves out, from the vehicle."""
+    """With what its mission leaves out, from the vehicle; with the test as the vehicle flies it."""
     from rovtwin.scenario.composition import vehicle_of
+    from rovtwin.scenario.fit_trial import fitted_test
     from rovtwin.scenario.fitting import fitted
 
-    return fitted(wanted, vehicle_of(wanted).model())
+    return fitted(fitted_test(wanted), vehicle_of(wanted).model())
 
 
 def _require_flyable(scenario: "Scenario", link: str) -> None:

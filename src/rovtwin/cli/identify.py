@@ -346,7 +346,8 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 def _print(screen: Console, result: "Identification") -> None:
     from rovtwin.report.identification_tables import between, estimated
-    from rovtwin.report.identification_words import in_families, is_coupling
+    from rovtwin.report.identification_words import excitation, in_families, is_coupling
+    from rovtwin.report.parameter_words import groups_in_words, what_teaches
 
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
@@ -367,6 +368,11 @@ def _print(screen: Console, result: "Identification") -> None:
             f"[{styles[verdict]}]{verdict}[/]",
         )
     screen.print(rows)
+    for line in groups_in_words(result.parameters.groups, result.vehicle.thruster_names):
+        screen.print(line, markup=False, soft_wrap=True)
+    for name, why in zip(result.parameters.names, excitation(result), strict=True):
+        if learnt[name] != "learnt" and not is_coupling(name):
+            screen.print(f"{learnt[name]}: {name}: {why}; it takes {what_teaches(name)}", markup=False, soft_wrap=True)
     if couplings := [name for name in learnt if is_coupling(name)]:
         known = in_families(couplings, [name for name in couplings if learnt[name] == "learnt"]) or "none"
         screen.print(f"learnt of {len(couplings)} couplings between directions (values: report, --json): {known}")

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 def plan_tests(
     vehicle: Annotated[str, typer.Argument(help="A library name or a file; identified.yaml after an earlier test.")],
     minutes: Annotated[float, typer.Option(min=0.5, max=240, help="Of test, ways home included.")] = 15.0,
-    tank: Annotated[str, typer.Option(help="Length x width x depth of the water [m].")] = "6x3x1.5",
+    tank: Annotated[
+        str | None, typer.Option(help="Length x width x depth of the water [m]; default: what the vehicle needs.")
+    ] = None,
     bollard: Annotated[
         float, typer.Option(min=0, max=1, help="Full thrust is known to this share from a pull on a scale; 0: unknown.")
     ] = 0.02,
@@ -38,11 +40,14 @@ def plan_tests(
     # Matrices of a hundred rows: threads of OpenBLAS cost more than they bring, by far where others compute, too. It
     # reads this when NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from rovtwin.identification.joint.groups import thruster_groups
+    from rovtwin.report.parameter_words import groups_in_words
     from rovtwin.scenario.plan_tank import Tank
     from rovtwin.scenario.plan_tests import plan_tests, write_plan
     from rovtwin.vehicle import load_vehicle
 
-    size = Tank.parse(tank)
+    own = load_vehicle(vehicle)
+    size = Tank.parse(tank) if tank else Tank.of(own.model())
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -52,7 +57,7 @@ def plan_tests(
     ) as bar:
         task = bar.add_task("compiling", total=1.0)
         plan = plan_tests(
-            load_vehicle(vehicle),
+            own,
             vehicle,
             minutes,
             size,
@@ -66,15 +71,20 @@ def plan_tests(
 
         plan_picture(plan, size).savefig(picture, dpi=150)
     if as_json:
-        emit(_as_data(plan) | {"scenario": str(out)})
+        emit(_as_data(plan) | {"tank_m": list(size.sizes), "scenario": str(out)})
         raise typer.Exit(DONE)
+    if tank is None:
+        console(False).print(f"no --tank given: taken is one of {size} m", markup=False)
     _print(plan, console(False))
+    for line in groups_in_words(thruster_groups(own), own.thruster_names):
+        console(False).print(line, markup=False, soft_wrap=True)
     _print_what_it_counts_on(plan, minutes, bollard)
     console(False).print(f"wrote {out}: rovtwin fly {out}", markup=False, soft_wrap=True)
 
 
 def _print(plan: "Plan", screen: Any) -> None:
     from rovtwin.report.identification_words import is_coupling
+    from rovtwin.report.parameter_words import what_teaches
 
     expected = plan.expected
     rows = table(
@@ -99,6 +109,11 @@ def _print(plan: "Plan", screen: Any) -> None:
         f"\nlearnt: {sum(learnt[False])} of {len(learnt[False])} parameters and "
         f"{sum(learnt[True])} of {len(learnt[True])} couplings between directions (--json)"
     )
+    for i, name in enumerate(expected.names):
+        if not is_coupling(name) and not expected.learnt[i]:
+            after = _sd(expected.plan[i], bool(expected.relative[i]))
+            before = _sd(expected.prior[i], bool(expected.relative[i]))
+            screen.print(f"not learnt: {name}, {before} before and {after} after. It takes {what_teaches(name)}")
     if shown:
         screen.print(f"standard deviation over the one before, geometric mean: {line}")
     if len(minutes) > 1:

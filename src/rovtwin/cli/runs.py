@@ -89,10 +89,11 @@ def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tup
     """The scenario to fly, by its name or as a sample of a campaign."""
     if replay is None:
         from rovtwin.scenario.files import load_scenario
+        from rovtwin.scenario.fit_trial import fitted_test
 
         if scenario is None:
             raise ConfigError("fly: found no SCENARIO, expected a name of `rovtwin scenario list`, a file, or --replay")
-        return load_scenario(scenario, overrides, seed)
+        return fitted_test(load_scenario(scenario, overrides, seed))
     if scenario or overrides or seed is not None:
         raise ConfigError("--replay flies a sample as it was: leave out SCENARIO, --set and --seed")
     from rovtwin.campaign.replay import sample_of

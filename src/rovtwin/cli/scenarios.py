@@ -42,8 +42,9 @@ def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None,
     from rovtwin.scenario.compose_sensors import listed
     from rovtwin.scenario.composition import vehicle_of
     from rovtwin.scenario.files import dump_scenario, load_scenario
+    from rovtwin.scenario.fit_trial import fitted_test
 
-    found = load_scenario(scenario, overrides or (), seed)
+    found = fitted_test(load_scenario(scenario, overrides or (), seed))
     if as_json:
         emit(found.model_dump(mode="json"))
         return

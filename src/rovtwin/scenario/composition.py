@@ -23,6 +23,7 @@ from rovtwin.scenario.compose_tethers import tethers_of
 from rovtwin.scenario.compose_topside import topside_of
 from rovtwin.scenario.compose_trial import hand_of, trial_of
 from rovtwin.scenario.compose_world import plant_of, world_of
+from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.fitting import fitted
 from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.loop import Loop
@@ -46,7 +47,8 @@ class Composed:
         thruster_names, sensor_names, battery_names: For the log; batteries only if they are simulated.
         vehicle: Its description.
         faults: What breaks and when, for the report.
-        scenario: What it was made from, with what it left out (`fitting`).
+        scenario: What it was made from, with what it left out (`fitting`) and the test as the vehicle flies it
+            (`fit_trial`).
     """
 
     loop: Loop
@@ -114,7 +116,7 @@ def compose(scenario: Scenario, truth: Model | None = None, vehicle: Vehicle | N
     vehicle = vehicle or vehicle_of(scenario)
     model = vehicle.model()
     _say_doubts(vehicle.where, tuple(vehicle.doubts))
-    scenario = fitted(scenario, model)
+    scenario = fitted(fitted_test(scenario, vehicle), model)
     if not vehicle.thruster_names:
         raise ConfigError(f"{vehicle.name}: has no thrusters, so that it cannot fly. Choose a vehicle or add thrusters")
     key_plant, key_run = keys_of(scenario.seed)

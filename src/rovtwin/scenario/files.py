@@ -12,7 +12,6 @@ from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.scenario.belongings import found_beside
-from rovtwin.scenario.fit_trial import fitted
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 
 _ROOT = Path(str(files("rovtwin.scenario")))
@@ -72,7 +71,7 @@ def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> S
         data["autopilot"] = _autopilot(data["autopilot"], base)
     if base is not None and isinstance(data.get("vehicle"), str) and (base / data["vehicle"]).is_file():
         data["vehicle"] = str(base / data["vehicle"])
-    return fitted(parse(Scenario, data if base is None else found_beside(data, base), where))
+    return parse(Scenario, data if base is None else found_beside(data, base), where)
 
 
 def load_mission(name: str, base: Path | None = None) -> MissionSection:

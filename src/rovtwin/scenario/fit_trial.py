@@ -32,8 +32,12 @@ class _Ratios:
         return cls(np.clip(own.rise / written.rise, *LIMITS), home, swing)
 
 
-def fitted(scenario: Scenario) -> Scenario:
+def fitted_test(scenario: Scenario, vehicle: Vehicle | None = None) -> Scenario:
     """The scenario with the test that its vehicle flies; as it is where the test is written for no other vehicle.
+
+    Args:
+        scenario: With a mission or a test; what was fitted before stays as it is.
+        vehicle: In place of the scenario's.
 
     Raises:
         ConfigError: Nothing of the test is left that the vehicle can do.
@@ -41,7 +45,7 @@ def fitted(scenario: Scenario) -> Scenario:
     test = scenario.test
     if test is None or test.written_for is None:
         return scenario
-    own = _vehicle(scenario)
+    own = vehicle or _vehicle(scenario)
     written = load_vehicle(test.written_for)
     if fingerprint(own.file) == fingerprint(written.file):
         return scenario.model_copy(update={"test": test.model_copy(update={"written_for": None})})

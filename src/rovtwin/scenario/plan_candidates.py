@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.schema.trial import AXES
 from rovtwin.scenario.trial_scales import TrialScales
 
@@ -50,7 +51,7 @@ def thesis_pulls(reference: str) -> list[dict[str, Any]]:
     Args:
         reference: The vehicle's name or file.
     """
-    test = load_scenario(THESIS, [f"vehicle={json.dumps(reference)}"]).test
+    test = fitted_test(load_scenario(THESIS, [f"vehicle={json.dumps(reference)}"])).test
     assert test is not None
     pulls = []
     for one in test.manoeuvres:

@@ -9,6 +9,7 @@ import math
 import pathlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.report.plan import PlannedTest, draw_test_plan
 from rovtwin.scenario.compose_trial import pieces_of, spans_of
 from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
+from rovtwin.scenario.plan_room import MARGIN, axes_left_out, excitation, require_possible, too_small
 from rovtwin.scenario.plan_tank import Tank
 from rovtwin.scenario.rehearsal import Rehearsed, rehearse
 from rovtwin.scenario.schema import Scenario
@@ -39,10 +41,8 @@ from rovtwin.scenario.trial_scales import TrialScales
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import wrench_limits
 
-MARGIN = 0.5  # between hull and wall on the predicted path of a candidate, in lengths of the vehicle
 BOLLARD = 0.02  # full thrust is known to, before the test
-TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often one is looked for
-SLOW = 0.5  # of the top speed: a test that stays slower hardly tells linear from quadratic drag
+TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
 
@@ -160,7 +160,7 @@ def plan_tests(
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
     usable = [i for i, room in enumerate(rooms) if room > margin]
     if not usable:
-        raise ConfigError(_too_small(vehicle, tank, margin, wanted, flown))
+        raise ConfigError(too_small(vehicle, tank, margin, wanted, flown))
     progress("what each of them tells", 0.1)
     parameters, prior = what_is_known(vehicle, bollard)
     # A strong vehicle tips over in some of the thesis's pulls.
@@ -173,9 +173,13 @@ def plan_tests(
         scenario = _scenario(reference, tank, [wanted[usable[i]] for i in order])
         return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
 
-    order, scenario, whole, room = _laid_out(
-        fly, lambda one: tank.room(vehicle, one), prior, ours, 60.0 * minutes, TOUCHING * scales.length, progress
+    touching = TOUCHING * scales.length
+    order, scenario, whole = _laid_out(
+        fly, lambda one: tank.near(vehicle, one, touching), prior, ours, 60.0 * minutes, progress
     )
+    pulls = [(data.get("axis"), one) for data, one in zip(wanted, flown, strict=False)]
+    top = VehicleScales.of(model).top
+    slow = excitation(vehicle, tank, top, scales.able, pulls, np.abs(whole.nu).max(axis=0))
     hopes = expected(parameters, prior, ours, order)
     # The steady steps, as often as they fit into the same time.
     often = 60.0 * minutes / max(theirs.seconds.sum(), 1.0)
@@ -186,114 +190,49 @@ def plan_tests(
         thesis=steady,
         ratio=variance_ratio(hopes.plan, steady, hopes.prior),
         flown=whole,
-        room=room,
+        room=tank.room(vehicle, whole)[0],
         candidates=(len(wanted), len(usable)),
         manoeuvres=[in_words(wanted[usable[i]]) for i in order],
-        notes=[*_axes_left_out(scales), *_slow(vehicle, tank, margin, scales, wanted, flown, whole)],
+        notes=[*axes_left_out(scales), *slow],
         model=model,
     )
 
 
-def require_possible(vehicle: Vehicle, scales: TrialScales, tank: Tank, some: bool) -> None:
-    """ConfigError where no manoeuvre exists for a vehicle, or where it cannot even turn round in the tank."""
-    if not some:
-        raise ConfigError(
-            f"{vehicle.name}: found no thruster that pushes and nothing that rights it: no test can move it. "
-            "Expected thrusters, or its centre of gravity below that of buoyancy"
-        )
-    corners = np.asarray(vehicle.model().hull.corners)
-    away, margin = np.abs(corners).max(axis=0), MARGIN * scales.length
-    round_about = 2.0 * (float(np.hypot(*corners[:, :2].T).max()) + margin)
-    own = (round_about, round_about, 2.0 * (float(away[2]) + margin))
-    if any(size < need for size, need in zip(tank.sizes, own, strict=True)):
-        least = Tank(
-            *(float(np.ceil(10.0 * max(size, need)) / 10.0) for size, need in zip(tank.sizes, own, strict=True))
-        )
-        hull = " x ".join(f"{2.0 * size:.2g}" for size in away)
-        raise ConfigError(
-            f"--tank: found {tank}, but {vehicle.name} is {hull} m: it only turns on the spot, {margin:.2g} m clear of "
-            f"the walls, in a tank of {least}, and needs room to pull besides"
-        )
-
-
-def _too_small(
-    vehicle: Vehicle, tank: Tank, margin: float, wanted: list[dict[str, Any]], flown: list[Rehearsed]
-) -> str:
-    """No manoeuvre fits: how large a tank the least demanding one needs, and one on every axis."""
-    sizes = {i: tank.needed(vehicle, one, margin) for i, one in enumerate(flown[: len(wanted)]) if not one.aborted}
-    if not sizes:
-        return (
-            f"{vehicle.name}: the twin leaves its limits (attitude) in every one of {len(wanted)} manoeuvres: it is "
-            "not stable enough to be tested; `rovtwin vehicle check` says why"
-        )
-    least = min(sizes, key=lambda i: sum(np.log(sizes[i].sizes)))
-    return (
-        f"--tank: every manoeuvre of {vehicle.name} comes nearer than {margin:.2g} m to a wall, the surface or the "
-        f"floor of {tank}: it needs a larger tank, {sizes[least]} for the least demanding one "
-        f"({in_words(wanted[least])})"
-    )
-
-
-def _axes_left_out(scales: TrialScales) -> list[str]:
-    lacking = [axis for axis, can in zip(AXES, scales.able, strict=True) if not can]
-    notes = [f"{', '.join(lacking)} left out: no thruster pushes there"] if lacking else []
-    return notes if scales.swing else [*notes, "releases left out: nothing rights the vehicle"]
-
-
-def _slow(
-    vehicle: Vehicle,
-    tank: Tank,
-    margin: float,
-    scales: TrialScales,
-    wanted: list[dict[str, Any]],
-    flown: list[Rehearsed],
-    whole: Rehearsed,
-) -> list[str]:
-    """Directions in which the plan stays well below the top speed, and the tank in which a pull would reach it."""
-    top = VehicleScales.of(vehicle.model()).top
-    notes = []
-    for i in np.flatnonzero(scales.able[:3]):
-        reached = float(np.abs(whole.nu[:, i]).max())
-        if reached >= SLOW * top[i]:
-            continue
-        fast = [
-            tank.needed(vehicle, one, margin)
-            for data, one in zip(wanted, flown, strict=False)
-            if data.get("axis") == AXES[i] and not one.aborted and np.abs(one.nu[:, i]).max() >= SLOW * top[i]
-        ]
-        room = f"a tank of {min(fast, key=lambda t: sum(np.log(t.sizes)))}" if fast else "more time or a larger tank"
-        notes.append(
-            f"{AXES[i]} reaches {reached:.2g} of {top[i]:.2g} m/s: linear and quadratic drag are hardly told apart; "
-            f"{room} would do it"
-        )
-    return notes
-
-
 def _laid_out(
     fly: Callable[[list[int]], tuple[Scenario, Rehearsed]],
-    room_on: Callable[[Rehearsed], tuple[float, float]],
+    near: Callable[[Rehearsed], np.ndarray],
     prior: Gaussian,
     told: Information,
     seconds: float,
-    least: float,
     progress: Progress,
-) -> tuple[list[int], Scenario, Rehearsed, float]:
-    """The best order of candidates that keeps `least` clear of the walls when it is flown whole: scenario, path."""
-    order, room = [], 0.0
-    for turn in range(ROUNDS):
-        progress("choosing", 0.8 + 0.2 * turn / ROUNDS)
-        order = choose_tests(prior, told, seconds, order)
-        progress("flying the plan", 0.8 + 0.2 * (turn + 0.5) / ROUNDS)
+) -> tuple[list[int], Scenario, Rehearsed]:
+    """The best order of candidates that keeps clear of the walls when it is flown whole: scenario, path.
+
+    One that begins where the last one ended may come nearer to a wall than alone: others take its place, and after
+    ROUNDS of that none, so that this ends.
+    """
+    order: list[int] = []
+    for turn in count():
+        share = 0.8 + 0.2 * min(turn / ROUNDS, 0.9)
+        if turn < ROUNDS:
+            progress("choosing", share)
+            order = choose_tests(prior, told, seconds, order)
+        if not order:
+            break
+        progress("flying the plan", share)
         scenario, flown = fly(order)
-        room, when = room_on(flown)
-        if room > least and not flown.aborted:
-            return order, scenario, flown, room
-        # One that begins where the last one ended may come nearer to a wall than alone: others take its place.
-        near = order[next(s["manoeuvre"] for s in spans_of(scenario) if s["start"] - 1e-9 <= when < s["end"])]
-        told.seconds[near] = np.inf
-        order = [i for i in order if i != near]
+        times = near(flown)
+        times = times if flown.aborted_at is None else np.append(times, flown.aborted_at)
+        if len(times) == 0:
+            return order, scenario, flown
+        spans = spans_of(scenario)
+        starts = np.array([span["start"] for span in spans])
+        rows = {spans[int(i)]["manoeuvre"] for i in np.searchsorted(starts, times + 1e-9, side="right") - 1}
+        out = {order[row] for row in rows}
+        told.seconds[list(out)] = np.inf
+        order = [i for i in order if i not in out]
     raise ConfigError(
-        f"--tank: no plan kept clear of the walls in {ROUNDS} attempts (the last came within {room:.2f} m); "
+        "--tank: no plan keeps clear of the walls: each manoeuvre that fits alone comes too near to one in every plan; "
         "it needs a larger tank, or another --seed"
     )
 

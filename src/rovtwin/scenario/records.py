@@ -53,6 +53,7 @@ def trial_records(
     if scenario.test is None:
         raise ConfigError(f"{scenario.name}: is a mission, expected a test (a section 'test' in place of 'mission')")
     first = compose(scenario)
+    scenario = first.scenario
     plants = stack([_plant(scenario, first, seed) for seed in seeds]) if plants is None else plants
     found = len(jax.tree.leaves(plants)[0])
     if found != len(seeds):

@@ -34,7 +34,7 @@ class Rehearsed:
         position, attitude, nu: Truth, shapes (n, 3), (n, 4), (n, 6).
         command: Shape (n, n_thrusters).
         records: As a log would give them, but without noise; the sensors' noise is declared in them.
-        aborted: Whether the vehicle left its limits; there are no records then.
+        aborted_at: When the vehicle left its limits [s]; there are no records then. None: it did not.
     """
 
     scenario: Scenario
@@ -44,7 +44,12 @@ class Rehearsed:
     nu: np.ndarray
     command: np.ndarray
     records: list[Record]
-    aborted: bool
+    aborted_at: float | None
+
+    @property
+    def aborted(self) -> bool:
+        """Whether the vehicle left its limits."""
+        return self.aborted_at is not None
 
 
 def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
@@ -144,6 +149,7 @@ def _advance(
 def _rehearsed(run: Composed, scenario: Scenario, given: Any) -> Rehearsed:
     seen, (position, attitude, nu) = given
     t = np.arange(len(position)) * scenario.control_dt
-    aborted = bool((seen[2] == ABORTED).any())
-    records = [] if aborted else records_of(run, scenario, seen)
-    return Rehearsed(scenario, t, position, attitude, nu, seen[0], records, aborted)
+    left = np.flatnonzero(seen[2] == ABORTED)
+    aborted_at = float(t[left[0]]) if len(left) else None
+    records = records_of(run, scenario, seen) if aborted_at is None else []
+    return Rehearsed(scenario, t, position, attitude, nu, seen[0], records, aborted_at)

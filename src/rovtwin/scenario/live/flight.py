@@ -21,6 +21,7 @@ from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.feasibility import foreseen
 from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.fitting import assumptions, fitted
 from rovtwin.scenario.flight import Flight, Progress, new_folder
 from rovtwin.scenario.interrupt import Interrupt
@@ -78,7 +79,7 @@ def fly_live(
             warn(line)
         if (taken := assumptions(scenario, composed.scenario)) is not None:
             warn(taken)
-        scenario = fitted(scenario, composed.model)
+        scenario = fitted(fitted_test(scenario), composed.model)
         ears = Ears(link, sources)
         _rewound(link)
         needed = needed_by(scenario)
