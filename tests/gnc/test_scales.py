@@ -113,6 +113,7 @@ GROWS = {
     "sustained.linear": FORCE / SPEED,
     "sustained.quadratic": FORCE / SPEED**2,
     "sustained.most": SPEED,
+    "sustained.axes": SPEED,
     "sustained.push": ACCELERATION,
     "sustained.mass": MASS,
 }

@@ -58,6 +58,24 @@ def test_a_current_faster_than_the_vehicle_is_refused_with_both_numbers(capsys):
     assert foreseen(scenario, load_vehicle("double_blueye"), model, known_world=False) == []  # it is elsewhere
 
 
+def test_a_current_through_which_it_cannot_go_level_is_refused_and_one_that_it_meets_with_its_side_is_not():
+    """Flown: a sparus_ii in 0.66 m/s ended at the attitude limit; a bluerov2 turned aside completes in 0.85 m/s."""
+    refused, _ = lines("sparus_ii", "world.current=[0, 0.66, 0]")
+    assert "0.66 m/s to the east would tip it over: it stays level up to 0.29 m/s through the water" in refused[0]
+    assert "in pitch" in refused[0] and "raise BG" in refused[0]
+    assert lines("sparus_ii", "world.current=[0, 0.66, 0]", known_world=False)[0] == []
+    assert lines("bluerov2", "world.current=[0, 0.85, 0]")[0] == []
+    for vehicle in ("double_blueye", "double_blueye_thesis", "minerva"):
+        assert lines(vehicle, "world.current=[0, 0.1, 0]")[0] == []
+
+
+def test_a_leg_faster_than_keeps_it_level_is_said_to_be_slower():
+    fast = "mission.waypoints=[{position: [9, 0, 3], speed: 0.2, acceptance: 0.2}]"
+    _, noted = lines("double_blueye_thesis", fast)
+    assert "0.2 m/s are wanted, and it stays level up to 0.12 m/s over ground" in noted[0]
+    assert lines("double_blueye", fast) == ([], [])
+
+
 def test_a_sheared_current_counts_at_the_mission_s_depth():
     sheared = "world.current={type: sheared, depths: [0, 2.9], velocities: [[0, 2, 0], [0, 0, 0]]}"
     assert lines("double_blueye", sheared) == ([], [])

@@ -96,6 +96,17 @@ def test_no_warning_of_numpy_on_any_vehicle(vehicle):
         assert set(report["stems_m_s"]) == {"ahead", "off the bow", "abeam", "astern"}
 
 
+def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed():
+    """A BlueROV2 Heavy has thrusters in pitch; a BlueROV2 has none."""
+    words = [STATION, "world.current=[-0.4, 0, 0]", "start.position=[0, 0, 3]"]
+    heavy, plain = (
+        sea_report(compose(load_scenario("lawnmower_calm", [*words, f"vehicle={name}"])))
+        for name in ("bluerov2_heavy", "bluerov2")
+    )
+    assert heavy["verdict"] == "holds" and "tips" not in heavy["line"]
+    assert plain["verdict"] == "holds" and plain["stems_m_s"]["ahead"] == pytest.approx(0.5, abs=0.02)
+
+
 def test_the_line_says_that_tethers_are_not_in_it():
     tethered = compose(load_scenario("square_tether", ["world.current=[0,0.1,0]"]))
     assert verdict(tethered)[1].endswith(" (without the tethers' pull)")
@@ -141,5 +152,5 @@ def test_where_it_says_that_it_cannot_hold_the_mission_drifts_away(sea):
 def test_where_it_says_that_it_tips_over_the_mission_is_aborted():
     scenario = in_a_sea(0.27, 3.0, 0.3, "double_blueye_thesis")
     assert worst(holdings(compose(scenario))).verdict == "capsizes"
-    summary = fly(scenario).summary
+    summary = fly(scenario, refuse=False).summary
     assert summary["phase"] == "aborted" and summary["reason"] == "attitude limit"

@@ -7,7 +7,7 @@ from tests.simulation.helper import vehicle
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.current import ConstantCurrent, ShearedCurrent
-from rovtwin.simulation.holding import holding, thrust_share
+from rovtwin.simulation.holding import holding, stemmed, thrust_share
 from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
@@ -82,6 +82,9 @@ def test_a_flow_that_tips_it_over_is_none_it_can_hold():
     found = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0)
     assert found.verdict == "capsizes" and found.upright < 0.5
     assert found.upright == holding(strong, World(), KEY, PLACE, 0.0, 1.0).upright, "the hull is alike both ways"
+    controlled = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0, controlled=0.6)
+    assert controlled.verdict == "holds" and controlled.upright == 0.6, "what control adds counts"
+    assert np.all(stemmed(strong, [0.0, np.pi]) <= found.upright + 1e-9), "it stems no flow that tips it over"
     across = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.5 * np.pi, 10.0)
     assert across.verdict != "capsizes"
 

@@ -172,7 +172,7 @@ class PathGuidance(Block):
             piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.eta[5])
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
-        heading = jnp.where(piece.fixed_heading, piece.heading, direction)
+        heading = self._heading(piece, direction, input.estimate)
         level = jnp.concatenate([place, piece.end[2:]])
         eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
         # A way-point at which the vehicle stays asks for no heading of its own.
@@ -196,6 +196,12 @@ class PathGuidance(Block):
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
         possible, after = self._sustained(piece, estimate, eta, direction)
         return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
+
+    def _heading(self, piece: Piece, direction: Array, estimate: Estimate) -> Array:
+        """What the mission asks for; else along the path, or the nearest at which a vehicle that crabs stays level."""
+        if not self.steered and self.turns and self.sustained is not None:
+            direction = self.sustained.level_heading(direction, estimate)
+        return jnp.where(piece.fixed_heading, piece.heading, direction)
 
     def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Array) -> Progress:
         """In words that a person understands; what is said last weighs most."""
@@ -234,7 +240,7 @@ class PathGuidance(Block):
         if self.steered:
             here, behind = (self.sustained.made_good(course, current) for course in (direction, following))
         else:
-            heading = jnp.where(piece.fixed_heading, piece.heading, following)
+            heading = self._heading(piece, following, estimate)
             here = self.sustained.along(direction, eta[5], current)
             behind = self.sustained.along(following, heading, current)
             # In the corner the vehicle is pushed to its inner side, beside holding against the current.

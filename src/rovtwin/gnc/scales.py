@@ -26,6 +26,11 @@ LAGS = np.array([0.1, 0.1, 0.16, 0.2, 0.2, 0.2])  # c, largest product of bandwi
 CRABS = 0.4  # share of the top speed in surge that sway has to reach for a vehicle to crab along its path
 ANY = 100.0  # speed that no vehicle reaches [m/s]: finite, for what is computed from it
 LEAST = 0.1  # share of cruise that is flown though nothing rights the vehicle
+MARGIN = (
+    0.85  # share of the speed at which Munk's moment tips the vehicle that is flown: 0.28 of what rights it is left
+)
+STRAIGHT = 1.5  # stiffness against Munk's moment at top speed, as a share of it
+LAGGED = 0.5  # largest bandwidth times the thrusters' lag for that
 HEAVE, YAW = 2, 5
 
 
@@ -42,7 +47,7 @@ class VehicleScales:
         bandwidth: Of a controller [rad/s]; surge and sway share the lower one. Along an axis without thrusters the
             lowest of the others, so that a time never gets infinite.
         upright: Speed in surge, sway and heave at which Munk's moment in roll and pitch is half as stiff as what
-            rights the vehicle [m/s], shape (3,); ANY where it turns nothing.
+            rights the vehicle, control included [m/s], shape (3,); ANY where it turns nothing.
         weight: In air [N].
     """
 
@@ -77,7 +82,7 @@ class VehicleScales:
             top=_speeds(model, force, acceleration, length),
             cruise=_speeds(model, 0.5 * force, 0.5 * acceleration, length),
             bandwidth=bandwidth,
-            upright=_upright(model, np.where(acceleration > 0.0, bandwidth, 0.0)),
+            upright=_upright(model, np.where(acceleration > 0.0, np.maximum(bandwidth, straight(model)), 0.0)),
             weight=float(model.weight),
         )
 
@@ -107,10 +112,15 @@ class VehicleScales:
         return float(max(min(self.cruise[0], self.upright[0]), LEAST * self.cruise[0]))
 
     @property
+    def level_speed(self) -> np.ndarray:
+        """Largest speed through the water in surge and sway at which the vehicle stays level [m/s], shape (2,)."""
+        level = MARGIN * np.sqrt(2.0) * self.upright[:2]
+        return np.where(self.upright[:2] < ANY, np.maximum(level, LEAST * self.cruise[:2]), ANY)
+
+    @property
     def piloted_speed(self) -> np.ndarray:
         """Largest speed of a pilot in surge and sway, level and with thrust to spare [m/s], shape (2,)."""
-        level = np.maximum(np.sqrt(2.0) * self.upright[:2], LEAST * self.cruise[:2])
-        return np.minimum(0.95 * self.top[:2], level)
+        return np.minimum(0.95 * self.top[:2], self.level_speed)
 
     @property
     def turn_rate(self) -> float:
@@ -121,6 +131,30 @@ class VehicleScales:
     def force_walk(self) -> float:
         """Random walk of a disturbance force that the sea may make [N/sqrt(s)], by weight and Froude's law."""
         return 4.3004e-5 * self.weight / (self.length / GRAVITY) ** 0.25
+
+
+def righting(model: Model) -> np.ndarray:
+    """Moment per angle that rights the vehicle in roll and pitch [N m/rad], shape (6,)."""
+    stiffness = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
+    return np.array([0.0, 0.0, 0.0, stiffness, stiffness, 0.0])
+
+
+def straight(model: Model) -> np.ndarray:
+    """Least bandwidth of roll, pitch and yaw that holds the vehicle straight at its top speed [rad/s], shape (6,).
+
+    Munk's moment on a body that is turned by a small angle from its motion at speed U is the difference of its two
+    added masses times U^2 and the angle (Fossen 2021, sec. 6.3.3). Thrusters' lag is what limits the bandwidth.
+    """
+    _, upper = wrench_limits(model.thrusters)
+    ahead, aside = (steady_speed(model, axis, float(upper[axis])) for axis in range(2))
+    ahead, aside = (speed if np.isfinite(speed) else 0.0 for speed in (ahead, aside))
+    added = np.diagonal(np.asarray(model.added_mass))
+    turning = np.zeros(6)
+    turning[3:] = (added[2] - added[1]) * aside**2, (added[2] - added[0]) * ahead**2, (added[1] - added[0]) * ahead**2
+    stiffness = np.maximum(STRAIGHT * np.maximum(turning, 0.0) - righting(model), 0.0)
+    slowest = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
+    most = LAGGED / slowest if slowest > 0.0 else np.inf
+    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.mass))), most)
 
 
 def _speeds(model: Model, force: np.ndarray, acceleration: np.ndarray, length: float) -> np.ndarray:
@@ -140,10 +174,9 @@ def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
     a body away from its motion where the added mass across is the larger one. Surge and heave turn pitch, sway and
     heave roll.
     """
-    righting = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
-    controlled = (bandwidth**2 * np.diagonal(np.asarray(model.mass)))[3:5]
+    controlled = bandwidth**2 * np.diagonal(np.asarray(model.mass))
     a_x, a_y, a_z = np.diagonal(np.asarray(model.added_mass))[:3]
-    roll, pitch = np.maximum(righting + controlled, 0.0)
+    roll, pitch = np.maximum(righting(model) + controlled, 0.0)[3:5]
 
     def level(stiffness: float, turning: float) -> float:
         return np.sqrt(0.5 * stiffness / turning) if turning > 0.0 else ANY

@@ -1,4 +1,4 @@
-"""The speed that thrusters can keep up along a path, at a heading and against what disturbs the vehicle.
+"""The speed that thrusters can keep up along a path, level, at a heading and against what disturbs the vehicle.
 
 The disturbance is read as a current: along each horizontal axis of the body the vehicle goes through the water at the
 speed w whose drag is that of its speed u over ground less the disturbance, and the current is u - w. Thrusters give a
@@ -13,6 +13,7 @@ import numpy as np
 
 from rovtwin.core.flow import Estimate
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.level_speed import LevelSpeed
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
 
@@ -34,7 +35,9 @@ class SustainedSpeed(eqx.Module):
         quadratic: Damping [N s2/m2], shape (2, 2).
         push: Acceleration by all of the thrust, to starboard and to port [m/s2], shape (2,); FREE without thrusters.
         mass: That sway accelerates, added mass included [kg].
-        most: Speed through the water that thrust keeps up [m/s], shape (2, 2); FREE along an axis without thrusters.
+        most: Speed through the water that thrust keeps up and that keeps the vehicle level [m/s], shape (2, 2); FREE
+            along an axis without thrusters.
+        level: What keeps it level, both axes together.
     """
 
     linear: Array = eqx.field(converter=as_array)
@@ -42,6 +45,7 @@ class SustainedSpeed(eqx.Module):
     most: Array = eqx.field(converter=as_array)
     push: Array = eqx.field(converter=as_array)
     mass: Array = eqx.field(converter=as_array)
+    level: LevelSpeed
 
     @classmethod
     def of(cls, model: Model, share: float = 0.9) -> "SustainedSpeed":
@@ -53,10 +57,12 @@ class SustainedSpeed(eqx.Module):
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         force = np.stack([upper[:2], -lower[:2]])
         some = force > RANK_TOLERANCE * np.max(np.maximum(upper, -lower), initial=0.0)
-        speed = np.where(some, np.asarray(_speed(linear, quadratic, share * force)), FREE)
+        level = LevelSpeed.of(model)
+        kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
+        speed = np.where(some, kept_up, FREE)
         mass = _horizontal(model.mass)[1]
         push = np.where(some, force / mass, FREE)[:, 1]
-        return cls(*map(as_array, (linear, quadratic, speed, push, mass)))
+        return cls(*map(as_array, (linear, quadratic, speed, push, mass)), level)
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
@@ -71,7 +77,7 @@ class SustainedSpeed(eqx.Module):
         return estimate.nu.at[:2].add(-turned(estimate.eta[5]).T @ self.current(estimate))
 
     def along(self, direction: Array, heading: Array, current: Array) -> Array:
-        """Largest speed over ground that both axes can keep up [m/s]: negative where one would be swept back.
+        """Largest speed over ground that both axes can keep up, level [m/s]: negative where one would be swept back.
 
         Args:
             direction: Of the motion over ground [rad].
@@ -82,7 +88,8 @@ class SustainedSpeed(eqx.Module):
         part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), turned(heading).T @ current
         counts = jnp.abs(part) > ALONG
         most = self._sided(part, self.most) + jnp.sign(part) * flow
-        return jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
+        pushed = jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
+        return jnp.minimum(pushed, self.level.along(part, flow))
 
     def aside(self, heading: Array, side: Array, current: Array) -> Array:
         """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
@@ -93,6 +100,10 @@ class SustainedSpeed(eqx.Module):
         """Speed through the water that sway thrust keeps up, the slower side [m/s]; 0 without thrusters there."""
         slower = jnp.min(self.most[:, 1])
         return jnp.where(slower < FREE, slower, 0.0)
+
+    def level_heading(self, preferred: Array, estimate: Estimate) -> Array:
+        """Heading nearest to a preferred one at which it gets on against the current and stays level [rad]."""
+        return self.level.heading(preferred, self.current(estimate), estimate.eta[5], self.aside_speed())
 
     def drag_aside(self, speed: float) -> Array:
         """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""

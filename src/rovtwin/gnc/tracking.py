@@ -5,7 +5,8 @@
 with drag and Coriolis at the reference's velocity and the estimated disturbance b cancelled. Errors are those of the
 slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment. The
 restoring moment is that of a level vehicle: what rights it is not cancelled, and what a flow from the side does to turn
-it further (Munk's moment), which grows with the square of the speed, sets the least stiffness.
+it further (Munk's moment), which grows with the square of the speed, sets the least stiffness. What is asked for
+through the water is no more than keeps the vehicle level.
 
 Reference: Fossen (2021), sec. 15.2 and 16.3 (inverse dynamics with acceleration feed-forward).
 """
@@ -22,16 +23,13 @@ from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation import reachable_share
 from rovtwin.gnc.control import ControlInput, body_rates_from_euler_rates
 from rovtwin.gnc.reference import ReferenceModel
-from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
+from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
 from rovtwin.gnc.sustained import SustainedSpeed, turned
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
-from rovtwin.vehicle.trim import steady_speed
 
 DOWN = jnp.array([0.0, 0.0, 1.0])
-MARGIN = 1.5  # of stiffness against Munk's moment at top speed
-LAGGED = 0.5  # largest frequency times the thrusters' lag
 _HORIZONTAL = jnp.arange(6) < 2
 
 
@@ -115,8 +113,8 @@ class Tracking(Block):
         """
         scales = VehicleScales.of(model)
         wanted = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
-        w = np.maximum(wanted, _least_frequency(model))
-        righting = np.maximum(_righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
+        w = np.maximum(wanted, straight(model))
+        rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5
         lower, upper = wrench_limits(model.thrusters)
         inertia = np.diagonal(np.asarray(model.mass))[3:]
@@ -124,7 +122,7 @@ class Tracking(Block):
             model=model,
             sustained=SustainedSpeed.of(model),
             K_p=able * w**2,
-            K_d=able * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + righting),
+            K_d=able * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + rights),
             K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
             reach=1.6 * scales.length if reach is None else reach,
             lower=lower,
@@ -150,7 +148,8 @@ class Tracking(Block):
         nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])
         # Components in b of a velocity that is given in n turn with b.
         ahead = jnp.concatenate([R_bn @ reference.eta_ddot[:3] - cross(nu[3:], nu_ref[:3]), W @ reference.eta_ddot[3:]])
-        nu_dot = ahead + self.K_d * (nu_ref - nu) + self.K_p * e
+        nu_ref, eased = self._level(estimate, nu, nu_ref, e)
+        nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
         wanted = (
             model.mass @ nu_dot
@@ -166,6 +165,31 @@ class Tracking(Block):
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
 
+    def _level(self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array) -> tuple[Array, Array]:
+        """The reference's velocity, and what comes to the one that the error asks for, so that the vehicle stays level.
+
+        Their velocities through the water are reduced to what keeps it level; nothing changes where they do. So in a
+        current that would tip it over it drifts.
+
+        Args:
+            estimate: Tells the current.
+            nu: Slow velocity, b, shape (6,).
+            nu_ref: Of the reference, b, shape (6,).
+            e: Pose error, b, shape (6,).
+        """
+        level = self.sustained.level
+        flow = turned(estimate.eta[5]).T @ self.sustained.current(estimate)
+        down = level.dive(nu[:2] - flow)
+
+        def change(velocity: Array) -> Array:
+            w = velocity[:2] - flow
+            heave = jnp.clip(velocity[2], -down, down) - velocity[2]
+            return jnp.zeros(6).at[:2].set(level.nearest(w) - w).at[2].set(heave)
+
+        kept = nu_ref + change(nu_ref)
+        follows = self.K_d > 0.0
+        return kept, change(kept + jnp.where(follows, self.K_p / jnp.where(follows, self.K_d, 1.0), 0.0) * e)
+
     def _flow(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
         """Coriolis wrench and drag, shape (6,): forces at the reference's velocity, as b takes the current's part.
 
@@ -179,27 +203,3 @@ class Tracking(Block):
         rigid = coriolis_wrench(model.rigid_body_mass, moves)
         moments = rigid + coriolis_wrench(model.added_mass, nu_r) + damping_wrench(model, nu_r)
         return jnp.concatenate([forces[:3], moments[3:]])
-
-
-def _righting(model: Model) -> np.ndarray:
-    """Moment per angle that rights the vehicle in roll and pitch [N m/rad], shape (6,)."""
-    stiffness = float(model.weight * model.center_of_gravity[2] - model.buoyancy * model.center_of_buoyancy[2])
-    return np.array([0.0, 0.0, 0.0, stiffness, stiffness, 0.0])
-
-
-def _least_frequency(model: Model) -> np.ndarray:
-    """Frequency of roll, pitch and yaw that holds the vehicle straight at its top speed, shape (6,).
-
-    Munk's moment on a body that is turned by a small angle from its motion at speed U is the difference of its two
-    added masses times U^2 and the angle (Fossen 2021, sec. 6.3.3). Thrusters' lag is what limits the frequency.
-    """
-    _, upper = wrench_limits(model.thrusters)
-    ahead, aside = (steady_speed(model, axis, float(upper[axis])) for axis in range(2))
-    ahead, aside = (speed if np.isfinite(speed) else 0.0 for speed in (ahead, aside))
-    added = np.diagonal(np.asarray(model.added_mass))
-    turning = np.zeros(6)
-    turning[3:] = (added[2] - added[1]) * aside**2, (added[2] - added[0]) * ahead**2, (added[1] - added[0]) * ahead**2
-    stiffness = np.maximum(MARGIN * np.maximum(turning, 0.0) - _righting(model), 0.0)
-    slowest = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
-    most = LAGGED / slowest if slowest > 0.0 else np.inf
-    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.mass))), most)

@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from rovtwin.core.block import Block
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import Array, as_array
@@ -114,3 +116,14 @@ def airy_of(waves: AirySection, floor: float | None) -> AirySea:
         count=waves.components,
         where="world.waves",
     )
+
+
+def current_at(world: WorldSection, depth: float) -> np.ndarray:
+    """Mean horizontal current at a depth [m], n [m/s], shape (2,)."""
+    current = world.current
+    if isinstance(current, ConstantCurrentSection):
+        return np.asarray(current.velocity[:2], dtype=float)
+    if isinstance(current, ShearedCurrentSection):
+        velocities = np.asarray(current.velocities, dtype=float)
+        return np.array([np.interp(depth, current.depths, velocities[:, i]) for i in (0, 1)])
+    return np.asarray(current.mean[:2], dtype=float)

@@ -7,7 +7,8 @@ leg and c_x across it, a vehicle that turns its bow into the current makes good
 
 w being its top speed ahead; one that looks along the leg and pushes sideways w + c_a, if its top speed in sway is more
 than c_x. A place is held where c is less than w, a heading with it where each axis stems its part of c. Top speeds are
-those of one axis alone (`Limits`): what is refused here is impossible, what is not may still be hard.
+those of one axis alone (`Limits`), by thrust and by what keeps the vehicle level: what is refused here is impossible,
+what is not may still be hard.
 """
 
 import math
@@ -18,11 +19,10 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import Limits, compass_point
 from rovtwin.scenario.schema import (
-    ConstantCurrentSection,
     Scenario,
-    ShearedCurrentSection,
     ThesisSection,
     Waypoint,
     WorldSection,
@@ -127,17 +127,6 @@ def baseline_of_another(scenario: Scenario, vehicle: Vehicle) -> str | None:
     )
 
 
-def current_at(world: WorldSection, depth: float) -> np.ndarray:
-    """Mean horizontal current at a depth [m], n [m/s], shape (2,)."""
-    current = world.current
-    if isinstance(current, ConstantCurrentSection):
-        return np.asarray(current.velocity[:2], dtype=float)
-    if isinstance(current, ShearedCurrentSection):
-        velocities = np.asarray(current.velocities, dtype=float)
-        return np.array([np.interp(depth, current.depths, velocities[:, i]) for i in (0, 1)])
-    return np.asarray(current.mean[:2], dtype=float)
-
-
 def _legs(scenario: Scenario) -> list[_Leg]:
     before, legs = np.asarray(scenario.start.position, dtype=float), []
     heading = scenario.heading
@@ -205,34 +194,45 @@ def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray) -> Iterator[Finding]
                       f"{size - best:.2g} m/s or more, whatever it does",
                       "wait for less current, or give it more thrust", True)  # fmt: skip
         return
+    if size > max(limits.through_water, SOME):
+        yield _tips(limits, leg, flow)
+        return
     if leg.length > 0.5 * limits.length:
         yield from _made_good(limits, leg, current, flow)
         yield from _stops(limits, leg)
     if leg.point.heading_deg is not None and size > SOME:
-        yield from _held_heading(limits, leg, current, flow, ahead)
+        yield from _held_heading(limits, leg, current, flow)
     elif leg.point.hold_time > 0 and size > SOME and not limits.can(SWAY):
         psi = math.degrees(math.atan2(-current[1], -current[0])) % 360
         yield Finding(f"{leg.name}: no thrust in sway, and it is to stay there in {flow}",
                       f"it turns its bow into the current ({psi:.0f} deg)", False)  # fmt: skip
 
 
+def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
+    """A current through which the vehicle cannot go level, whichever way it looks."""
+    pitch, best = limits.level[0] <= limits.level[1] or not limits.can(SWAY), limits.through_water
+    what = f"{leg.name}: {flow} would tip it over: it stays level up to {best:.2g} m/s through the water"
+    more = "raise BG, give it thrust in pitch" if pitch else "raise BG, give it thrust in roll"
+    return Finding(f"{what}, beyond which Munk's moment turns it in {'pitch' if pitch else 'roll'}",
+                   f"wait for less current, {more}, or lower its added mass in heave", True)  # fmt: skip
+
+
 def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Iterator[Finding]:
     along = float(current @ [math.cos(leg.direction), math.sin(leg.direction)])
     across = float(current @ [-math.sin(leg.direction), math.cos(leg.direction)])
-    ahead, leg_speed = float(limits.top[SURGE, 1]), leg.point.speed or 0.0
-    aside = float(limits.top[SWAY, 0 if across > 0 else 1])  # it pushes against what runs across
-    crabs = aside > abs(across)
-    steered = math.sqrt(max(ahead**2 - across**2, 0.0)) + along
-    most = max(ahead + along if crabs else -math.inf, steered if ahead > abs(across) else -math.inf)
+    ahead, leg_speed = float(limits.through[SURGE, 1]), leg.point.speed or 0.0
+    aside, most = float(limits.through[SWAY, 0 if across > 0 else 1]), limits.made_good(along, across)
+    crabs, level = aside > abs(across), ahead < float(limits.top[SURGE, 1])
     name = f"the leg to {leg.name}"
     if most <= 0.0:
-        yield Finding(f"{name}: against {flow} it makes no way over ground with its top speed of {ahead:.2g} m/s",
+        yield Finding(f"{name}: against {flow} it makes no way over ground with {ahead:.2g} m/s, its top speed"
+                      f"{' that keeps it level' if level else ''}",
                       "wait for less current, turn the mission round, or give it more thrust", True)  # fmt: skip
-    elif leg_speed > SPARE * ahead + along or leg_speed > most:
-        slower = max(min(most, SPARE * ahead + along), 0.1 * leg_speed)
+    elif leg_speed > (planned := most if level else min(most, SPARE * ahead + along)):
         why = f" in {flow}" if np.hypot(*current) > SOME else ""
-        yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and the thrusters give {most:.2g} m/s over ground{why}",
-                      f"it is flown at about {slower:.2g} m/s", False)  # fmt: skip
+        gives = "it stays level up to" if level else "the thrusters give"
+        yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and {gives} {most:.2g} m/s over ground{why}",
+                      f"it is flown at about {max(planned, 0.1 * leg_speed):.2g} m/s", False)  # fmt: skip
     if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY):
         yield Finding(f"{name}: {abs(across):.2g} m/s of {flow} run across it, more than the {aside:.2g} m/s that "
                       "thrust in sway can stem",
@@ -256,23 +256,23 @@ def _up(value: float) -> float:
     return round(0.1 * math.ceil(10.0 * value), 1)
 
 
-def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float) -> Iterator[Finding]:
+def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Iterator[Finding]:
     """Whether a place can be held with the heading that is asked for."""
     psi = math.radians(leg.point.heading_deg or 0.0)
     c, s = math.cos(psi), math.sin(psi)
     stem = -np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])  # through the water, in b
-    has = [float(limits.top[axis, 1 if stem[axis] > 0 else 0]) for axis in (SURGE, SWAY)]
+    has = [float(limits.through[axis, 1 if stem[axis] > 0 else 0]) for axis in (SURGE, SWAY)]
     short = [(name, abs(float(stem[i])), has[i]) for i, name in enumerate(("surge", "sway"))
              if abs(stem[i]) > max(has[i], SOME)]  # fmt: skip
     if not short:
         return
     name, takes, gives = short[0]
     into = math.degrees(math.atan2(-current[1], -current[0])) % 360
-    cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name} is {gives:.2g} m/s"
+    cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name}, level, is {gives:.2g} m/s"
     what = (
         f"{leg.name}: {flow} cannot be stemmed heading {leg.point.heading_deg:g} deg: {takes:.2g} m/s in {name}, and "
     )
-    if np.hypot(*current) < ahead:
+    if np.hypot(*current) < limits.through[SURGE, 1]:
         yield Finding(what + cannot, f"the heading is given up: it looks into the current ({into:.0f} deg)", False)
     else:
         yield Finding(what + cannot, "leave the heading out, or wait for less current", True)

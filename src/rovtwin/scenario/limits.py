@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.gnc.level_speed import SPARE
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.constants import FRESH_WATER
 from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
@@ -23,12 +25,16 @@ class Limits:
             without thrusters.
         top: Speed at which drag takes all of it [m/s, rad/s], shape (6, 2).
         mass: Of each axis, added mass included [kg, kg m2], shape (6,).
+        level: Speed through the water in surge and sway at which it stays level [m/s], shape (2,).
+        upright: Speed at which half of what rights it is left [m/s], shape (2,).
     """
 
     length: float
     force: np.ndarray
     top: np.ndarray
     mass: np.ndarray
+    level: np.ndarray
+    upright: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> "Limits":
@@ -41,11 +47,14 @@ class Limits:
         largest = np.repeat([size[:3].max(initial=0.0), size[3:].max(initial=0.0)], 3)
         force[size <= RANK_TOLERANCE * largest] = 0.0  # forces are compared with forces, moments with moments
         top = [[steady_speed(model, i, -float(a)), steady_speed(model, i, float(b))] for i, (a, b) in enumerate(force)]
+        scales = VehicleScales.of(model)
         return cls(
             length=float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0),
             force=force,
             top=np.array(top),
             mass=np.diagonal(np.asarray(model.mass)),
+            level=scales.level_speed,
+            upright=scales.upright[:2],
         )
 
     def can(self, axis: int) -> bool:
@@ -55,6 +64,32 @@ class Limits:
     def both_ways(self, axis: int) -> float:
         """Force or moment that there is either way [N or N m]."""
         return float(self.force[axis].min())
+
+    @property
+    def through(self) -> np.ndarray:
+        """Speed through the water in surge and sway, columns as above, by thrust and level [m/s], shape (2, 2)."""
+        return np.minimum(self.top[:2], self.level[:, None])
+
+    @property
+    def through_water(self) -> float:
+        """The largest of them, with the better axis turned into the current [m/s]."""
+        return max(float(self.through[0, 1]), float(self.through[1].min()))
+
+    def made_good(self, along: float, across: float) -> float:
+        """Largest speed over ground in a current with these parts along and across the course [m/s]; -inf: none.
+
+        It looks along the course and crabs, or turns its bow into the current, or its side where that is level longer.
+        """
+        ahead, aside = self.through[0, 1], self.through[1, 0 if across > 0 else 1]  # it pushes against what runs across
+        best = -math.inf
+        if aside > abs(across):
+            level = self.level[0] * math.sqrt(max(1.0 - (across / self.level[1]) ** 2, 0.0))
+            best = min(float(self.top[0, 1]), level) + along
+        turns = math.hypot(along, across) > SPARE * self.level[0]  # else it goes slower (`gnc.level_speed`)
+        for speed in (ahead, self.through[1].min() if turns else 0.0):
+            if speed > abs(across):
+                best = max(best, math.sqrt(speed**2 - across**2) + along)
+        return float(best)
 
     def stopping(self, speed: float) -> float:
         """Way from a speed ahead to rest under full thrust astern, without drag [m]; inf without such thrust."""

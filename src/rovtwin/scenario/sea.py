@@ -8,9 +8,10 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_world import airy_of
 from rovtwin.scenario.composition import Composed, below_surface
-from rovtwin.scenario.schema import AirySection, Scenario, ThesisWavesSection
+from rovtwin.scenario.schema import AirySection, ModelBasedSection, Scenario, ThesisWavesSection
 from rovtwin.simulation.holding import Holding, holding, stemmed
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
@@ -53,9 +54,22 @@ def holdings(composed: Composed, world: World | None = None) -> list[Holding]:
     twin, scenario = composed.loop.twin, composed.scenario
     key = jax.random.key(scenario.seed)
     return [
-        holding(twin.model, world or twin.world, key, below_surface(list(place), scenario.world, twin.model), heading)
+        holding(
+            twin.model,
+            world or twin.world,
+            key,
+            below_surface(list(place), scenario.world, twin.model),
+            heading,
+            controlled=_controlled(composed),
+        )
         for place, heading in places(scenario)
     ]
+
+
+def _controlled(composed: Composed) -> float:
+    """Flow along the nose up to which righting moment and control keep the vehicle level [m/s]; 0: not controlled."""
+    able = isinstance(composed.scenario.autopilot, ModelBasedSection)
+    return float(np.sqrt(2.0) * VehicleScales.of(composed.loop.twin.model).upright[0]) if able else 0.0
 
 
 def worst(found: list[Holding]) -> Holding:
@@ -125,6 +139,7 @@ def sea_report(composed: Composed) -> dict[str, Any]:
     """All of it as plain data, with the other wave model of the same Hs and Tz beside it."""
     scenario, section = composed.scenario, composed.scenario.world.waves
     found = holdings(composed)
+    stems = stemmed(composed.loop.twin.model, list(SIDES.values()), _controlled(composed))
     report: dict[str, Any] = {
         "scenario": scenario.name,
         "vehicle": composed.vehicle.name,
@@ -132,7 +147,7 @@ def sea_report(composed: Composed) -> dict[str, Any]:
         "verdict": worst(found).verdict,
         "line": _said(composed, found),
         "places": [as_data(h) for h in found],
-        "stems_m_s": dict(zip(SIDES, stemmed(composed.loop.twin.model, list(SIDES.values())).tolist(), strict=True)),
+        "stems_m_s": dict(zip(SIDES, stems.tolist(), strict=True)),
         "thesis_force_rms_n": None,
         "real_sea": None,
     }

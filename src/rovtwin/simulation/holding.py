@@ -12,8 +12,8 @@ Two questions, with two answers:
 A vehicle whose thrusters meet the first holds its place if its autopilot can use them. One that meets only the second
 stays about its place, swept to and fro by the waves as far as the water is. One that meets neither, but would with its
 bow turned into the mean flow, as a vehicle without thrust in sway must, holds its place but not the heading. One that
-does not even then drifts away. And in a flow along its nose that its righting moment cannot stand up to it pitches
-over, whatever its thrust.
+does not even then drifts away. And in a flow along its nose that neither righting moment nor control stands up to it
+pitches over, whatever its thrust.
 
 Reference: Fossen (2021), ch. 10; Newman (1977), Marine Hydrodynamics, sec. 6.4 (Stokes drift).
 """
@@ -63,8 +63,8 @@ class Holding:
         available_heave: Largest force in heave, both ways [N].
         into: Heading with the bow into the mean flow [rad].
         share_into: The share for the mean with that heading; inf where the flow from ahead tips the vehicle over.
-        upright: Flow along the nose up to which the righting moment keeps it level, from the side from which the mean
-            flow comes, ahead or astern [m/s].
+        upright: Flow along the nose up to which righting moment and control keep it level, from the side from which the
+            mean flow comes, ahead or astern [m/s].
     """
 
     place: np.ndarray
@@ -101,7 +101,14 @@ class Holding:
 
 
 def holding(
-    model: Model, world: World, key: Array, place: Any, heading: float, duration: float = 600.0, dt: float = 0.1
+    model: Model,
+    world: World,
+    key: Array,
+    place: Any,
+    heading: float,
+    duration: float = 600.0,
+    dt: float = 0.1,
+    controlled: float = 0.0,
 ) -> Holding:
     """What it takes to hold a place and heading, level.
 
@@ -113,6 +120,7 @@ def holding(
         heading: [rad].
         duration: Of the record [s].
         dt: Between its samples [s].
+        controlled: Flow along the nose up to which control keeps it level [m/s]; 0: the righting moment alone.
     """
     start = Start.at(place, heading)
     steps = max(2, round(duration / dt))
@@ -121,7 +129,7 @@ def holding(
     flow = current + _stokes_drift(world, float(start.position[2]))
     mean = flow.mean(axis=0)
     means = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.asarray(wrench.mean(axis=0))))
-    shares = thrust_share(model.thrusters, means)
+    most = at_most(thrust_share(model.thrusters, means), 95.0)
     into = float(np.arctan2(-mean[1], -mean[0])) if np.hypot(*mean[:2]) > 0.0 else heading
     return Holding(
         place=np.asarray(start.position),
@@ -130,16 +138,16 @@ def holding(
         required=required,
         share=thrust_share(model.thrusters, required),
         mean_required=means.mean(axis=0),
-        mean_share=at_most(shares, 95.0),
+        mean_share=most,
         mean_flow=mean,
         sweep=_sweep(world, float(start.position[2])),
         drift=_drift(model, state, mean, wrench.mean(axis=0)),
         available=_force_along(model.thrusters, _mostly(required)),
         available_heave=_force_along(model.thrusters, HEAVE),
         # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
-        upright=stability(model, astern=_along(mean, heading) > 0).pitch_depth_held,
+        upright=max(stability(model, astern=_along(mean, heading) > 0).pitch_depth_held, controlled),
         into=into,
-        share_into=_share_into(model, place, flow, into) if at_most(shares, 95.0) > 1.0 else at_most(shares, 95.0),
+        share_into=_share_into(model, place, flow, into, controlled) if most > 1.0 else most,
     )
 
 
@@ -148,22 +156,23 @@ def at_most(values: np.ndarray, percent: float) -> float:
     return float(np.sort(values)[max(math.ceil(0.01 * percent * len(values)) - 1, 0)])
 
 
-def _share_into(model: Model, place: Any, flow: np.ndarray, into: float) -> float:
+def _share_into(model: Model, place: Any, flow: np.ndarray, into: float, controlled: float) -> float:
     """Share of the thrust that flows (n, 3), as large as they come, take with the bow at a heading [rad]."""
     speed = at_most(np.hypot(flow[:, 0], flow[:, 1]), 95.0)
-    if speed > stability(model).pitch_depth_held:
+    if speed > max(stability(model).pitch_depth_held, controlled):
         return math.inf
     ahead = jnp.asarray([[-speed * math.cos(into), -speed * math.sin(into), float(flow[:, 2].mean())]])
     means = np.asarray(_in_mean_flow(model, State.at(model, Start.at(place, into)), ahead, jnp.zeros(6)))
     return float(thrust_share(model.thrusters, means)[0])
 
 
-def stemmed(model: Model, directions: Any) -> np.ndarray:
-    """Largest steady currents that thrusters stem, other axes and the heading held too [m/s], shape (n,).
+def stemmed(model: Model, directions: Any, controlled: float = 0.0) -> np.ndarray:
+    """Largest steady currents that thrusters stem, level, other axes and the heading held too [m/s], shape (n,).
 
     Args:
         model: The vehicle.
         directions: From which each comes, off the bow to starboard [rad], shape (n,).
+        controlled: As in `holding`.
     """
     directions, speeds = np.asarray(directions, dtype=float), np.linspace(0.0, _fastest(model), 201)
     state = State.at(model, Start.at((0.0, 0.0, 10.0 * float(model.hull.radius) + 1.0), 0.0))
@@ -172,7 +181,9 @@ def stemmed(model: Model, directions: Any) -> np.ndarray:
     tau = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.zeros(6)))
     within = thrust_share(model.thrusters, tau).reshape(len(directions), -1) <= 1.0
     first_beyond = np.where(within.all(axis=1), len(speeds), np.argmin(within, axis=1))
-    return np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
+    stems = np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
+    upright = [stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
+    return np.minimum(stems, np.maximum(upright, controlled) / np.maximum(np.abs(np.cos(directions)), 1e-6))
 
 
 def _fastest(model: Model) -> float:

@@ -1,0 +1,114 @@
+"""The speed through the water that keeps a vehicle level, against the equations of motion."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.gnc.flying import thirty_kg
+from tests.gnc.test_sustained import pushed
+
+from rovtwin.core.flow import Environment, Reference
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.control import ControlInput
+from rovtwin.gnc.level_speed import LevelSpeed
+from rovtwin.gnc.scales import ANY, MARGIN, VehicleScales
+from rovtwin.gnc.sustained import SustainedSpeed
+from rovtwin.gnc.tracking import Tracking
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.thrusters import thrusters_from
+
+BARE = thirty_kg(
+    thrusters=thrusters_from(jnp.zeros((6, 0)), jnp.zeros(0)),
+    added_mass=np.diag([15.0, 30.0, 60.0, 2.2, 0.6, 0.9]),
+    linear_damping_ahead=np.zeros((6, 6)),
+    quadratic_damping_ahead=np.zeros((6, 6)),
+)
+LEVEL = LevelSpeed(jnp.array([0.4, 1.0]))
+NORTH, EAST = jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.0, 0.5 * np.pi, 2.5])
+def test_on_the_ellipse_nothing_rights_the_vehicle_and_inside_something_does(angle):
+    """Static stiffness of roll and pitch by the equations of motion: its determinant is zero where it tips."""
+    axes = np.asarray(LevelSpeed.of(BARE).axes) / MARGIN
+
+    def moments(tilt, share):
+        speed = share / np.hypot(np.cos(angle) / axes[0], np.sin(angle) / axes[1])
+        level = speed * jnp.array([np.cos(angle), np.sin(angle), 0.0])
+        phi, theta = tilt
+        # The same velocity through the water, seen from the tilted body, to first order.
+        body = level + jnp.array([0.0, 0.0, level[0] * theta - level[1] * phi])
+        q = quaternion_from_euler(jnp.array([phi, theta, 0.0]))
+        nu = jnp.concatenate([body, jnp.zeros(3)])
+        nu_dot = acceleration(BARE, jnp.zeros(3), q, nu, jnp.zeros(6), Environment.calm())
+        return (BARE.mass @ nu_dot)[3:5]
+
+    stiffness = jax.jit(jax.jacfwd(moments))
+    least = [float(np.linalg.det(stiffness(jnp.zeros(2), share))) for share in (0.0, 0.9, 1.0, 1.1)]
+    assert least[1] / least[0] == pytest.approx(1.0 - 0.9**2, rel=1e-3)
+    assert least[2] / least[0] == pytest.approx(0.0, abs=1e-3) and least[3] < 0.0
+
+
+def test_a_velocity_that_keeps_it_level_is_left_alone_and_another_one_reduced():
+    inside, outside = jnp.array([0.2, 0.5]), jnp.array([0.8, 1.0])
+    assert np.array_equal(LEVEL.nearest(inside), inside)
+    kept = np.asarray(LEVEL.nearest(outside))
+    assert np.hypot(*(kept / [0.4, 1.0])) == pytest.approx(1.0) and kept[0] / kept[1] == pytest.approx(0.8)
+
+
+def test_speed_over_ground_along_a_leg_in_a_current():
+    assert LEVEL.along(NORTH, jnp.zeros(2)) == pytest.approx(0.4)
+    assert LEVEL.along(NORTH, jnp.array([-0.1, 0.0])) == pytest.approx(0.3)
+    assert LEVEL.along(NORTH, jnp.array([0.0, 0.6])) == pytest.approx(0.4 * 0.8)
+    assert LEVEL.along(NORTH, jnp.array([-0.5, 0.0])) < 0.0
+    assert LEVEL.along(NORTH, jnp.array([0.0, 1.1])) < 0.0
+
+
+def test_a_dive_is_slower_the_faster_the_vehicle_goes_through_the_water():
+    still, slow, fast = (float(LEVEL.dive(jnp.array([u, 0.0]))) for u in (0.0, 0.2, 0.4))
+    assert still == ANY and 0.0 < fast < slow < 0.35
+
+
+def test_a_vehicle_that_is_level_for_longer_sideways_turns_its_side_into_the_current():
+    aside = jnp.asarray(2.0)
+
+    def heading(preferred, current, now):
+        return float(LEVEL.heading(jnp.asarray(preferred), jnp.asarray(current), jnp.asarray(now), aside))
+
+    assert heading(0.3, (-0.19, 0.0), 0.3) == 0.3, "weak: as it was"
+    assert heading(0.0, (0.0, 0.7), 0.0) == 0.0, "from the side already"
+    for now in (0.1, -0.1):  # ahead: to the side to which it looks
+        turned = heading(0.0, (-0.6, 0.0), now)
+        assert np.sign(turned) == np.sign(now)
+        w = 0.8 * np.array([np.cos(turned), -np.sin(turned)])
+        assert np.hypot(*(w / [0.4, 1.0])) == pytest.approx(1.0, rel=1e-6)
+    longer = LevelSpeed(jnp.array([1.0, 0.4]))
+    assert longer.heading(jnp.asarray(0.0), jnp.array([-0.9, 0.0]), jnp.asarray(0.0), aside) == 0.0
+
+
+def test_control_counts_as_what_tracking_gives():
+    """Of a vehicle with thrusters in pitch: it stays level at its top speed (flown at 0.6 m/s: 2 deg)."""
+    assert VehicleScales.of(load_vehicle("bluerov2_heavy").model()).level_speed[0] > 0.6
+
+
+def test_tracking_drifts_where_holding_would_tip_the_vehicle():
+    """Pushed by a current: the wrench is that of the largest level speed through the water, not of the current's."""
+    model = thirty_kg()
+    axes = np.asarray(LevelSpeed.of(model).axes)
+    control = Tracking.of(model)
+    current = jnp.array([-1.2 * axes[0], 0.0])
+    eta = jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    reference = Reference(eta, jnp.zeros(6), jnp.zeros(6))
+
+    def asked(velocity):
+        given = ControlInput(pushed(eta, velocity, current), reference, jnp.zeros(6))
+        return control.step(jnp.zeros(3), given, 0.02)[1].tau
+
+    drifting = asked(jnp.array([-0.2 * axes[0], 0.0]))
+    drag = SustainedSpeed.of(model)._drag(jnp.array([axes[0], 0.0]))
+    assert drifting[0] == pytest.approx(float(drag[0]), rel=0.02)
+    unlimited = dataclasses.replace(control.sustained, level=LevelSpeed(jnp.array([ANY, ANY])))
+    control = dataclasses.replace(control, sustained=unlimited)
+    assert asked(jnp.array([-0.2 * axes[0], 0.0]))[0] > 1.1 * drag[0]
