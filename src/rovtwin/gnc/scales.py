@@ -26,9 +26,7 @@ LAGS = np.array([0.1, 0.1, 0.16, 0.2, 0.2, 0.2])  # c, largest product of bandwi
 CRABS = 0.4  # share of the top speed in surge that sway has to reach for a vehicle to crab along its path
 ANY = 100.0  # speed that no vehicle reaches [m/s]: finite, for what is computed from it
 LEAST = 0.1  # share of cruise that is flown though nothing rights the vehicle
-MARGIN = (
-    0.85  # share of the speed at which Munk's moment tips the vehicle that is flown: 0.28 of what rights it is left
-)
+MARGIN = 0.85  # flown share of the speed at which Munk's moment tips the vehicle: 0.28 of what rights it is left
 STRAIGHT = 1.5  # stiffness against Munk's moment at top speed, as a share of it
 LAGGED = 0.5  # largest bandwidth times the thrusters' lag for that
 HEAVE, YAW = 2, 5
