@@ -95,9 +95,9 @@ def test_control_counts_as_what_tracking_gives():
 
 def test_tracking_drifts_where_holding_would_tip_the_vehicle():
     """Pushed by a current: the wrench is that of the largest level speed through the water, not of the current's."""
-    model = thirty_kg()
-    axes = np.asarray(LevelSpeed.of(model).axes)
+    model, axes = thirty_kg(), np.array([0.25, 0.25])  # slow enough for the thrust to be more than its drag
     control = Tracking.of(model)
+    control = dataclasses.replace(control, sustained=dataclasses.replace(control.sustained, level=LevelSpeed(axes)))
     current = jnp.array([-1.2 * axes[0], 0.0])
     eta = jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
     reference = Reference(eta, jnp.zeros(6), jnp.zeros(6))

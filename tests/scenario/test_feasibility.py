@@ -149,3 +149,10 @@ def test_points_of_the_compass():
     assert [compass_point(x) for x in (0.0, 0.8, 1.5, 3.2, -1.57, -0.1, 6.2)] == [
         "north", "north-east", "east", "south", "west", "north", "north",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("flown", ["autopilot=thesis", "autopilot.guidance.steering=crab"])
+def test_an_autopilot_that_keeps_its_heading_is_not_said_to_give_it_up(flown):
+    refused, noted = lines(NO_SWAY, "world.current=[0, 0.1, 0]", flown, name="station_keeping")
+    assert any("keeps its heading and is carried off" in line for line in refused)
+    assert not any("given up" in line for line in [*refused, *noted])

@@ -161,6 +161,8 @@ def _closing_table(flight: Any, screen: Console) -> None:
     screen.print(f"{flight.scenario.name}, seed {flight.scenario.seed}: {verdict}", style="bold", markup=False)
     if summary.get("why"):
         screen.print(f"  {summary['why']}", markup=False)
+    for line in summary.get("unmet", []):
+        screen.print(f"  {line}", markup=False)
     for one in summary["decisions"]:
         screen.print(f"  {one['t']:7.1f} s  {one['what']}: {one['cause']}", markup=False)
     screen.print(rows)

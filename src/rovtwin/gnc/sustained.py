@@ -62,7 +62,7 @@ class SustainedSpeed(eqx.Module):
         speed = np.where(some, kept_up, FREE)
         mass = _horizontal(model.mass)[1]
         push = np.where(some, force / mass, FREE)[:, 1]
-        return cls(*map(as_array, (linear, quadratic, speed, push, mass)), level)
+        return cls(linear, quadratic, speed, push, mass, level)
 
     def current(self, estimate: Estimate) -> Array:
         """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""

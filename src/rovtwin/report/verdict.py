@@ -100,7 +100,9 @@ def _headline(flight: Flight, good: bool | None) -> str:
     if good and summary.get("test"):
         return f"Test done in {seconds:.0f} s"
     if good:
-        return f"Completed in {seconds:.0f} s"
+        unmet = len(summary.get("unmet") or [])
+        rest = f", {unmet} heading{'s' if unmet > 1 else ''} unmet" if unmet else ""
+        return f"Completed in {seconds:.0f} s{rest}"
     if good is None:
         return f"Recording of {seconds:.0f} s"
     if phase in FAIL_SAFE_PHASES:

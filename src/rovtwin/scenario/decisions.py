@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
+from rovtwin.scenario.headings import reason_for, unmet_headings
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown
 from rovtwin.scenario.stalls import cause, stalls
@@ -21,6 +22,7 @@ def decisions(flown: Flown, thrusters: Sequence[str], scenario: Scenario, model:
         found += losses(flown.t, flown.health, thrusters)
     if scenario.waypoints:
         found += without_headway(flown, scenario, model)
+        found += [_one(one.t, one.what, reason_for(one, model)) for one in unmet_headings(flown, scenario)]
     return sorted(found, key=lambda one: one["t"])
 
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import Limits, compass_point
 from rovtwin.scenario.schema import (
@@ -34,6 +35,7 @@ SPARE = 0.9  # share of a top speed that guidance plans with: the rest is the fe
 SOME = 0.01  # current that counts [m/s]
 SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
 _BASELINE_OF = "double_blueye"
+_KEEPS = "this autopilot keeps its heading and is carried off: fly it with model_based, steering auto or los"
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
     if not any(finding.refused for finding in found):
         for leg in legs:
             current = current_at(scenario.world, leg.depth) if known_world else np.zeros(2)
-            found += _on_leg(limits, leg, current)
+            found += _on_leg(limits, leg, current, steers(scenario, model))
         if known_world:
             found += _in_tank(limits, legs, scenario.world)
     return sorted(_once(found), key=lambda finding: not finding.refused)
@@ -183,7 +185,15 @@ def _size(value: float) -> str:
     return f"{abs(value):.0f}" if abs(value) >= 99.5 else f"{abs(value):.2g}"
 
 
-def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray) -> Iterator[Finding]:
+def steers(scenario: Scenario, model: Model) -> bool:
+    """Whether the autopilot turns the bow to where the vehicle has to go; the thesis's, and `crab`, keep a heading."""
+    section = scenario.autopilot
+    if isinstance(section, ThesisSection) or section.guidance.steering == "crab":
+        return False
+    return section.guidance.steering == "los" or not VehicleScales.of(model).crabs
+
+
+def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool) -> Iterator[Finding]:
     """What speed, current, heading and corner ask of a leg and of the stay at its end."""
     ahead, size = float(limits.top[SURGE, 1]), float(np.hypot(*current))
     best = max(ahead, float(limits.top[SWAY].max()))
@@ -201,11 +211,12 @@ def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray) -> Iterator[Finding]
         yield from _made_good(limits, leg, current, flow)
         yield from _stops(limits, leg)
     if leg.point.heading_deg is not None and size > SOME:
-        yield from _held_heading(limits, leg, current, flow)
+        yield from _held_heading(limits, leg, current, flow, float(limits.through[SURGE, 1]) if steered else 0.0)
     elif leg.point.hold_time > 0 and size > SOME and not limits.can(SWAY):
         psi = math.degrees(math.atan2(-current[1], -current[0])) % 360
+        instead = f"it turns its bow into the current ({psi:.0f} deg)"
         yield Finding(f"{leg.name}: no thrust in sway, and it is to stay there in {flow}",
-                      f"it turns its bow into the current ({psi:.0f} deg)", False)  # fmt: skip
+                      instead if steered else _KEEPS, False)  # fmt: skip
 
 
 def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
@@ -256,8 +267,8 @@ def _up(value: float) -> float:
     return round(0.1 * math.ceil(10.0 * value), 1)
 
 
-def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Iterator[Finding]:
-    """Whether a place can be held with the heading that is asked for."""
+def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float) -> Iterator[Finding]:
+    """Whether a place can be held with the heading that is asked for; `ahead` is its speed if it may turn, or 0."""
     psi = math.radians(leg.point.heading_deg or 0.0)
     c, s = math.cos(psi), math.sin(psi)
     stem = -np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])  # through the water, in b
@@ -272,10 +283,13 @@ def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> 
     what = (
         f"{leg.name}: {flow} cannot be stemmed heading {leg.point.heading_deg:g} deg: {takes:.2g} m/s in {name}, and "
     )
-    if np.hypot(*current) < limits.through[SURGE, 1]:
+    if np.hypot(*current) < ahead:
         yield Finding(what + cannot, f"the heading is given up: it looks into the current ({into:.0f} deg)", False)
     else:
-        yield Finding(what + cannot, "leave the heading out, or wait for less current", True)
+        instead = "leave the heading out, or wait for less current"
+        if np.hypot(*current) < float(limits.top[SURGE, 1]):
+            instead = f"{_KEEPS}, or {instead}"
+        yield Finding(what + cannot, instead, True)
 
 
 def _in_tank(limits: Limits, legs: list[_Leg], world: WorldSection) -> Iterator[Finding]:

@@ -94,6 +94,7 @@ class Recorder:
             tau=whole["autopilot/tau"],
             bias=whole["autopilot/bias"],
             water=whole["truth/water_velocity"],
+            progress=whole["autopilot/progress"][:, 0].astype(int),
         )
 
 

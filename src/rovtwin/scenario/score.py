@@ -34,6 +34,7 @@ class Flown:
         setpoint: Pose that guidance asked for, tau: wrench that the controller asked for, bias: disturbance that the
             filter believed in (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
         water: Velocity of the water at CO, n [m/s], shape (n, 3); None where nobody knows it.
+        progress: One of core.flow.PROGRESS, as a number, shape (n,); None where nobody kept it.
     """
 
     t: np.ndarray
@@ -55,6 +56,7 @@ class Flown:
     tau: np.ndarray | None = None
     bias: np.ndarray | None = None
     water: np.ndarray | None = None
+    progress: np.ndarray | None = None
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.feasibility import judge
+from rovtwin.scenario.headings import unmet_headings
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, nees_interval, score, score_test
 from rovtwin.scenario.stalls import tipped, unfinished
@@ -37,6 +38,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
         "interrupted": interrupted,
         "foreseen": [finding.line for finding in judge(composed.scenario, composed.loop.twin.model)],
         "altitude_rms_m": altitude,
+        "unmet": [one.line for one in unmet_headings(flown, composed.scenario)],
         "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,

@@ -145,8 +145,8 @@ class Bridge:
         helm = self._for_missions(self._underway())
         depth = max(float(helm.output.estimate.eta[2]), 0.0) if order.depth is None else order.depth
         own = own_values(Limits.of(self._engine.vessel.composed.model))
-        asked = {} if order.speed is None else {"speed": order.speed}
-        there = Waypoint(position=[order.x, order.y, depth], **(own | asked))
+        speed = own["speed"] if order.speed is None else order.speed
+        there = Waypoint(position=[order.x, order.y, depth], speed=speed, acceptance=own["acceptance"])
         self._engine.fly(helm, self._checked([there]), [there])
         self._engine.event("info", f"going to north {order.x:.1f} m, east {order.y:.1f} m, depth {depth:.1f} m")
 

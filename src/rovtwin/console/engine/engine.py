@@ -335,7 +335,7 @@ class Engine:
             state |= {"trial": self.test.told(), "progress": min(self.test.time / self.test.duration, 1.0)}
         if ticker.vessel.helm.is_idle:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
-        if (news := self._changes.of(state["phase"], state["reason"])) is not None:
+        if (news := self._changes.of(state["phase"], state["reason"], state["gives_up_heading"])) is not None:
             self.event(*news)
         return state | {"alerts": alerts(state, ticker.vessel.composed.thruster_names)}
 

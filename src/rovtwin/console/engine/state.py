@@ -9,7 +9,7 @@ from scipy.special import gammaincinv
 
 from rovtwin.console.engine.world import TRUTH
 from rovtwin.core.datum import Datum
-from rovtwin.core.flow import PHASES, REASONS, AutopilotOutput, Measurement
+from rovtwin.core.flow import HEADING_GIVEN_UP, PHASES, REASONS, AutopilotOutput, Measurement
 from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.scenario.schema import Waypoint
 
@@ -66,15 +66,22 @@ class Changes:
     """What of the supervisor's phase and reason is worth an event."""
 
     def __init__(self) -> None:
-        self._before = ("", "")
+        self._before, self._gave_up = ("", ""), False
 
-    def of(self, phase: str, reason: str) -> tuple[str, str] | None:
-        """Level and text for each new reason, and for the end of a mission."""
+    def of(self, phase: str, reason: str, gives_up: bool = False) -> tuple[str, str] | None:
+        """Level and text for each new reason, the end of a mission, and a heading that is given up or kept again."""
+        gave_up, self._gave_up = self._gave_up, gives_up
         before, self._before = self._before, (phase, reason)
         if reason and reason != before[1]:
             return "danger", f"{phase}: {reason}"
         if phase != before[0] and phase in ("finished", "returned", "surfaced"):
             return "info", phase
+        if gives_up != gave_up:
+            return (
+                ("warning", "heading given up to keep the place")
+                if gives_up
+                else ("info", "heading no longer given up")
+            )
         return None
 
 
@@ -137,6 +144,7 @@ def flown(output: AutopilotOutput, waypoints: int) -> dict[str, Any]:
     return {
         "phase": PHASES[int(setpoint.phase)],
         "reason": REASONS[int(setpoint.reason)],
+        "gives_up_heading": int(setpoint.progress.state) == HEADING_GIVEN_UP,
         "eta": estimate.eta,
         "nu": estimate.nu,
         "sd": np.sqrt(np.maximum(variance, 0.0)),

@@ -19,7 +19,8 @@ UNKNOWN = (  # without the truth nobody knows
     *("position_error_rms_m", "nees_position_mean", "nees_effective_samples"),
     *("effort_n2s", "energy_wh", "thruster_activity_n_per_s"),
 )
-SCORED = ("eta", "nu", "leg", "mode", "health", "reference", "setpoint", "tau", "bias")  # of the autopilot's channels
+# Of the autopilot's channels.
+SCORED = ("eta", "nu", "leg", "mode", "health", "reference", "setpoint", "tau", "bias", "progress")
 HOST = ("late_ms", "link_age", "thrust_on")
 
 
@@ -133,6 +134,7 @@ class LiveRecorder:
             setpoint=whole["setpoint"],
             tau=whole["tau"],
             bias=whole["bias"],
+            progress=whole["progress"][:, 0].astype(int),
         )
 
 

@@ -1,0 +1,56 @@
+"""Headings that were asked for and not met, on made-up runs of which every sample is known."""
+
+import numpy as np
+from tests.scenario.test_stalls import NO_SWAY, SECONDS, flown
+
+from rovtwin.console.engine.state import Changes
+from rovtwin.core.flow import FINISHED, GO, GOING, HEADING_GIVEN_UP, HOLD
+from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.headings import unmet_headings
+from rovtwin.vehicle import vehicle_from_dict
+
+N = 10 * SECONDS + 1
+SCENARIO = load_scenario(
+    "square",
+    ["mission.waypoints=[{position: [3, 0, 3], speed: 0.2, acceptance: 0.2, hold_time: 60, heading_deg: 90}]"],
+)
+
+
+def run(psi_deg, phase=FINISHED, state=HEADING_GIVEN_UP):
+    """At the way-point from 100 s on, heading psi there; the last sample has the phase."""
+    eta = np.zeros((N, 6))
+    eta[:, 0], eta[:, 2], eta[1000:, 5] = 3.0, 3.0, np.radians(psi_deg)
+    mode = np.tile([GO, 0, 0, 1.0], (N, 1))
+    mode[1000:, 0] = HOLD
+    mode[-1, 0] = phase
+    progress = np.full(N, GOING)
+    progress[1200:] = state
+    return flown(0.0, 0.0, eta=eta, mode=mode, progress=progress)
+
+
+def test_a_heading_given_up_is_a_decision_with_its_error_and_the_summary_says_so():
+    model = vehicle_from_dict(NO_SWAY, "made up").model()
+    (one,) = unmet_headings(run(-83.0), SCENARIO)
+    assert one.line == "heading 90 deg given up at way-point 1: 173 deg off when it was left"
+    told = [d for d in decisions(run(-83.0), ["a", "b"], SCENARIO, model) if "heading" in d["what"]]
+    assert [d["t"] for d in told] == [120.0] and told[0]["what"] == "heading 90 deg given up at way-point 1"
+    assert "no thrust in sway" in told[0]["cause"] and "173 deg off" in told[0]["cause"]
+
+
+def test_a_heading_that_was_met_or_not_yet_reached_is_none():
+    assert unmet_headings(run(95.0), SCENARIO) == []
+    assert unmet_headings(run(-83.0, phase=HOLD), SCENARIO) == []
+
+
+def test_one_that_nobody_gave_up_counts_too():
+    (one,) = unmet_headings(run(40.0, state=GOING), SCENARIO)
+    assert one.what == "heading 90 deg not met at way-point 1" and not one.given_up
+
+
+def test_the_console_says_at_once_that_a_heading_is_given_up_and_when_no_longer():
+    changes = Changes()
+    told = [changes.of("hold", "", gives_up) for gives_up in (False, True, True, False)]
+    assert told == [
+        None, ("warning", "heading given up to keep the place"), None, ("info", "heading no longer given up"),
+    ]  # fmt: skip
