@@ -70,6 +70,12 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert code == 0 and {row["key"]: row for row in json.loads(out)["figures"]}["hotel_load"]["change"] == 0
 
 
+def test_ballast_that_cannot_be_is_not_called_needless(capsys, monkeypatch):
+    monkeypatch.setattr("rovtwin.scenario.vehicle_figures.compared", lambda before, after: [])
+    _, out, _ = run(capsys, "vehicle", "add", "gladius_mini", "battery_pod", "--at", "2,0,0.2")
+    assert "ballast: none found." in out and "it needs none" not in out
+
+
 def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
     storm = "world.waves={model: airy, significant_height: 1.5, zero_crossing_period: 5.7}"
     code, out, _ = run(capsys, "sea", "lawnmower_sea", "--set", storm, "--json")

@@ -24,7 +24,8 @@ from rovtwin.identification.joint.payload import predicted_change
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.extent import bounding_box
 
 PART = {
     "name": "camera",
@@ -50,20 +51,27 @@ def panels_of(vehicle):
     return panel_added_mass(mesher_of(vehicle)).matrix
 
 
+def added_mass_of(old, new, change, rng):
+    """What parts really add to M_A, shape (6, 6): by the panel method; a draw where the vehicle has no shapes."""
+    if bounding_box(old.file) is not None:
+        return panels_of(new) - panels_of(old)
+    return change.hydrodynamics["added_mass"] + np.diag(change.added_mass_std * rng.standard_normal(6))
+
+
 def truly_changed(model, old, new, rng):
-    """The model that the part really makes of a true one."""
+    """The model that parts really make of a true one."""
     change = predicted_change(old, new)
     weight = float(change.model.weight)
     was, now = old.model(), change.model
     net = float(model.buoyancy - model.weight) + float(now.buoyancy - now.weight - was.buoyancy + was.weight)
-    net += VOLUME * rng.standard_normal() * GRAVITY * FRESH_WATER * np.prod(PART["shape"]["box"])
+    net += VOLUME * rng.standard_normal() * change.displaced
     lever = sum(
         sign * np.asarray(m.center_of_buoyancy - m.center_of_gravity) for sign, m in ((1, model), (1, now), (-1, was))
     )
     formula = {f: np.asarray(getattr(now, f)) - np.asarray(getattr(was, f)) for f in SIDES}
     added = now.replace(
         **{f: np.asarray(getattr(model, f)) + delta for f, delta in formula.items()},
-        added_mass=np.asarray(model.added_mass) + panels_of(new) - panels_of(old),
+        added_mass=np.asarray(model.added_mass) + added_mass_of(old, new, change, rng),
         thrusters=model.thrusters,
         buoyancy=weight + net,
         displaced_mass=(weight + net) / GRAVITY,

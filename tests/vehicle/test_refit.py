@@ -91,8 +91,9 @@ def test_what_lies_inside_the_hull_is_said():
     assert not add("double_blueye", "imaging_sonar", [0, 0.28, 0.25]).notes
 
 
-@pytest.mark.parametrize("name", ["double_blueye", "blueye_pioneer"])
+@pytest.mark.parametrize("name", ["double_blueye", "blueye_pioneer", "bluerov2", "bluerov2_heavy", "gladius_mini"])
 def test_ballast_trims_it_again(name):
+    """Also a vehicle without shapes: at the corners of the box around its thrusters."""
     change = add(name, "imaging_sonar", [0.2, 0.1, 0.2])
     before = floating_of(change.before.assembly)
     off = floating_of(change.after.assembly)

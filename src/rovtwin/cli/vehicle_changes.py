@@ -95,13 +95,13 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
     from rovtwin.vehicle.findings import reservations
     from rovtwin.vehicle.refit import trimming, with_ballast
 
-    pieces, notes = [], list(change.notes)
+    pieces, notes, without = [], list(change.notes), ""
     try:
         pieces = trimming(change.before, change.after)
     except ConfigError as error:
         if ballast:
             raise
-        notes.append(f"ballast: {error}")
+        without = f"ballast: none found. {error}"
     trimmed = with_ballast(change, pieces, out)
     shown = trimmed if ballast else change
     rows = compared(change.before, shown.after)
@@ -112,6 +112,7 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
     if out is not None:
         out.write_text(shown.text, encoding="utf-8")
     if as_json:
+        notes += [without] if without else []
         ballasting = [{"material": p.material, "mass_kg": p.mass, "position_m": list(p.position)} for p in pieces]
         file = None if out is None else str(out)
         emit({"vehicle": change.before.name, "figures": rows, "ballast": ballasting, "ballasted": ballast}
@@ -124,7 +125,7 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
         every=False,
     )
     screen = console(False)
-    screen.print(_about_ballast(pieces, trimmed, ballast), markup=False, soft_wrap=True)
+    screen.print(without or _about_ballast(pieces, trimmed, ballast), markup=False, soft_wrap=True)
     for note in notes:
         screen.print(f"- {note}", markup=False, soft_wrap=True)
     screen.print(

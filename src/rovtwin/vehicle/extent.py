@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rovtwin.vehicle import schema
+from rovtwin.vehicle.assembly import Assembly
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.rigid_body import HERE, Placement
 
@@ -16,6 +17,14 @@ def bounding_box(body: schema.Body) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     low, high = zip(*found, strict=True)
     return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def around_thrusters(total: Assembly) -> tuple[np.ndarray, np.ndarray] | None:
+    """The same box of the places of all thrusters, which is flat where they are level; None without thrusters."""
+    if not total.thrusters:
+        return None
+    places = np.array([one.placement.point(np.array(one.item.position)) for one in total.thrusters])
+    return places.min(axis=0), places.max(axis=0)
 
 
 def _solids(body: schema.Body, placement: Placement) -> Iterator[tuple[Solid, Placement]]:

@@ -19,7 +19,7 @@ from rovtwin.vehicle import files
 from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
 from rovtwin.vehicle.ballasted import SHARE, blocks
 from rovtwin.vehicle.editing import with_parts, with_references, without_part, written
-from rovtwin.vehicle.extent import bounding_box
+from rovtwin.vehicle.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.floating import floating_of
 from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.rigid_body import Box, Placement
@@ -120,14 +120,14 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
 def trimming(before: Vehicle, after: Vehicle) -> list[Piece]:
     """Least foam and lead that gives a changed vehicle its net buoyancy back and hangs it level, to the gram.
 
-    The pieces sit around the box of the vehicle as it was.
+    The pieces sit around the box of the vehicle as it was; of one without shapes, of its thrusters.
 
     Raises:
         ConfigError: No pieces do it.
     """
-    box = bounding_box(before.file)
+    box = bounding_box(before.file) or around_thrusters(before.assembly)
     if box is None:
-        raise ConfigError(f"{before.where}: no part has a shape, so it has no outside to put ballast on")
+        raise ConfigError(f"{before.where}: no part has a shape or a thruster, so it has no outside to put ballast on")
     target = Wish(floating_of(before.assembly).net_buoyancy, level=True)
     stock = Stock(places_around(*box), SHARE * after.assembly.solid.mass, FOAM, LEAD)
     pieces = [piece.rounded(STEP) for piece in pieces_for(after.assembly, target, stock)]
