@@ -21,9 +21,10 @@ def bounding_box(body: schema.Body) -> tuple[np.ndarray, np.ndarray] | None:
 
 def around_thrusters(total: Assembly) -> tuple[np.ndarray, np.ndarray] | None:
     """The same box of the places of all thrusters, which is flat where they are level; None without thrusters."""
-    if not total.thrusters:
+    found = [(one.placement, one.item) for one in total.thrusters if isinstance(one.item, schema.Thruster)]
+    if not found:
         return None
-    places = np.array([one.placement.point(np.array(one.item.position)) for one in total.thrusters])
+    places = np.array([placement.point(np.array(thruster.position)) for placement, thruster in found])
     return places.min(axis=0), places.max(axis=0)
 
 
