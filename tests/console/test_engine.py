@@ -27,6 +27,9 @@ from rovtwin.scenario.schema import MissionSection, Waypoint
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 
+RESTING = {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0], "gives_up_heading": False}
+
+
 class FakeLink:
     def __init__(self, told):
         self._told, self.age, self.stopped, self.refused, self.stopped_at = told, 0.0, False, None, -np.inf
@@ -132,7 +135,7 @@ def engine(monkeypatch):
     monkeypatch.setattr(module, "Shipyard", FakeYard)
     monkeypatch.setattr(module, "Teller", FakeTeller)
     monkeypatch.setattr(module, "setup_of", lambda *_: {})
-    monkeypatch.setattr(ticker, "flown", lambda *_: {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0]})
+    monkeypatch.setattr(ticker, "flown", lambda *_: dict(RESTING))
     monkeypatch.setattr(ticker.Consistency, "take", lambda *_: None)
     monkeypatch.setattr(module, "AGAIN", 0.0)
     monkeypatch.setattr(flights, "FlightLog", FakeFlight)
