@@ -1,7 +1,6 @@
 """The command line as a user meets it: help, JSON, exit codes, and every kind of bad input as a table."""
 
 import json
-import os
 import signal
 import subprocess
 import sys

@@ -26,7 +26,6 @@ from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import MissionSection, Waypoint
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
-
 RESTING = {"u": [0.0], "phase": "idle", "reason": "", "health": [1.0], "gives_up_heading": False}
 
 
