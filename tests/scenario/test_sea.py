@@ -81,7 +81,8 @@ def test_without_sway_it_turns_into_the_current():
     assert "with the bow into the current, heading 270 deg" in report["line"]
     stems, limits = report["stems_m_s"], Limits.of(compose(scenario).model)
     assert stems["abeam"] == 0.0 and stems["off the bow"] < 0.01
-    assert stems["ahead"] == pytest.approx(limits.top[0, 1], rel=0.02)
+    # No more than keeps it level: thrust alone would take it to 0.9 m/s.
+    assert stems["ahead"] == pytest.approx(limits.through[0, 1], rel=0.02) and stems["ahead"] < 0.5 * limits.top[0, 1]
     assert stems["astern"] == pytest.approx(limits.top[0, 0], rel=0.02)
     fast = sea_report(compose(scenario.model_copy(update={"world": WorldSection(current=[0, 2, 0])})))
     assert fast["verdict"] == "drifts"
