@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from tests.gnc.flying import ARM, thirty_kg, two_bodies
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import Allocation, coupled, reachable_share, weighted_pseudo_inverse
-from rovtwin.vehicle.reach import rank, uncontrollable_directions, wrench_limits
+from rovtwin.gnc.allocation import Allocation, coupled, weighted_pseudo_inverse
+from rovtwin.vehicle.reach import rank, reachable_share, uncontrollable_directions, wrench_limits
 from rovtwin.vehicle.thrusters import force_limits, static_force, thrusters_from
 
 # Four vectored horizontal thrusters, which surge, sway and yaw share, and two vertical ones: a common small ROV.

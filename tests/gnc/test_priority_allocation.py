@@ -14,6 +14,10 @@ from rovtwin.gnc.allocation import AllocationInput
 from rovtwin.gnc.attainable import attainable, lost_axes, remaining
 from rovtwin.gnc.box_least_squares import MOST_STEPS, box_least_squares, unbounded
 from rovtwin.gnc.priority_allocation import DAMPING, AllocationMemory, PriorityAllocation
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.vehicle import list_library, load_vehicle
+from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.reach import pushed_axes
 from rovtwin.vehicle.thrusters import force_limits, thrusters_from
 
 proxsuite = pytest.importorskip("proxsuite")
@@ -112,12 +116,22 @@ def test_heading_goes_before_surge():
 
 
 def test_depth_goes_before_roll_before_surge():
-    T = np.eye(6)[:, [2, 0]] + 0.2 * np.eye(6)[:, [3, 3]]  # heave rolls, and so does surge
-    block = PriorityAllocation.of(thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.array([10.0, 10.0]))))
+    # Heave rolls, and so does surge; what balances roll is enough for heave alone.
+    T = np.eye(6)[:, [2, 0, 3]] + 0.2 * np.eye(6)[:, [3, 3, 0]] * [1.0, 1.0, 0.0]
+    block = PriorityAllocation.of(thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.array([10.0, 10.0, 1.0]))))
     told = step_from_rest(block, [5.0, 0, 5.0, 0, 0, 0])
     np.testing.assert_allclose(told.made[2], 5.0, atol=0.05)
-    np.testing.assert_allclose(told.made[3], 0.0, atol=0.03)  # 4 N m at most, 2 / 300 of it
-    np.testing.assert_allclose(told.made[0], -5.0, atol=0.15)
+    np.testing.assert_allclose(told.made[3], 0.0, atol=0.035)  # 5 N m at most, 2 / 300 of it
+    np.testing.assert_allclose(told.made[0], 0.0, atol=0.15)
+
+
+def test_what_one_thruster_less_cannot_hold_is_no_axis():
+    """Heave and surge both roll, and nothing balances it: roll is left to the righting moment."""
+    T = np.eye(6)[:, [2, 0]] + 0.2 * np.eye(6)[:, [3, 3]]
+    block = PriorityAllocation.of(thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.array([10.0, 10.0]))))
+    told = step_from_rest(block, [5.0, 0, 5.0, 0, 0, 0])
+    np.testing.assert_allclose(told.made, [5.0, 0, 5.0, 2.0, 0, 0], atol=0.03)
+    np.testing.assert_allclose(told.shortfall, 0.0, atol=0.03)
 
 
 def test_one_of_two_bodies_lost_without_compiling_again():
@@ -232,6 +246,43 @@ def test_vectored_vehicle_that_lost_a_thruster_still_moves_every_way():
     sound, now = what(thrusters, SOUND), what(thrusters, jnp.array([0.0, 1, 1, 1, 1, 1]))
     assert not np.any(lost_axes(now, sound, 0.3))
     assert 0.3 < now.horizontal / sound.horizontal < 0.8
+
+
+@pytest.mark.parametrize("name", list_library())
+def test_thrusters_above_co_still_push(name):
+    """What surge makes in pitch is a by-product where nothing balances it: it took surge away, with 2 cm of lever."""
+    model = raised(load_vehicle(name).model(), 0.05)
+    allocation = PriorityAllocation.of(model, slew=np.inf)
+    step = jax.jit(lambda tau: allocation.step(allocation.init(None, None), AllocationInput(tau, one), 0.02)[1])
+    one, sound = jnp.ones(model.thrusters.count), pushed_axes(load_vehicle(name).model())
+    np.testing.assert_array_equal(pushed_axes(model)[[0, 1, 2, 5]], sound[[0, 1, 2, 5]])
+    for axis in np.flatnonzero(pushed_axes(model)):
+        asked = 0.5 * float(jnp.minimum(allocation.greatest_wrench, -allocation.least_wrench)[axis])
+        got = step(jnp.zeros(6).at[axis].set(asked))
+        assert got.made[axis] == pytest.approx(asked, rel=0.02), AXES[axis]
+        assert abs(float(got.shortfall[axis])) < 0.02 * asked
+        assert not np.any(got.shortfall[~pushed_axes(model)]), "nobody asked for it, nothing winds up on it"
+
+
+def test_where_the_origin_lies_changes_no_axis():
+    """Moments about a far origin are levers of the drawing, not of the vehicle."""
+    for name in list_library():
+        model = load_vehicle(name).model()
+        T, r = np.asarray(model.thrusters.configuration), np.array([1.5, 0.3, -0.4])
+        T = np.vstack([T[:3], T[3:] + np.cross(r, T[:3], axisb=0, axisc=0)])
+        moved = model.replace(
+            center_of_gravity=model.center_of_gravity + r,
+            thrusters=eqx.tree_at(lambda t: t.configuration, model.thrusters, jnp.asarray(T)),
+        )
+        np.testing.assert_array_equal(pushed_axes(moved), pushed_axes(model), err_msg=name)
+
+
+def raised(model, share):
+    """The same with all thrusters that much of its length nearer to the surface."""
+    T = np.asarray(model.thrusters.configuration)
+    up = np.array([0.0, 0.0, -share * VehicleScales.of(model).length])
+    T = np.vstack([T[:3], T[3:] + np.cross(up, T[:3], axisb=0, axisc=0)])
+    return model.replace(thrusters=eqx.tree_at(lambda t: t.configuration, model.thrusters, jnp.asarray(T)))
 
 
 def test_bad_options_are_named():

@@ -84,15 +84,15 @@ def test_a_test_is_done_and_says_so(flight):
 
 def test_a_full_command_on_an_axis_is_full_and_pushes_no_other_axis():
     for name in ("double_blueye", "bluerov2", "bluerov2_heavy"):
-        T = np.asarray(load_vehicle(name).model().thrusters.configuration)
-        U = mixing(T)
+        model = load_vehicle(name).model()
+        T, U = np.asarray(model.thrusters.configuration), mixing(model)
         able = np.abs(U).max(axis=0) > 0
         assert np.abs(U[:, able]).max(axis=0) == pytest.approx(1.0)
         wrench = T @ U
         assert np.all(np.diagonal(wrench)[able] > 0)
         assert np.abs(wrench - np.diag(np.diagonal(wrench)))[:, able].max() < 1e-9
     assert list(able) == [True] * 6
-    pair = mixing(load_vehicle("double_blueye").model().thrusters.configuration)
+    pair = mixing(load_vehicle("double_blueye").model())
     assert not pair[:, 4].any(), "the Double Blueye has no pitch"
 
 
@@ -222,7 +222,7 @@ LIBRARY_TESTS = [name for name in list_scenarios() if load_scenario(name).test]
 def test_every_vehicle_flies_the_library_tests_without_what_it_cannot_push(name, vehicle, no_sway):
     reference = str(no_sway) if vehicle == "no_sway" else vehicle
     model = load_vehicle(reference).model()
-    able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
+    able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
     try:
         scenario = fitted_test(load_scenario(name, [f"vehicle={reference}"]))
     except ConfigError as error:

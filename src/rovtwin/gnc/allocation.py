@@ -152,9 +152,3 @@ def coupled(T: Any) -> np.ndarray:
     for _ in range(T.shape[1]):
         linked = linked @ linked
     return linked
-
-
-def reachable_share(T: Any) -> np.ndarray:
-    """How much of a pure force or moment along each axis thrusters can make, 0 to 1, shape (6,): diagonal of T T^+."""
-    T = np.asarray(T, dtype=float)
-    return np.diagonal(T @ weighted_pseudo_inverse(T)).copy()

@@ -15,9 +15,8 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Wrench
 from rovtwin.core.frames import rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.gnc.allocation import reachable_share
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.reach import pushed_axes, wrench_limits
 
 
 class ControlInput(eqx.Module):
@@ -120,7 +119,7 @@ class Pid(Block):
         """
         w, zeta = as_array(bandwidth), as_array(damping_ratio)
         m, d, g = jnp.diagonal(model.mass), linearised_damping(model, speed), restoring_stiffness(model)
-        able = as_array(reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5)
+        able = as_array(pushed_axes(model))
         return cls(
             K_p=able * jnp.maximum(m * w**2 - g, 0.0),
             K_i=able * as_array(integral) * m * w**3,

@@ -18,7 +18,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Measurements
 from rovtwin.core.frames import wrap
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.gnc.allocation import reachable_share
+from rovtwin.vehicle.reach import BY_PRODUCT, reachable_share
 from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 
 FREQUENCY = (0.6, 0.6, 0.8, 1.5, 1.5, 1.0)  # of holds [rad/s]
@@ -104,7 +104,7 @@ class Onboard(Block):
     def of(cls, thrusters: Thrusters, inertia: Any) -> "Onboard":
         """For thrusters seen from the drone's origin, and the inertia along each axis, shape (6,), that they move."""
         configuration = np.asarray(thrusters.configuration)
-        able = reachable_share(configuration) > 0.5
+        able = reachable_share(configuration) > BY_PRODUCT
         inverse = np.linalg.pinv(configuration, rcond=1e-9) * able
         low, high = (np.asarray(limit) for limit in force_limits(thrusters))
         most = np.minimum(-low, high)[:, None] / np.maximum(np.abs(inverse), 1e-12)

@@ -19,7 +19,7 @@ from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.allocation import Allocated, AllocationInput
 from rovtwin.gnc.box_least_squares import box_least_squares
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+from rovtwin.vehicle.reach import RANK_TOLERANCE, pushed_axes, wrench_limits
 from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 
 # Depth first: a vehicle that lists still comes home, one that cannot keep off the floor does not.
@@ -45,7 +45,8 @@ class PriorityAllocation(Block):
         highest: Greatest force of each sound thruster [N], shape (n,).
         least_wrench: Least wrench of each axis alone [N, N m], shape (6,); tau is cut to it.
         greatest_wrench: Greatest, shape (6,).
-        weight: Diagonal of W [1/N, 1/(N m)], shape (6,); zero along an axis that no thruster acts on.
+        weight: Diagonal of W [1/N, 1/(N m)], shape (6,); zero along an axis that thrusters cannot
+            push: what surge makes in pitch must not keep it from pushing.
         slew: Largest rate of the commanded force [N/s], shape (n,); inf is none.
         start: Share of its largest force from which a thruster at rest turns, shape ().
         stop: Share below which a turning one stops, shape ().
@@ -88,7 +89,8 @@ class PriorityAllocation(Block):
             raise ValueError(f"stop is {stop!r} and start {start!r}, expected 0 <= stop <= start < 1")
         thrusters = model.thrusters
         sound = eqx.tree_at(lambda t: t.health, thrusters, as_array(np.ones(thrusters.count)))
-        lower, upper = wrench_limits(sound)
+        pushed = pushed_axes(model.replace(thrusters=sound))
+        lower, upper = (pushed * limit for limit in wrench_limits(sound))
         slew = thrusters.rate_limit if slew is None else np.broadcast_to(slew, thrusters.count)
         lowest, highest = force_limits(sound)
         return cls(
@@ -118,9 +120,9 @@ class PriorityAllocation(Block):
         made = T @ sent
         near = ROUNDING * largest_force(self.lowest, self.highest)
         limited = working & ((solved <= lower + near) | (solved >= upper - near))
-        allocated = Allocated(
-            Command(command_for_force(self.thrusters, sent)), made, input.tau - made, input.tau - T @ solved, limited
-        )
+        missing = jnp.where(self.weight > 0.0, input.tau - T @ solved, 0.0)
+        command = Command(command_for_force(self.thrusters, sent))
+        allocated = Allocated(command, made, input.tau - made, missing, limited)
         return AllocationMemory(solved, sent), allocated
 
     def _solve(self, T: Array, tau: Array, lower: Array, upper: Array) -> Array:

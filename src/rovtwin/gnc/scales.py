@@ -18,7 +18,7 @@ import numpy as np
 
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+from rovtwin.vehicle.reach import pushed_axes, wrench_limits
 from rovtwin.vehicle.trim import steady_speed
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
@@ -65,11 +65,7 @@ class VehicleScales:
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         net = np.zeros(6)
         net[HEAVE] = float(model.weight - model.buoyancy)
-        size = np.maximum(-lower, upper)
-        # Forces are compared with forces, and moments with moments.
-        largest = np.repeat([size[:3].max(), size[3:].max()], 3)
-        force = np.maximum(np.minimum(upper + net, -lower - net), 0.0)
-        force = np.where(size > RANK_TOLERANCE * largest, force, 0.0)
+        force = np.where(pushed_axes(model), np.maximum(np.minimum(upper + net, -lower - net), 0.0), 0.0)
         acceleration = force / np.diagonal(np.asarray(model.mass))
         lag = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
         bandwidth = _bandwidth(acceleration, length, lag)

@@ -15,7 +15,7 @@ from rovtwin.core.flow import Estimate
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.level_speed import LevelSpeed
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+from rovtwin.vehicle.reach import pushed_axes, wrench_limits
 
 ALONG = 0.05  # shares of the speed below this are across the axis
 FREE = 100.0  # through the water along an axis that is not to count [m/s]: finite, for gradients
@@ -56,7 +56,7 @@ class SustainedSpeed(eqx.Module):
         linear = np.maximum(linear, DRAGLESS)
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         force = np.stack([upper[:2], -lower[:2]])
-        some = force > RANK_TOLERANCE * np.max(np.maximum(upper, -lower), initial=0.0)
+        some = pushed_axes(model)[:2] & (force > 0.0)
         level = LevelSpeed.of(model)
         kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
         speed = np.where(some, kept_up, FREE)

@@ -20,14 +20,13 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Estimate, Reference, Setpoint, Wrench
 from rovtwin.core.frames import cross, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
-from rovtwin.gnc.allocation import reachable_share
 from rovtwin.gnc.control import ControlInput, body_rates_from_euler_rates
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
 from rovtwin.gnc.sustained import SustainedSpeed, turned
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.reach import pushed_axes, wrench_limits
 
 DOWN = jnp.array([0.0, 0.0, 1.0])
 _HORIZONTAL = jnp.arange(6) < 2
@@ -115,8 +114,8 @@ class Tracking(Block):
         wanted = scales.bandwidth if bandwidth is None else np.asarray(bandwidth, dtype=float)
         w = np.maximum(wanted, straight(model))
         rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
-        able = reachable_share(model.thrusters.configuration * model.thrusters.health) > 0.5
-        lower, upper = wrench_limits(model.thrusters)
+        able = pushed_axes(model)
+        lower, upper = (able * limit for limit in wrench_limits(model.thrusters))
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
             model=model,

@@ -5,8 +5,6 @@ told shares a of the full command in [-1, 1]. What pulls depends on the vehicle'
 curve is among what the test should find; only the gains of holding are placed from the vehicle as it is believed to be.
 """
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
 
@@ -32,7 +30,7 @@ from rovtwin.gnc.rules import Watched
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_PAUSED, Supervisor, SupervisorMemory
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import RANK_TOLERANCE
+from rovtwin.vehicle.reach import pushed_axes
 
 # Of the bandwidth that the vehicle could have: before a test its forces are known badly.
 SHARE = np.array([0.7, 0.7, 0.7, 0.0, 0.0, 0.5])
@@ -83,7 +81,7 @@ class HoldingGains(eqx.Module):
     def of(cls, model: Model) -> "HoldingGains":
         """Poles at a share of the vehicle's bandwidth: K_p = w^2 M_ii / F_i, K_d = (2 zeta w M_ii - D_ii) / F_i."""
         scales = VehicleScales.of(model)
-        able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
+        able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
         able &= (scales.force > 0.0) & (SHARE > 0.0)
         inertia = np.diagonal(np.asarray(model.mass))
         over_force = np.where(able, 1.0 / np.where(able, scales.force, 1.0), 0.0)
@@ -159,7 +157,7 @@ class Trial(Block):
         mounts: dict[str, Mount] | None = None,
     ) -> "Trial":
         """A trial of a vehicle; its forces are used by what is held, and by nothing else."""
-        mix, gains = as_array(mixing(model.thrusters.configuration)), HoldingGains.of(model)
+        mix, gains = as_array(mixing(model)), HoldingGains.of(model)
         return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {})
 
     def init(self, key: Array, start: Start) -> TrialMemory:
@@ -235,17 +233,15 @@ class Trial(Block):
         )
 
 
-def mixing(configuration: Any) -> np.ndarray:
+def mixing(model: Model) -> np.ndarray:
     """Thruster commands that are a full command on each axis, shape (n, 6): pseudo-inverse, largest command 1.
 
     Thesis 7.1 in command space: all thrusters are taken to be alike. An axis that thrusters cannot push is zero.
 
     Args:
-        configuration: T, shape (6, n).
+        model: Its thrusters are used.
     """
-    T = np.asarray(configuration, dtype=float)
-    pattern = weighted_pseudo_inverse(T)
-    able = np.abs(np.diagonal(T @ pattern)) > RANK_TOLERANCE
+    pattern, able = weighted_pseudo_inverse(model.thrusters.configuration), pushed_axes(model)
     largest = np.abs(pattern).max(axis=0, initial=0.0)
     return np.where(able, pattern / np.where(able, largest, 1.0), 0.0)
 

@@ -227,7 +227,7 @@ def _timeline(pieces: list[Piece], spring: np.ndarray) -> Timeline:
 def _require_axes(scenario: Scenario, model: Model, vehicle: Vehicle) -> None:
     """ConfigError where a manoeuvre asks for an axis that thrusters cannot push."""
     assert scenario.test is not None
-    able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
+    able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
     known = ", ".join(name for name, can in zip(AXES, able, strict=True) if can)
     for i, one in enumerate(scenario.test.manoeuvres):
         axes = list(one.axes) if isinstance(one, MultisineSection) else [getattr(one, "axis", None)]

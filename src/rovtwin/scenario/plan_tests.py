@@ -103,7 +103,7 @@ def write_plan(plan: Plan, path: pathlib.Path) -> None:
 
 def plan_picture(plan: Plan, tank: Tank) -> Figure:
     """Commands, path, expected standard deviations."""
-    mix = mixing(plan.model.thrusters.configuration)
+    mix = mixing(plan.model)
     able = np.abs(mix).max(axis=0) > 0
     minutes = np.array(plan.expected.each_minute()).reshape(-1, 2)
     return draw_test_plan(

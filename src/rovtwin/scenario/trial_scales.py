@@ -40,7 +40,7 @@ class TrialScales:
     def of(cls, model: Model) -> "TrialScales":
         """Of the vehicle as it is believed to be."""
         scales = VehicleScales.of(model)
-        able = np.abs(mixing(model.thrusters.configuration)).max(axis=0, initial=0.0) > 0
+        able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
         able &= scales.acceleration > 0.0
         lag = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
         rise = scales.top / np.where(able, scales.acceleration, 1.0) + 2.0 * lag

@@ -10,12 +10,20 @@ from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import rank, uncontrollable_directions
+from rovtwin.vehicle.reach import (
+    BY_PRODUCT,
+    RANK_TOLERANCE,
+    configuration_about_cg,
+    pushed_axes,
+    rank,
+    uncontrollable_directions,
+)
 from rovtwin.vehicle.schema import Body, Thruster
 from rovtwin.vehicle.trim import SPEED_LIMIT, hang, reach, stability, steady_speed
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 _UNNOTICED = 1e-6  # net buoyancy as a share of the weight
+_TILTING = 5.0  # roll or pitch by thrust that is worth a word [deg]
 _UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
 # Between a shape and what its part displaces or weighs: lead is 11 times water, the box around an open frame some 50
 # times its tubes; a slip of units is 1000 (litres, grams) or more.
@@ -83,7 +91,8 @@ def findings(vehicle: Vehicle, model: Model) -> list[str]:
     """The same for a vehicle already loaded."""
     doubts = [f"what was identified is not to be relied on: {doubt}" for doubt in vehicle.doubts]
     parts = [*doubts, *_about_parts(vehicle), *_about_sensors(vehicle)]
-    return [*parts, *_about_thrusters(vehicle, model), *_about_floating(model), *_about_speed(model)]
+    water = [*_about_floating(model), *_about_tilting(model), *_about_speed(model)]
+    return [*parts, *_about_thrusters(vehicle, model), *water]
 
 
 def uncontrollable(T: np.ndarray) -> list[str]:
@@ -94,8 +103,10 @@ def uncontrollable(T: np.ndarray) -> list[str]:
 def _named(direction: np.ndarray) -> str:
     scaled = direction / np.abs(direction).max()
     parts = [(f, a, s) for f, a, s in zip(scaled, AXES, SYMBOLS, strict=True) if abs(f) > 1e-6]
-    if len(parts) == 1:
-        return f"{parts[0][1]} ({parts[0][2]})"
+    (factor, axis, symbol), *others = sorted(parts, key=lambda part: -abs(part[0]))
+    if all(abs(f) < BY_PRODUCT for f, _, _ in others):
+        comes = " ".join(f"{-f / factor:+.2g} {s}" for f, _, s in others).removeprefix("+")
+        return f"{axis} ({symbol})" + (f" by itself, only {symbol} = {comes}" if others else "")
     return " ".join(f"{f:+.2g} {s}" for f, _, s in parts)
 
 
@@ -197,6 +208,23 @@ def _about_floating(model: Model) -> Iterator[str]:
             )
         elif abs(floating.trim[i]) > np.radians(2):
             yield f"{axis} trim {np.degrees(floating.trim[i]):.1f} deg: CG and CB are not above each other"
+
+
+def _about_tilting(model: Model) -> Iterator[str]:
+    """Roll or pitch that full thrust ahead or aside makes, where no other thrusters balance it."""
+    T, pushed, stiffness = configuration_about_cg(model), pushed_axes(model), hang(model).stiffness
+    full = reach(model).max(axis=1)
+    for i in (0, 1):
+        wrench = T @ np.linalg.pinv(T, rcond=RANK_TOLERANCE)[:, i] * full[i]
+        for j, tilts in ((3, "rolls"), (4, "pitches")):
+            if pushed[j] or not pushed[i] or stiffness[j - 3] <= 0:
+                continue
+            angle, lever = np.degrees(np.arctan2(abs(wrench[j]), stiffness[j - 3])), 1e3 * abs(wrench[j] / full[i])
+            if angle > _TILTING:
+                yield (
+                    f"full thrust in {AXES[i]} {tilts} it by {angle:.0f} deg: it acts {lever:.0f} mm above or below CG, "
+                    "and no other thrusters balance it"
+                )
 
 
 def _about_speed(model: Model) -> Iterator[str]:

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.vehicle.constants import FRESH_WATER
+from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import Thrusters, force_limits
 
 # Singular values below this share of the largest count as zero: geometry in files is given to a millimetre or so,
 # and rounding alone leaves 1e-16.
 RANK_TOLERANCE = 1e-6
+BY_PRODUCT = 0.5  # share of a pure force or moment below which an axis is no axis of its own
 
 
 def rank(T: Any) -> int:
@@ -51,6 +54,36 @@ def uncontrollable_directions(T: Any) -> np.ndarray:
     first = np.argmax(np.abs(rows) > 10 * RANK_TOLERANCE, axis=1)
     rows *= np.sign(rows[np.arange(count), first])[:, None]
     return rows[np.argsort(first, kind="stable")] + 0.0  # no -0.0
+
+
+def reachable_share(T: Any, length: float = 1.0) -> np.ndarray:
+    """How much of a pure force or moment along each axis thrusters can make, 0 to 1, shape (6,): diagonal of T T^+.
+
+    Args:
+        T: Configuration matrix, shape (6, n).
+        length: Lever at which moments are counted as forces [m].
+    """
+    scaled = np.asarray(T, dtype=float) / np.repeat([1.0, length], 3)[:, None]
+    return np.diagonal(scaled @ np.linalg.pinv(scaled, rcond=RANK_TOLERANCE)).copy()
+
+
+def pushed_axes(model: Model) -> np.ndarray:
+    """Axes, surge to yaw, along which thrusters can be asked for a force or moment, shape (6,), bool.
+
+    Thrusters for surge that sit above or below CO make a moment in pitch as well. Without others that balance it, pitch
+    is a by-product of surge: nothing controls it, and holding it at zero would take surge away, too. So an axis counts
+    where sound thrusters can make more than half of a pure force or moment along it. Moments are about CG, for the
+    origin may lie anywhere, and are compared with forces at the vehicle's own length.
+    """
+    length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
+    return reachable_share(configuration_about_cg(model), length) > BY_PRODUCT
+
+
+def configuration_about_cg(model: Model) -> np.ndarray:
+    """T with moments about CG in place of CO, shape (6, n)."""
+    T = np.array(model.thrusters.configuration)
+    T[3:] -= np.cross(np.asarray(model.center_of_gravity), T[:3], axisb=0, axisc=0)
+    return T
 
 
 @jax.jit
