@@ -100,8 +100,9 @@ class Contingency(Block):
         scales = VehicleScales.of(model)
         length, dive = scales.length, scales.dive_speed if dive is None else dive
         pushed = [i for i in (0, HEAVE) if scales.force[i] > 0.0]
+        speeds = {0: scales.surge_speed, HEAVE: dive}
         return cls(
-            speed=min(scales.surge_speed, dive) if 0 in pushed else dive,
+            speed=min((speeds[i] for i in pushed), default=dive),
             acceleration=0.33 * min((scales.acceleration[i] for i in pushed), default=GRAVITY),
             settling=0.25 / scales.level_bandwidth,
             surface=0.64 * length if surface is None else surface,

@@ -145,7 +145,7 @@ class PathGuidance(Block):
             onset=0.2 / w,
             patience=1.6 * length,
             depth_tolerance=0.16 * length,
-            rest=0.25 * scales.cruise[HEAVE],
+            rest=0.25 * scales.cruise[HEAVE] or 0.32 * w * length,
             depth_step=0.32 * length,
             tightest=tightest,
             sustained=sustained,

@@ -86,6 +86,11 @@ class VehicleScales:
         return float(self.bandwidth[0])
 
     @property
+    def wave_speed(self) -> float:
+        """Speed at which the Froude number is one [m/s]: what a speed is compared with that no thruster makes."""
+        return float(np.sqrt(GRAVITY * self.length))
+
+    @property
     def crabs(self) -> bool:
         """Whether thrusters push sideways well enough for the vehicle to go where it does not point."""
         return bool(self.top[1] >= CRABS * self.top[0] and self.force[1] > 0.0)
@@ -109,7 +114,8 @@ class VehicleScales:
     def level_speed(self) -> np.ndarray:
         """Largest speed through the water in surge and sway at which the vehicle stays level [m/s], shape (2,)."""
         level = MARGIN * np.sqrt(2.0) * self.upright[:2]
-        return np.where(self.upright[:2] < ANY, np.maximum(level, LEAST * self.cruise[:2]), ANY)
+        least = LEAST * max(float(self.cruise[:2].max()), 0.1 * self.wave_speed)
+        return np.where(self.upright[:2] < ANY, np.maximum(level, least), ANY)
 
     @property
     def piloted_speed(self) -> np.ndarray:

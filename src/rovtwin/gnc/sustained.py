@@ -56,7 +56,9 @@ class SustainedSpeed(eqx.Module):
         linear = np.maximum(linear, DRAGLESS)
         lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
         force = np.stack([upper[:2], -lower[:2]])
-        some = pushed_axes(model)[:2] & (force > 0.0)
+        # An axis without thrusters is free: the water carries the vehicle. One that is pushed one way only is not.
+        some = pushed_axes(model)[:2] & (force.max(axis=0) > 0.0)
+        force = np.maximum(force, 0.0)
         level = LevelSpeed.of(model)
         kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
         speed = np.where(some, kept_up, FREE)

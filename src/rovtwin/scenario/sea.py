@@ -67,9 +67,9 @@ def holdings(composed: Composed, world: World | None = None) -> list[Holding]:
 
 
 def _controlled(composed: Composed) -> float:
-    """Flow along the nose up to which righting moment and control keep the vehicle level [m/s]; 0: not controlled."""
+    """Speed through the water along the nose that `model_based` flies, level, at most [m/s]; 0 of another autopilot."""
     able = isinstance(composed.scenario.autopilot, ModelBasedSection)
-    return float(np.sqrt(2.0) * VehicleScales.of(composed.loop.twin.model).upright[0]) if able else 0.0
+    return float(VehicleScales.of(composed.loop.twin.model).level_speed[0]) if able else 0.0
 
 
 def worst(found: list[Holding]) -> Holding:

@@ -120,7 +120,7 @@ def holding(
         heading: [rad].
         duration: Of the record [s].
         dt: Between its samples [s].
-        controlled: Flow along the nose up to which control keeps it level [m/s]; 0: the righting moment alone.
+        controlled: Largest flow along the nose that the autopilot goes against [m/s]; 0: what rights the vehicle limits.
     """
     start = Start.at(place, heading)
     steps = max(2, round(duration / dt))
@@ -145,7 +145,7 @@ def holding(
         available=_force_along(model.thrusters, _mostly(required)),
         available_heave=_force_along(model.thrusters, HEAVE),
         # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
-        upright=max(stability(model, astern=_along(mean, heading) > 0).pitch_depth_held, controlled),
+        upright=controlled or stability(model, astern=_along(mean, heading) > 0).pitch_depth_held,
         into=into,
         share_into=_share_into(model, place, flow, into, controlled) if most > 1.0 else most,
     )
@@ -159,7 +159,7 @@ def at_most(values: np.ndarray, percent: float) -> float:
 def _share_into(model: Model, place: Any, flow: np.ndarray, into: float, controlled: float) -> float:
     """Share of the thrust that flows (n, 3), as large as they come, take with the bow at a heading [rad]."""
     speed = at_most(np.hypot(flow[:, 0], flow[:, 1]), 95.0)
-    if speed > max(stability(model).pitch_depth_held, controlled):
+    if speed > (controlled or stability(model).pitch_depth_held):
         return math.inf
     ahead = jnp.asarray([[-speed * math.cos(into), -speed * math.sin(into), float(flow[:, 2].mean())]])
     means = np.asarray(_in_mean_flow(model, State.at(model, Start.at(place, into)), ahead, jnp.zeros(6)))
@@ -182,8 +182,8 @@ def stemmed(model: Model, directions: Any, controlled: float = 0.0) -> np.ndarra
     within = thrust_share(model.thrusters, tau).reshape(len(directions), -1) <= 1.0
     first_beyond = np.where(within.all(axis=1), len(speeds), np.argmin(within, axis=1))
     stems = np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
-    upright = [stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
-    return np.minimum(stems, np.maximum(upright, controlled) / np.maximum(np.abs(np.cos(directions)), 1e-6))
+    upright = [controlled or stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
+    return np.minimum(stems, np.asarray(upright) / np.maximum(np.abs(np.cos(directions)), 1e-6))
 
 
 def _fastest(model: Model) -> float:

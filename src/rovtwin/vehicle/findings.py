@@ -222,8 +222,8 @@ def _about_tilting(model: Model) -> Iterator[str]:
             angle, lever = np.degrees(np.arctan2(abs(wrench[j]), stiffness[j - 3])), 1e3 * abs(wrench[j] / full[i])
             if angle > _TILTING:
                 yield (
-                    f"full thrust in {AXES[i]} {tilts} it by {angle:.0f} deg: it acts {lever:.0f} mm above or below CG, "
-                    "and no other thrusters balance it"
+                    f"full thrust in {AXES[i]} {tilts} it by {angle:.0f} deg: it acts {lever:.0f} mm above or below "
+                    "CG, and no other thrusters balance it"
                 )
 
 

@@ -174,13 +174,14 @@ def beliefs(model: Model) -> dict[str, float]:
     """What a vehicle's size says of the forces and currents that it meets: `force_walk`, `force_std`, `current_std`.
 
     The sea's forces grow with the weight (Froude's law), forces at the start are a tenth of the thrust, and nobody
-    flies a vehicle in currents much above a third of its speed.
+    flies a vehicle in currents much above a third of its speed. One without level thrust meets them all the same.
     """
     scales = VehicleScales.of(model)
+    fastest = float(scales.top[:2].max())
     return {
         "force_walk": scales.force_walk,
-        "force_std": 0.1 * scales.level_force,
-        "current_std": 0.309 * float(scales.top[0]),
+        "force_std": 0.1 * (scales.level_force or 0.034 * scales.weight),
+        "current_std": 0.309 * (fastest or 0.2 * scales.wave_speed),
     }
 
 
