@@ -120,7 +120,7 @@ def holding(
         heading: [rad].
         duration: Of the record [s].
         dt: Between its samples [s].
-        controlled: Largest flow along the nose that the autopilot goes against [m/s]; 0: what rights the vehicle limits.
+        controlled: Largest flow along the nose that the autopilot goes against [m/s]; 0: what rights it limits.
     """
     start = Start.at(place, heading)
     steps = max(2, round(duration / dt))
