@@ -77,7 +77,7 @@ def test_a_single_parameter_can_be_searched():
 
 
 def test_space_goes_to_a_section_and_back(scenario):
-    space = Space(chosen(), start_of(scenario))
+    space = Space.around(chosen(), start_of(scenario))
     assert (
         len(space.names) == 9
         and np.all(space.bounds[:, 0] <= space.start)
@@ -92,9 +92,17 @@ def test_space_goes_to_a_section_and_back(scenario):
 
 
 def test_values_beyond_the_usual_bounds_widen_them(scenario):
-    odd = with_values(start_of(scenario), {"control.bandwidth.surge": 3.0})
-    space = Space(chosen(["control.bandwidth.surge"]), odd)
-    assert space.bounds[0, 1] == pytest.approx(np.log(3.0)) and space.bounds[0, 0] == pytest.approx(np.log(0.15))
+    odd = with_values(start_of(scenario), {"control.damping_ratio": 3.0})
+    space = Space.around(chosen(["control.damping_ratio"]), odd)
+    assert space.bounds[0, 1] == pytest.approx(np.log(3.0)) and space.bounds[0, 0] == pytest.approx(np.log(0.5))
+
+
+@pytest.mark.parametrize("vehicle", ["gladius_mini", "double_blueye", "sf30k"])
+def test_the_search_goes_both_ways_from_where_the_vehicle_begins(vehicle):
+    """Bounds were the Double Blueye's: a work-class vehicle began on their edge, and was searched one way only."""
+    start = start_of(load_scenario("square", [f"vehicle={vehicle}"]))
+    space = Space.around(TUNABLES, start)
+    assert np.all(space.start - space.bounds[:, 0] > 0.5) and np.all(space.bounds[:, 1] - space.start > 0.5)
 
 
 def test_every_tunable_can_be_set(scenario):

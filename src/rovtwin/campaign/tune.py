@@ -60,7 +60,7 @@ class _Tuning:
     ):
         self.wish, self.crew, self.progress, self.interrupted = wish, crew, progress, interrupted
         self.began, self.marks = time.monotonic(), {}
-        self.space = Space(wish.tunables, section.model_copy(update={"tuned": None}))
+        self.space = Space.around(wish.tunables, section.model_copy(update={"tuned": None}))
         plants = plants_of(wish.scenario)
         self.said = plants.said
         self.fleets = self._fleets(plants)

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ class Tunable:
     Attributes:
         name: Its place in the autopilot's section; an axis by its name.
         unit: Of the number.
-        low, high: Bounds of the search.
+        low, high: Bounds of the search; of a number with a unit, as shares of where the search begins.
         usual: Whether it is searched when nobody says what to search.
     """
 
@@ -33,21 +33,26 @@ class Tunable:
     high: float
     usual: bool = True
 
+    def around(self, value: float) -> "Tunable":
+        """The same with bounds in its unit, around the value with which the search begins; it is always within."""
+        scale = 1.0 if self.unit == "1" else value or 1.0
+        return replace(self, low=min(self.low * scale, value or np.inf), high=max(self.high * scale, value))
+
 
 TUNABLES = (
-    Tunable("control.bandwidth.surge", "rad/s", 0.15, 2.0),
-    Tunable("control.bandwidth.sway", "rad/s", 0.15, 2.0),
-    Tunable("control.bandwidth.heave", "rad/s", 0.25, 3.0),
+    Tunable("control.bandwidth.surge", "rad/s", 0.3, 4.0),
+    Tunable("control.bandwidth.sway", "rad/s", 0.3, 4.0),
+    Tunable("control.bandwidth.heave", "rad/s", 0.3, 4.0),
     Tunable("control.bandwidth.roll", "rad/s", 0.3, 4.0, usual=False),
     Tunable("control.bandwidth.yaw", "rad/s", 0.3, 4.0),
     Tunable("control.damping_ratio", "1", 0.5, 2.5),
     Tunable("control.integral", "1", 0.01, 0.5),
-    Tunable("navigation.force_walk", "N/sqrt(s)", 0.003, 0.5),
+    Tunable("navigation.force_walk", "N/sqrt(s)", 0.1, 16.0),
     Tunable("navigation.drag_std", "1", 0.02, 0.6),
     Tunable("navigation.acceleration_share", "1", 0.01, 0.6),
     # What is known before the start: a flight of a minute would overdo what a mission of an hour forgets.
     Tunable("navigation.force_std", "N", 0.1, 10.0, usual=False),
-    Tunable("navigation.current_std", "m/s", 0.01, 0.5, usual=False),
+    Tunable("navigation.current_std", "m/s", 0.1, 5.0, usual=False),
 )
 """All that can be tuned. Roll is left out unless asked for: no term of the cost sees it."""
 
@@ -120,12 +125,17 @@ class Space:
     """The space that is searched: logarithms of the parameters.
 
     Attributes:
-        tunables: In the order of its coordinates.
+        tunables: In the order of its coordinates, with bounds around the section's values.
         section: Where the search begins, and everything that is not searched.
     """
 
     tunables: tuple[Tunable, ...]
     section: ModelBasedSection
+
+    @classmethod
+    def around(cls, tunables: Sequence[Tunable], section: ModelBasedSection) -> "Space":
+        """The space around a section that has the vehicle's own numbers filled in (`start_of`)."""
+        return cls(tuple(one.around(value_of(section, one.name)) for one in tunables), section)
 
     @property
     def names(self) -> list[str]:
@@ -135,14 +145,12 @@ class Space:
     @property
     def start(self) -> np.ndarray:
         """Coordinates of the section, shape (n,); a value of 0 begins at its lower bound."""
-        found = [max(value_of(self.section, one.name), 1e-3 * one.low) for one in self.tunables]
-        return np.log(found)
+        return np.log([max(value_of(self.section, one.name), one.low) for one in self.tunables])
 
     @property
     def bounds(self) -> np.ndarray:
-        """Least and largest coordinates, shape (n, 2); the start is always within."""
-        edges = np.log([[one.low, one.high] for one in self.tunables])
-        return np.stack([np.minimum(edges[:, 0], self.start), np.maximum(edges[:, 1], self.start)], axis=1)
+        """Least and largest coordinates, shape (n, 2)."""
+        return np.log([[one.low, one.high] for one in self.tunables])
 
     def at(self, x: np.ndarray) -> ModelBasedSection:
         """The section at coordinates x, shape (n,)."""

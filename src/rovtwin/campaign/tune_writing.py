@@ -10,7 +10,7 @@ import yaml
 
 from rovtwin import __version__
 from rovtwin.campaign.tune_cost import FAILED, TERMS
-from rovtwin.campaign.tune_parameters import value_of
+from rovtwin.campaign.tune_parameters import Space, value_of
 from rovtwin.campaign.tune_result import Tuned, terms_table
 from rovtwin.core.numerics import jax
 from rovtwin.report.tuning import Moved, TuningResult, write_tuning_report
@@ -103,7 +103,8 @@ def result_of(tuned: Tuned, text: str) -> TuningResult:
         generations=np.array(tuned.search.generations),
         start_cost=tuned.start_cost,
         parameters=[
-            Moved(p.name, p.unit, p.low, p.high, *values[p.name], tuned.influence[p.name]) for p in wish.tunables
+            Moved(p.name, p.unit, p.low, p.high, *values[p.name], tuned.influence[p.name])
+            for p in Space.around(wish.tunables, tuned.search_start).tunables
         ],
         seas=held.seas,
         before=held.cost_before,
