@@ -86,3 +86,11 @@ def test_holds_are_damped(onboard):
     for w in FREQUENCY:
         roots = np.roots([1.0, 2.0 * w, w**2])
         assert np.all(roots.real < 0) and np.allclose(roots.imag, 0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["bluerov2_heavy", "minerva", "sparus_ii"])
+def test_a_hold_is_no_quicker_than_its_thrusters_let_it_be(name):
+    thrusters = load_vehicle(name).model().thrusters
+    onboard, lag = Onboard.of(thrusters, np.ones(6)), float(thrusters.time_constant.max())
+    assert np.all(onboard.frequency * lag <= 0.3 + 1e-9) and np.all(onboard.frequency <= np.asarray(FREQUENCY) + 1e-9)
+    assert name != "bluerov2_heavy" or np.array_equal(onboard.frequency, FREQUENCY)

@@ -21,7 +21,8 @@ from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.vehicle.reach import BY_PRODUCT, reachable_share
 from rovtwin.vehicle.thrusters import Thrusters, command_for_force, force_limits
 
-FREQUENCY = (0.6, 0.6, 0.8, 1.5, 1.5, 1.0)  # of holds [rad/s]
+FREQUENCY = (0.6, 0.6, 0.8, 1.5, 1.5, 1.0)  # of holds [rad/s], where thrusters are quick enough
+LAGGED = 0.3  # largest product of it and the thrusters' lag [rad]: beyond, a hold begins to swing
 RATE = (0.5, 0.5, 0.3, 0.0, 0.0, 0.6)  # at which a full stick moves what is held [m/s, rad/s]
 REACH = (0.5, 0.5, 0.5, 0.5, 0.5, 0.5)  # what is held stays as close to the vehicle while a stick moves it [m, rad]
 INTEGRAL = 0.1  # share of the frequency
@@ -93,12 +94,14 @@ class Onboard(Block):
         inverse: Pseudo-inverse of their configuration, shape (n, 6).
         largest: Wrench along each axis alone that they can give, b [N, N m], shape (6,).
         inertia: That a hold counts with, shape (6,) [kg, kg m2]; zero along axes that thrusters do not reach.
+        frequency: Of holds [rad/s], shape (6,).
     """
 
     thrusters: Thrusters
     inverse: Array = eqx.field(converter=as_array)
     largest: Array = eqx.field(converter=as_array)
     inertia: Array = eqx.field(converter=as_array)
+    frequency: Array = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, thrusters: Thrusters, inertia: Any) -> "Onboard":
@@ -108,7 +111,9 @@ class Onboard(Block):
         inverse = np.linalg.pinv(configuration, rcond=1e-9) * able
         low, high = (np.asarray(limit) for limit in force_limits(thrusters))
         most = np.minimum(-low, high)[:, None] / np.maximum(np.abs(inverse), 1e-12)
-        return cls(thrusters, inverse, np.where(able, most.min(axis=0), 0.0), np.asarray(inertia) * able)
+        lag = float(np.max(np.asarray(thrusters.time_constant), initial=0.0))
+        frequency = np.minimum(FREQUENCY, LAGGED / lag if lag > 0.0 else np.inf)
+        return cls(thrusters, inverse, np.where(able, most.min(axis=0), 0.0), np.asarray(inertia) * able, frequency)
 
     def init(self, key: Array, start: Start) -> OnboardMemory:
         return OnboardMemory(jnp.zeros(6), jnp.zeros(6, dtype=bool), jnp.zeros(6), jnp.asarray(False))
@@ -122,7 +127,7 @@ class Onboard(Block):
         held = self._held(memory, order, eta, on, rate, dt)
         away = _turned(held - eta, eta[5], -1.0)
         away = jnp.clip(away, -as_array(REACH), as_array(REACH))
-        w = as_array(FREQUENCY)
+        w = self.frequency
         wanted = self.inertia * (w**2 * away + 2.0 * w * (rate - input.nu)) + memory.integral
         pushed = jnp.where(wished, 0.0, stick * self.largest)
         tau = jnp.where(on, jnp.clip(wanted, -self.largest, self.largest), pushed)
