@@ -96,6 +96,9 @@ def flights(folder, wanted, speed, what="double_blueye", instrument="ugps"):
     return found, Log.read(folder / "truth.mcap"), said
 
 
+BUSY = 60.0  # [ms] of the clock that runs six times as fast: three ticks
+
+
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     return flights(tmp_path_factory.mktemp("flown"), {"mission": (small(), {})}, 6.0)
@@ -104,6 +107,9 @@ def flown(tmp_path_factory):
 def test_a_small_lawnmower_over_the_protocol(flown):
     found, truth, said = flown
     flight = found["mission"]
+    late = flight.summary["late_ms_p50"]
+    if not flight.completed and late > BUSY:
+        pytest.skip(f"at six times real time half of the ticks came {late:.0f} ms late: the machine is too busy to fly")
     assert flight.completed, flight.summary["reason"]
     eta, leg, mode = truth["truth/eta"], flight.log["autopilot/leg"], flight.log["autopilot/mode"]
     # Depth tells how the two clocks lie: 1 mm of noise against 1.5 m of dive.
