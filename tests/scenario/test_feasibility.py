@@ -4,6 +4,7 @@ import pytest
 from tests.scenario.test_stalls import NO_SWAY
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.batch import score_batch, score_seeds
 from rovtwin.scenario.feasibility import baseline_of_another, foreseen, judge, require_feasible
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
@@ -55,6 +56,9 @@ def test_a_current_faster_than_the_vehicle_is_refused_with_both_numbers(capsys):
     assert "carried off at 1.7 m/s or more" in str(error.value) and "more thrust" in str(error.value)
     with pytest.raises(ConfigError, match="is more than its top speed"):
         fly(scenario)
+    for score in (score_seeds, score_batch):  # side by side it was flown for 1500 s
+        with pytest.raises(ConfigError, match="is more than its top speed"):
+            score(scenario, [1])
     assert foreseen(scenario, load_vehicle("double_blueye"), model, known_world=False) == []  # it is elsewhere
 
 

@@ -83,21 +83,29 @@ ARRIVES = np.minimum(0.02 * TIME, 3.0)  # 150 s to the north of 3 m
 
 
 def test_beside_the_way_point_in_a_cross_current_without_sway(scenario, model):
-    """3.1 N to the east hold it 0.7 m off its leg; surge is hardly asked for anything."""
+    """0.6 N to the east hold it 0.7 m off its leg; surge is hardly asked for anything."""
     bias, tau = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
-    bias[:, 1], tau[:, 0] = 3.1, 0.3
+    bias[:, 1], tau[:, 0] = 0.6, 0.3
     run = flown(ARRIVES, 0.7, bias=bias, tau=tau)
     said = unfinished(run, scenario, model)
     assert said.startswith("way-point 1 of 2 was not reached: from 1")
     assert "0.7 m east of it at (3.0, 0.7)" in said and "acceptance 0.2 m" in said
     assert "asked for 0.3 of 22 N in surge, no thrust in sway" in said
-    assert "to the east pushes it, which takes 0 N in surge and 3.1 N in sway" in said
+    assert "to the east pushes it, which takes 0 N in surge and 0.6 N in sway" in said
     assert "raise the way-point's acceptance to 0.9 m" in said
     (stall,) = stalls(run, scenario, model)
     assert 130 < stall.start < 150 and stall.end == SECONDS and stall.nearest == pytest.approx(0.7)
     (told,) = without_headway(run, scenario, model)
     assert told["what"].startswith("no headway for 19 s, at way-point 1 of 2")  # 20 lengths of 0.187 m at 0.2 m/s
     assert told["t"] == pytest.approx(stall.start + 18.7, abs=0.1) and "raise" not in told["cause"]
+
+
+def test_a_current_beyond_what_keeps_it_level(scenario, model):
+    """A larger acceptance is no help to a vehicle that is carried off."""
+    bias = np.zeros((len(TIME), 6))
+    bias[:, 1] = 3.1
+    said = unfinished(flown(ARRIVES, 0.7, bias=bias), scenario, model)
+    assert "no more than 0.22 m/s to stay level: wait for less current" in said and "acceptance to" not in said
 
 
 def test_patience_grows_with_the_vehicle(scenario, model):

@@ -39,13 +39,23 @@ def score_seeds(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
     """
     results = []
     for i, seed in enumerate(seeds):
-        run = compose(scenario.model_copy(update={"seed": seed}))
-        require_feasible(run.scenario, run.loop.twin.model)
+        run = _feasible(scenario, seed)
         results.append(
             {"seed": seed}
             | score_run(run, lambda share, i=i, seed=seed: progress((i + share) / len(seeds), f"seed {seed}"))
         )
     return results
+
+
+def _feasible(scenario: Scenario, seed: int) -> Composed:
+    """The scenario composed with a seed.
+
+    Raises:
+        ConfigError: It cannot be, or the vehicle can do nothing useful of its mission.
+    """
+    run = compose(scenario.model_copy(update={"seed": seed}))
+    require_feasible(run.scenario, run.loop.twin.model)
+    return run
 
 
 def score_run(run: Composed, progress: Callable[[float], None] = _nothing) -> dict[str, Any]:
@@ -69,7 +79,7 @@ def score_batch(scenario: Scenario, seeds: Sequence[int], progress: Progress = _
 
     Arguments and result are those of `score_seeds`.
     """
-    runs = [compose(scenario.model_copy(update={"seed": seed})) for seed in seeds]
+    runs = [_feasible(scenario, seed) for seed in seeds]
 
     def said(share: float, flying: int) -> None:
         progress(share, f"{flying} of {len(seeds)} still flying")

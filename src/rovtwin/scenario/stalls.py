@@ -268,11 +268,17 @@ def _advice(stall: Stall, flown: Flown, rows: np.ndarray, scenario: Scenario, mo
         return f"thrust in {' and '.join(spent)} is used up; it takes {more}, or stronger thrusters"
     if isinstance(scenario.autopilot, ThesisSection):
         return "the gains of this baseline are another vehicle's, or too weak; fly it with autopilot model_based"
+    limits, flow = Limits.of(model), float(np.hypot(*_disturbance(flown, rows, model)[1]))
+    if FELT < limits.through_water < flow:
+        why = "to stay level" if limits.through_water < float(limits.top[:2].max()) else "with all its thrust"
+        return (
+            f"it goes through the water with no more than {limits.through_water:.2g} m/s {why}: wait for less current"
+        )
     if stall.phase != GO:
         return "raise duration, or look at the trim of the vehicle (rovtwin vehicle show)"
     wider = 0.1 * math.ceil(10.0 * 1.2 * stall.nearest)
     raised = f"raise the way-point's acceptance to {wider:.1f} m"
-    if not Limits.of(model).can(1):
+    if not limits.can(1):
         return f"without thrust in sway it comes nearer only bow first; {raised}, or leave more room before it"
     return f"{raised}, or its speed"
 
