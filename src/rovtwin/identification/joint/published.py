@@ -25,7 +25,7 @@ def trees_to_compare(old: Body, new: Body) -> tuple[Body, Body]:
     """The trees without totals of the vehicle itself and of bodies of which something is in both."""
     common = Counter(_keys(old, HERE)) & Counter(_keys(new, HERE))
     first, second = (_stripped(body, HERE, Counter(common), _thrusters(body))[0] for body in (old, new))
-    none = dict.fromkeys((*_TOTALS, "identified"))
+    none: dict[str, Any] = {key: None for key in (*_TOTALS, "identified")}
     return first.model_copy(update=none), second.model_copy(update=none)
 
 
