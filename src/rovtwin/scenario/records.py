@@ -145,7 +145,7 @@ def records_of(run: Composed, scenario: Scenario, given: Any) -> list[Record]:
 
 def _signal(run: Composed, name: str, slot: Slot) -> Signal:
     """Readings as the reader of a log gives them: along the axes of b, with the noise that is declared."""
-    sensor, signal = run.loop.twin.sensors[name], SENSORS[name].signal
+    sensor, signal = run.white_sensors[name], SENSORS[name].signal
     valid, rotation = np.asarray(slot.valid), np.asarray(sensor.rotation)
     value = in_body(signal, np.asarray(slot.value)[valid], rotation)
     sigma = std_in_body(signal, np.asarray(sensor.noise), rotation)
