@@ -76,11 +76,14 @@ def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
 
 
 def _exact(sensors: dict[str, Any]) -> dict[str, Any]:
-    """The same sensors without noise and bias."""
+    """The same sensors without noise, bias and errors that last."""
     fields = ("noise", "bias", "bias_walk")
     return {
         name: eqx.tree_at(
-            lambda s: [getattr(s, f) for f in fields], sensor, [jnp.zeros_like(getattr(sensor, f)) for f in fields]
+            lambda s: [*(getattr(s, f) for f in fields), s.errors],
+            sensor,
+            [*(jnp.zeros_like(getattr(sensor, f)) for f in fields), None],
+            is_leaf=lambda x: x is None,
         )
         for name, sensor in sensors.items()
     }
