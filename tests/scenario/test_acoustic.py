@@ -7,8 +7,11 @@ from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.batch import score_together
 from rovtwin.scenario.compose_acoustic import equivalent_white
+from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.plan_tank import Tank
+from rovtwin.scenario.plan_tests import _scenario
 from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.schema import Sensor
 
@@ -29,6 +32,18 @@ def test_an_underwater_gps_bolted_on_errs_too():
     assert 0.11 < along < 0.45 < across and growth > 0.041
     # It tells less than 2 Hz of white noise of 35 mm, and more than its slow error alone would.
     assert 0.03 < composed.bound(0.2)[0] < 0.45
+
+
+@pytest.mark.parametrize("name", ["test_mixed", "test_steps_thesis", "test_decay", "plan"])
+def test_tests_with_motion_capture_fly_none_of_it(name):
+    """A locator on board stays silent: the position of a test is that of CO to 3 cm."""
+    parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
+    vehicle = vehicle_from_dict({"name": "v", "parts": parts})
+    rest = [{"manoeuvre": "rest", "duration": 5}]
+    scenario = _scenario("double_blueye", Tank(6.0, 3.0, 1.5), rest) if name == "plan" else load_scenario(name)
+    position = sensors_of(scenario, vehicle)["position"]
+    assert position.errors is None and float(position.dropout) == 0.0 and not np.any(position.lever)
+    assert position.rate == 15_000 and np.all(position.noise == 0.03)
 
 
 def test_only_positions_may_say_so():

@@ -128,6 +128,8 @@ def _figures(carried: Instrument | None, physics_rate: float) -> dict[str, Any]:
 def changes_of(section: SensorSection) -> dict[str, Any]:
     """Arguments of `Sensor` that a scenario gives."""
     given = section.model_dump(exclude_none=True, exclude={"on_board", "position", "attitude_deg"})
+    if section.errors == "none":
+        given["errors"] = None  # which replaces the part's
     if section.position is not None:
         given["lever"] = section.position
     if section.attitude_deg is not None:
