@@ -98,12 +98,12 @@ def _rates(section: ModelBasedSection) -> dict[str, float | None]:
 
 
 def _terrain(model: Model, sensors: dict[str, Sensor], mission: Mission, surface: Array) -> TerrainFollowing | None:
-    """With the altimeter's place and direction; None where no way-point has an altitude."""
+    """With place and direction of the first altimeter on board; None where no way-point has an altitude."""
     if mission.altitude is None:
         return None
-    altimeter = sensors["altimeter"]
+    name, altimeter = next((name, one) for name, one in sensors.items() if one.kind == "altimeter")
     lead = 1.6 / VehicleScales.of(model).bandwidth[HEAVE]  # by what the depth's reference lags
-    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface, lead=as_array(lead))
+    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface, lead=as_array(lead), name=name)
 
 
 def _steered(section: ModelBasedSection, model: Model) -> bool:

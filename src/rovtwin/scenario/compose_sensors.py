@@ -97,7 +97,7 @@ def sensors_of(scenario: Scenario, vehicle: Vehicle) -> dict[str, Sensor]:
     section, found = scenario.sensors, on_board(scenario, vehicle)
     if "altimeter" in found.added and scenario.world.floor is None:
         raise ConfigError("sensors.altimeter: the world has no floor to look at; set world.floor to its depth [m]")
-    if "altimeter" not in found.names and any(w.altitude for w in scenario.waypoints):
+    if not any(kind_of(name) == "altimeter" for name in found.names) and any(w.altitude for w in scenario.waypoints):
         raise ConfigError(
             "mission: a way-point has an altitude, but there is no altimeter on board; set sensors.altimeter to true"
         )
