@@ -179,5 +179,7 @@ def listed(scenario: Scenario, vehicle: Vehicle) -> list[str]:
         place = ", ".join(f"{x:.4g}" for x in np.asarray(sensor.lever))
         noise = ", ".join(f"{x:.3g}" for x in sorted(set(np.asarray(sensor.noise).tolist())))
         unit = SENSORS[sensor.kind].units[0]
-        lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, noise {noise} {unit}")
+        silent = sensor.kind == "battery" and scenario.battery is None
+        told = "silent: no battery is simulated, set battery to true" if silent else f"noise {noise} {unit}"
+        lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, {told}")
     return lines

@@ -56,6 +56,10 @@ def _require_what_it_watches(scenario: Scenario, sensors: Collection[str], defau
         asked = rule.limit is not None or rule.action not in (None, "ignore")
         if asked and not any(kind_of(name) == sensor for name in sensors):
             raise ConfigError(f"{where}.{key}: no {sensor} is on board; set sensors.{sensor}.on_board to true")
+        if asked and sensor == "battery" and scenario.battery is None:
+            raise ConfigError(
+                f"{where}.{key}: no battery is simulated, so that it could never act; set battery to true"
+            )
     if defaults is not RULES and section.thruster_failed.action not in (None, "ignore"):
         raise ConfigError(f"{where}.thruster_failed: the thesis's autopilot does not look; use autopilot=model_based")
 
