@@ -159,6 +159,6 @@ def _tuning_of(section: ThesisSection, model: Model, sensors: dict[str, Sensor],
     if section.observer.tuning == "as_printed":
         return EkfTuning.as_printed(control_dt)
     walk = section.observer.force_walk
-    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if kind_of(name) in SENSOR_STD}
-    known = {name: value for name, value in std.items() if value > 0}
-    return EkfTuning.consistent(known, force_walk=VehicleScales.of(model).force_walk if walk is None else walk)
+    noise = {name: float(np.asarray(one.noise)[0]) for name, one in sensors.items() if kind_of(name) in SENSOR_STD}
+    std = {name: value or SENSOR_STD[kind_of(name)] for name, value in noise.items()}
+    return EkfTuning.consistent(std, force_walk=VehicleScales.of(model).force_walk if walk is None else walk)
