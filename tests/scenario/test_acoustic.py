@@ -11,8 +11,11 @@ from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.batch import score_together
 from rovtwin.scenario.compose_acoustic import equivalent_white
+from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.plan_tank import Tank
+from rovtwin.scenario.plan_tests import _scenario
 from rovtwin.scenario.provenance import provenance
 from rovtwin.scenario.records import _signal
 from rovtwin.scenario.rehearsal import _exact
@@ -57,6 +60,18 @@ def test_identification_is_told_what_an_underwater_gps_errs_by():
     rms = np.sqrt(np.mean(np.asarray(errors) ** 2))  # of an axis, on average: 0.34 m
     assert 0.5 < rms / declared[0] < 1.0 and rms > 5 * np.asarray(sensor.noise).max()
     assert _exact(run.loop.twin.sensors)["position"].errors is None  # a rehearsal is without noise
+
+
+@pytest.mark.parametrize("name", ["test_mixed", "test_steps_thesis", "test_decay", "plan"])
+def test_tests_with_motion_capture_fly_none_of_it(name):
+    """A locator on board stays silent: the position of a test is that of CO to 3 cm."""
+    parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
+    vehicle = vehicle_from_dict({"name": "v", "parts": parts})
+    rest = [{"manoeuvre": "rest", "duration": 5}]
+    scenario = _scenario("double_blueye", Tank(6.0, 3.0, 1.5), rest) if name == "plan" else load_scenario(name)
+    position = sensors_of(scenario, vehicle)["position"]
+    assert position.errors is None and float(position.dropout) == 0.0 and not np.any(position.lever)
+    assert position.rate == 15_000 and np.all(position.noise == 0.03)
 
 
 def test_only_positions_may_say_so():
