@@ -134,11 +134,16 @@ def test(bench: Bench) -> tuple[str, str]:
 
 def identify(bench: Bench) -> tuple[str, str]:
     options = ["-o", "identified.yaml", "--no-report", "--json"]
-    code, _, message = bench.run("identify", bench.vehicle, "test/log.mcap", *options)
-    return ("yes", "") if code == 0 else ("FAILED" if "Traceback" in message or code != 1 else "ended", _last(message))
+    code, data, message = bench.run("identify", bench.vehicle, "test/log.mcap", *options)
+    if code == 0:
+        return "yes", f"{len(data['parameters'])} parameters"
+    doubts = "; ".join(data.get("doubts", []))
+    return "ended" if code == 1 and doubts else "FAILED", doubts or _last(message)
 
 
 def compare(bench: Bench) -> tuple[str, str]:
+    if not (bench.folder / "identified.yaml").exists():
+        return "ended", "there is no identified file"
     code, _, message = bench.run("compare", bench.vehicle, "identified.yaml", "--json")
     return ("yes", "") if code == 0 else ("FAILED", _last(message))
 

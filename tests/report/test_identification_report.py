@@ -68,7 +68,7 @@ def result(vehicle):
     )  # fmt: skip
     segments: Any = SimpleNamespace(
         groups=[("gyro", k) for k in range(3)], sigma={"gyro": np.array([0.01, 0.01, np.nan])},
-        grid=SimpleNamespace(step=0.02, steps=250, rate=20.0),
+        grid=SimpleNamespace(step=0.02, steps=250, rate=20.0), records=(),
     )  # fmt: skip
     problem: Any = SimpleNamespace(segments=segments)
     records = [
