@@ -1,18 +1,24 @@
 """Vehicles that nobody here flies: axes without thrusters, thrusters that push one way, nothing that rights them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from tests.gnc.flying import estimate_of, thirty_kg
 
 from rovtwin.core.flow import Reference
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.allocation import AllocationInput
 from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.control import ControlInput
+from rovtwin.gnc.course_keeping import _significant
 from rovtwin.gnc.navigation.tuning import beliefs
 from rovtwin.gnc.path_guidance import PathGuidance
+from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.sustained import SustainedSpeed
 from rovtwin.gnc.tracking import Tracking
+from rovtwin.vehicle.reach import axis_limits
 from rovtwin.vehicle.thrusters import thrusters_from
 
 AXES = np.eye(6)
@@ -54,3 +60,25 @@ def test_every_speed_and_every_belief_is_a_positive_number(name):
 def test_thrust_to_one_side_holds_nothing_from_the_other():
     assert float(SustainedSpeed.of(ONE_WAY).aside_speed()) == 0.0
     assert float(SustainedSpeed.of(thirty_kg()).aside_speed()) > 0.1
+
+
+def test_turning_does_not_drive_a_vehicle_ahead():
+    """25 N ahead and 18 N astern: the whole moment in yaw came with 7 N ahead, and yaw goes first."""
+    T = np.c_[AXES[:, 0] + 0.12 * AXES[:, 5], AXES[:, 0] - 0.12 * AXES[:, 5], AXES[:, 2]]
+    astern = jnp.array([18.0, 18.0, 25.0])
+    model = thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.full(3, 25.0), force_astern=astern))
+    lower, upper = axis_limits(model)
+    np.testing.assert_allclose([lower[5], upper[5]], [-0.24 * 18.0, 0.24 * 18.0])
+    np.testing.assert_allclose(Tracking.of(model).upper[5], upper[5])
+    allocation = PriorityAllocation.of(model, slew=np.inf)
+    tau = jnp.array([-36.0, 0, 0, 0, 0, float(upper[5])])
+    _, got = allocation.step(allocation.init(None, None), AllocationInput(tau, jnp.ones(3)), 0.02)
+    np.testing.assert_allclose(got.made[jnp.array([0, 5])], [0.0, upper[5]], atol=0.15)
+
+
+def test_what_nobody_knows_of_a_force_is_no_current():
+    """A slender vehicle took 0.3 N of filter noise for a current of 0.3 m/s and turned its bow into it, to and fro."""
+    estimate = dataclasses.replace(estimate_of(np.zeros(6)), bias=jnp.array([0.3, 0.0, 0, 0, 0, 0]))
+    for std, share in ((0.0, 1.0), (0.15, 0.75), (0.31, 0.0)):
+        kept = _significant(dataclasses.replace(estimate, bias_std=jnp.asarray(std))).bias
+        np.testing.assert_allclose(kept, [0.3 * share, 0, 0, 0, 0, 0], atol=1e-9)

@@ -105,6 +105,8 @@ class Estimate(eqx.Module):
         nis_dof: Number of scalar innovations in each sum, shape (n_sensors,).
         wave: Part of the motion that is of wave frequency, n: displacement [m] and velocity [m/s], shape (6,); zero
             from observers that do not tell it.
+        bias_std: Standard deviation of the horizontal disturbance force [N], shape (); zero from observers that do not
+            tell it.
     """
 
     eta: Array
@@ -114,6 +116,7 @@ class Estimate(eqx.Module):
     nis: Array
     nis_dof: Array
     wave: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
+    bias_std: Array = eqx.field(default_factory=lambda: jnp.zeros(()))
 
 
 class Waypoint(eqx.Module):

@@ -18,7 +18,7 @@ import numpy as np
 
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import pushed_axes, wrench_limits
+from rovtwin.vehicle.reach import axis_limits, wrench_limits
 from rovtwin.vehicle.trim import steady_speed
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
@@ -62,10 +62,10 @@ class VehicleScales:
     def of(cls, model: Model) -> "VehicleScales":
         """Of the vehicle as built: thrusters that are lost on the way change no scale."""
         length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
-        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        lower, upper = axis_limits(model)
         net = np.zeros(6)
         net[HEAVE] = float(model.weight - model.buoyancy)
-        force = np.where(pushed_axes(model), np.maximum(np.minimum(upper + net, -lower - net), 0.0), 0.0)
+        force = np.where(upper > lower, np.maximum(np.minimum(upper + net, -lower - net), 0.0), 0.0)
         acceleration = force / np.diagonal(np.asarray(model.mass))
         lag = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
         bandwidth = _bandwidth(acceleration, length, lag)

@@ -26,7 +26,7 @@ from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
 from rovtwin.gnc.sustained import SustainedSpeed, turned
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import pushed_axes, wrench_limits
+from rovtwin.vehicle.reach import axis_limits, pushed_axes
 
 DOWN = jnp.array([0.0, 0.0, 1.0])
 _HORIZONTAL = jnp.arange(6) < 2
@@ -115,7 +115,7 @@ class Tracking(Block):
         w = np.maximum(wanted, straight(model))
         rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = pushed_axes(model)
-        lower, upper = (able * limit for limit in wrench_limits(model.thrusters))
+        lower, upper = axis_limits(model)
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
             model=model,

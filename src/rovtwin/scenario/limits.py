@@ -9,7 +9,7 @@ from rovtwin.gnc.level_speed import SPARE
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.constants import FRESH_WATER
-from rovtwin.vehicle.reach import pushed_axes, wrench_limits
+from rovtwin.vehicle.reach import axis_limits
 from rovtwin.vehicle.trim import steady_speed
 
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
@@ -39,11 +39,11 @@ class Limits:
     @classmethod
     def of(cls, model: Model) -> "Limits":
         """Of a model with sound thrusters."""
-        low, high = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        low, high = axis_limits(model)
         net = np.zeros(6)
         net[2] = float(model.weight - model.buoyancy)
         force = np.maximum(np.stack([-(low + net), high + net], axis=1), 0.0)
-        force[~pushed_axes(model)] = 0.0
+        force[low >= high] = 0.0
         top = [[steady_speed(model, i, -float(a)), steady_speed(model, i, float(b))] for i, (a, b) in enumerate(force)]
         scales = VehicleScales.of(model)
         return cls(

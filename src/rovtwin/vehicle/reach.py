@@ -7,6 +7,7 @@ answer like any other: rank 0 and nothing in reach.
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linprog
 
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.constants import FRESH_WATER
@@ -16,6 +17,7 @@ from rovtwin.vehicle.thrusters import Thrusters, force_limits
 # Singular values below this share of the largest count as zero: geometry in files is given to a millimetre or so,
 # and rounding alone leaves 1e-16.
 RANK_TOLERANCE = 1e-6
+YAW = 5
 BY_PRODUCT = 0.5  # share of a pure force or moment below which an axis is no axis of its own
 
 
@@ -84,6 +86,33 @@ def configuration_about_cg(model: Model) -> np.ndarray:
     T = np.array(model.thrusters.configuration)
     T[3:] -= np.cross(np.asarray(model.center_of_gravity), T[:3], axisb=0, axisc=0)
     return T
+
+
+def axis_limits(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest wrench that may be asked of each axis [N, N m], shapes (6,): zero where it is not pushed.
+
+    A moment in yaw is one without a force, as far as there is such a one: turning, which goes before surge, must not
+    drive the vehicle ahead.
+    """
+    pushed = pushed_axes(model)
+    lower, upper = (np.where(pushed, np.asarray(limit), 0.0) for limit in wrench_limits(model.thrusters))
+    least, most = turning_limits(model.thrusters)
+    if least < 0.0 < most:
+        lower[YAW], upper[YAW] = max(lower[YAW], least), min(upper[YAW], most)
+    return lower, upper
+
+
+def turning_limits(thrusters: Thrusters) -> tuple[float, float]:
+    """Lowest and highest moment in yaw that thrusters make without any force [N m]; 0 where each brings one along.
+
+    Two surge thrusters that give 25 N ahead and 18 N astern turn harder than that only while they push ahead.
+    """
+    T = np.asarray(thrusters.configuration)
+    if T.shape[1] == 0:
+        return 0.0, 0.0
+    bounds = np.stack([np.asarray(limit) for limit in force_limits(thrusters)], axis=1)
+    ends = [linprog(sign * T[YAW], A_eq=T[:3], b_eq=np.zeros(3), bounds=bounds) for sign in (1.0, -1.0)]
+    return float(ends[0].fun), -float(ends[1].fun)
 
 
 @jax.jit

@@ -7,6 +7,9 @@ from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
+    CURRENT,
+    FORCE_B,
+    FORCE_N,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
@@ -50,7 +53,18 @@ def estimate_of(
         nis=jnp.stack([squares for squares, _ in told]),
         nis_dof=jnp.stack([number for _, number in told]),
         wave=jnp.concatenate([x.wave_place, x.wave_velocity]),
+        bias_std=_disturbance_std(model, x, P, omega),
     )
+
+
+def _disturbance_std(model: Model, x: NavigationState, P: Array, omega: Array) -> Array:
+    """Of the horizontal disturbance force, both directions together [N], shape ().
+
+    Force in n, force in b, and the current by the slope of the drag; what they have in common is left out.
+    """
+    slope = motion.damping_force_slope(model, jnp.concatenate([x.velocity, omega]))[:2, :2]
+    level = jnp.concatenate([jnp.diagonal(P)[FORCE_N][:2], jnp.diagonal(P)[FORCE_B]])
+    return jnp.sqrt(jnp.sum(level) + jnp.sum(slope**2) * 0.5 * jnp.trace(P[CURRENT, CURRENT]))
 
 
 def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
