@@ -75,6 +75,16 @@ def test_ballast_that_cannot_be_is_not_called_needless(capsys, monkeypatch):
     assert "ballast: none found." in out and "it needs none" not in out
 
 
+def test_a_vehicle_without_drag_is_said_to_have_no_bound(capsys, tmp_path):
+    """Its speed was inf, its power nan, and the reason for "-" was not given."""
+    bare = tmp_path / "bare.yaml"
+    thruster = "{name: t, direction: [1, 0, 0], force: 9}"
+    bare.write_text(f"{{name: bare, mass: 6.0, inertia: [1, 1, 1], volume: 0.006, thrusters: [{thruster}]}}")
+    code, out, err = run(capsys, "vehicle", "add", bare, "lead_500g", "--at", "0,0,0.1")
+    assert code == 0 and not err
+    assert "no bound of the position: nothing drags it" in out and " inf" not in out and "nan" not in out
+
+
 def test_sea_says_whether_the_vehicle_can_hold_its_place(capsys):
     storm = "world.waves={model: airy, significant_height: 1.5, zero_crossing_period: 5.7}"
     code, out, _ = run(capsys, "sea", "lawnmower_sea", "--set", storm, "--json")

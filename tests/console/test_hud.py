@@ -120,6 +120,16 @@ def test_the_bar_tells_of_a_mission_only_while_one_is_flown(open_views):
     assert told == {"go": "2/3 · 25 %", "paused": "2/3 · 25 %", "piloted": "none", "idle": "none"}
 
 
+def test_the_bar_tells_of_every_sensor_of_a_kind(open_views):
+    page = open_views()
+    two = {"leak": {"age": 0.1, "value": [0.0]}, "leak_2": {"age": 0.1, "value": [1.0]}}
+    two |= {"position": {"age": 40.0, "value": [0, 0]}, "position_2": {"age": 0.5, "value": [0, 0]}}
+    two |= {"battery": {"age": 0.1, "value": [0.9, 0.0]}, "battery_2": {"age": 0.1, "value": [0.4, 30.0]}}
+    page.evaluate(BAR, messages.state(sensors=two, alerts=[], nis={}, running=True, progress=0.25))
+    assert page.inner_text("#fact-leak") == "LEAK" and page.inner_text("#fact-battery") == "40 %"
+    assert page.locator("#fact-position").get_attribute("data-level") == ""
+
+
 def test_the_bar_says_when_time_goes_slower_than_was_asked_for(open_views):
     """A state of 0.2 s more every 40 ms is five times as fast, where four or twenty were wanted."""
     page = open_views()

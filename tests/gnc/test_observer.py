@@ -413,3 +413,17 @@ def test_a_gated_compass_is_believed_across_south(model):
     command = Command(jnp.zeros(model.thrusters.count))
     _, estimate = jax.jit(lambda m: ekf.step(m, ObserverInput({"attitude": attitude}, command), 0.02))(memory)
     assert estimate.nis_dof[0] == 3.0 and estimate.nis[0] < 1.0
+
+
+def test_rejections_of_one_of_two_positions_do_not_hang_on_the_other(model):
+    """One is 8 m off, the other right: only the first is rejected, and believed after as many as if it were alone."""
+    ekf = Ekf(model, EkfTuning.consistent({"position": 0.5, "position_2": 0.5}))
+    there, command = jnp.array([True]), Command(jnp.zeros(model.thrusters.count))
+    off, right = (Slot(jnp.array([[x, 0.0]]), there, jnp.zeros(1)) for x in (8.0, 0.0))
+    input = ObserverInput({"position": off, "position_2": right}, command)
+    step = jax.jit(lambda memory: ekf.step(memory, input, DT))
+    memory, believed = ekf.init(jax.random.key(0), START), []
+    for _ in range(6):
+        memory, estimate = step(memory)
+        believed.append([float(dof) for dof in estimate.nis_dof])
+    assert believed == [[0.0, 2.0]] * 5 + [[2.0, 2.0]]

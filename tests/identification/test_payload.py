@@ -44,7 +44,8 @@ def random_part(rng, name, depth=0):
         part["parts"] = [random_part(rng, f"p{i}", depth + 1) for i in range(rng.integers(0, 3))]
     if rng.uniform() < 0.4:
         part["hydrodynamics"] = {"added_mass": rng.uniform(0.1, 5.0, 6).tolist(), "linear_damping": [None] * 5 + [1.0]}
-        part["restoring"] = {"buoyancy": "neutral"}
+        part["restoring"] = {"buoyancy": "neutral"} if rng.uniform() < 0.5 else {"net_buoyancy": rng.uniform(-2.0, 2.0)}
+        part["rigid_body"] = {"mass": rng.uniform(0.5, 5.0)}
     return part
 
 
@@ -78,6 +79,23 @@ def test_a_body_that_is_added_never_lowers_a_diagonal(seed):
     assert (change.hydrodynamics["added_mass"].diagonal() > 0).all() and (change.added_mass_std > 0).all()
     gained = np.asarray(change.model.added_mass) - np.asarray(old.model().added_mass)
     np.testing.assert_allclose(gained, change.hydrodynamics["added_mass"], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_comes_or_goes_is_what_its_file_says(seed):
+    """Beside a vehicle that is held as a part the prediction is the sum of the files.
+
+    But for couplings of drag, which a sum of parts is given only as far as they take energy.
+    """
+    data, rng = random_vehicle(seed)
+    parts = [random_part(rng, "extra"), random_part(rng, "other") | {"rigid_body": {"mass": 3.0}}]
+    inner = {key: value for key, value in data.items() if key != "name"} | {"name": "rov", "keeps_names": True}
+    more, whole = (vehicle_from_dict({"name": "my", "parts": [inner, *parts[:n]]}) for n in (1, 2))
+    alone = vehicle_from_dict(data)
+    for old, new in ((alone, whole), (whole, more), (more, alone)):
+        for a, b in zip(arrays(predicted_change(old, new).model), arrays(new.model()), strict=True):
+            own = np.tile(np.eye(6, dtype=bool), 4) if a.shape == (6, 24) else np.full(a.shape, True)
+            np.testing.assert_allclose(a[own], b[own], rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -165,6 +183,53 @@ def test_published_totals_of_a_part_hold_for_it_and_what_is_added_comes_on_top()
     change = predicted_change(load_vehicle("double_blueye"), more)
     same(more.model(), change.model)
     assert float(more.model().added_mass[1, 1]) > float(alone.added_mass[1, 1])
+
+
+SKID = {"name": "skid", "mass": 5.0, "shape": {"box": [0.5, 0.4, 0.1]}, "pose": {"position": [0.0, 0.0, 0.3]}}
+
+
+@pytest.mark.parametrize(
+    "said", [{"restoring": {"net_buoyancy": -2.0}}, {"hydrodynamics": {"added_mass": [1, 2, 3, 0.1, 0.1, 0.1]}}, {}]
+)
+def test_what_a_device_publishes_of_itself_is_predicted(said):
+    """Its totals were left out, and it counted by its shape: +147 N of net buoyancy for -2, 98 kg in heave for 48."""
+    skid = {key: value for key, value in SKID.items() if key != "mass"} | {"rigid_body": {"mass": 5.0}} | said
+    for one in (skid, SKID | said):
+        change = predicted_change(load_vehicle("double_blueye"), nested("double_blueye", one))
+        same(change.model, nested("double_blueye", one).model())
+        flat_too = predicted_change(load_vehicle("double_blueye"), flat("double_blueye", one))
+        same(change.model, flat_too.model)
+    if "restoring" in said:
+        assert float(change.model.buoyancy - change.model.weight) == pytest.approx(-2.0)
+    assert float(change.model.weight) == pytest.approx(35 * GRAVITY)
+
+
+def test_a_device_that_is_measured_again_is_another():
+    first, again = (SKID | {"restoring": {"net_buoyancy": net}} for net in (-2.0, -3.0))
+    change = predicted_change(nested("double_blueye", first), nested("double_blueye", again))
+    assert float(change.model.buoyancy - change.model.weight) == pytest.approx(-3.0)
+
+
+def test_totals_of_a_body_of_which_something_stays_say_nothing_of_what_comes():
+    """A frame that was weighed with its DVL: what is bolted onto it counts, and brings what it says of itself."""
+    frame = SKID | {"parts": [BOX], "restoring": {"net_buoyancy": -2.0}, "rigid_body": {"mass": 7.0}}
+    lead = BOX | {"name": "lead", "restoring": {"net_buoyancy": -4.0}}
+    more = frame | {"parts": [BOX, lead]}
+    old = nested("double_blueye", frame)
+    change = predicted_change(old, nested("double_blueye", more))
+    assert float(change.model.weight - old.model().weight) == pytest.approx(GRAVITY)
+    assert float(change.model.buoyancy - change.model.weight) == pytest.approx(-6.0)
+
+
+def test_a_device_that_publishes_more_than_its_shape_says_is_less_sure():
+    old, published = load_vehicle("double_blueye"), {"hydrodynamics": {"added_mass": [30, 30, 60, 3, 3, 3]}}
+    plain, more = (predicted_change(old, nested("double_blueye", part)) for part in (SKID, SKID | published))
+    assert more.added_mass_std[0] > 2 * plain.added_mass_std[0]
+    weighed = {"name": "skid", "rigid_body": {"mass": 5.0}}  # as wide as one with a mass of its own
+    wide = predicted_change(old, nested("double_blueye", weighed)).added_mass_std
+    np.testing.assert_allclose(
+        wide, predicted_change(old, nested("double_blueye", {"name": "skid", "mass": 5.0})).added_mass_std
+    )
 
 
 def test_what_the_new_file_states_of_the_whole_holds():

@@ -155,7 +155,7 @@ def rovtwin_log(path, vehicle, command):
             np.column_stack([RATE, t]),
         ),
     }
-    about = {"noise": [0.1] * 3, "lever": [0.1, 0, 0], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}
+    about = {"noise": [0.1, 0.2, 0.3], "lever": [0.1, 0, 0], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}
     metadata = {"sensors": json.dumps({"gyro": about}), "water_density": "1025.0"}
     Log.from_arrays(list(tables), {c.name: values for c, values in tables.items()}, metadata).write(path)
     return path
@@ -169,7 +169,7 @@ def test_rovtwin_log_with_its_own_noise_and_mounting(tmp_path, vehicle, command)
     turned = np.column_stack([-RATE[:, 1], RATE[:, 0], RATE[:, 2]])
     np.testing.assert_allclose(gyro.value, turned[: len(gyro.t)], atol=1e-12)
     np.testing.assert_allclose(gyro.lever, [0.1, 0, 0])
-    assert np.all(gyro.sigma == np.full(3, 0.1))
+    np.testing.assert_allclose(gyro.sigma, [0.2, 0.1, 0.3])  # of its axes, turned to those of b
     assert record.water_density == 1025
 
 

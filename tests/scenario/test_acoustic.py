@@ -1,14 +1,24 @@
 """Missions with an Underwater GPS that errs like the real one, and what the filter is told of it."""
 
+import json
+
 import numpy as np
 import pytest
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Slot
+from rovtwin.core.numerics import jax
 from rovtwin.scenario.batch import score_together
 from rovtwin.scenario.compose_acoustic import equivalent_white
+from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.plan_tank import Tank
+from rovtwin.scenario.plan_tests import _scenario
+from rovtwin.scenario.provenance import provenance
+from rovtwin.scenario.records import _signal
+from rovtwin.scenario.rehearsal import _exact
 from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.schema import Sensor
 
@@ -29,6 +39,39 @@ def test_an_underwater_gps_bolted_on_errs_too():
     assert 0.11 < along < 0.45 < across and growth > 0.041
     # It tells less than 2 Hz of white noise of 35 mm, and more than its slow error alone would.
     assert 0.03 < composed.bound(0.2)[0] < 0.45
+
+
+def test_identification_is_told_what_an_underwater_gps_errs_by():
+    """Logs and records declared its white part, 35 mm of half a metre: the model was said to miss the position."""
+    parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
+    vehicle = vehicle_from_dict({"name": "v", "parts": parts})
+    run = compose(load_scenario("lawnmower_calm"), vehicle=vehicle)
+    sensor = run.loop.twin.sensors["position"]
+    declared = json.loads(provenance(run.scenario, run)["sensors"])["position"]["noise"]
+    fix = Slot(np.zeros((1, 1, 2)), np.ones((1, 1), bool), np.zeros((1, 1)))
+    np.testing.assert_allclose(_signal(run, "position", fix).sigma, declared)
+
+    def step(state, key):
+        state, error, _ = sensor.errors.step(state, np.array([2.0, 4.0]), key, 0.5)
+        return state, error
+
+    states = sensor.errors.init(jax.random.key(0))
+    _, errors = jax.lax.scan(step, states, jax.random.split(jax.random.key(1), 20_000))
+    rms = np.sqrt(np.mean(np.asarray(errors) ** 2))  # of an axis, on average: 0.34 m
+    assert 0.5 < rms / declared[0] < 1.0 and rms > 5 * np.asarray(sensor.noise).max()
+    assert _exact(run.loop.twin.sensors)["position"].errors is None  # a rehearsal is without noise
+
+
+@pytest.mark.parametrize("name", ["test_mixed", "test_steps_thesis", "test_decay", "plan"])
+def test_tests_with_motion_capture_fly_none_of_it(name):
+    """A locator on board stays silent: the position of a test is that of CO to 3 cm."""
+    parts = [{"name": "rov", "part": "double_blueye"}, {"name": "ugps", "part": "ugps_u1"}]
+    vehicle = vehicle_from_dict({"name": "v", "parts": parts})
+    rest = [{"manoeuvre": "rest", "duration": 5}]
+    scenario = _scenario("double_blueye", Tank(6.0, 3.0, 1.5), rest) if name == "plan" else load_scenario(name)
+    position = sensors_of(scenario, vehicle)["position"]
+    assert position.errors is None and float(position.dropout) == 0.0 and not np.any(position.lever)
+    assert position.rate == 15_000 and np.all(position.noise == 0.03)
 
 
 def test_only_positions_may_say_so():
@@ -77,5 +120,5 @@ def test_a_filter_told_so_is_consistent(memory):
 def test_the_filter_stays_consistent(name):
     """NEES of north and east over 5 seeds: chi-square of 2, 95 % for the number of samples that are independent."""
     runs = [load_scenario(name, ["autopilot=model_based"], seed=seed) for seed in range(1, 6)]
-    nees = np.mean([run["nees_position_mean"] for run in score_together(runs)])
+    nees = np.mean([run["nees_position_mean"] for run in score_together([compose(run) for run in runs])])
     assert 1.4 < nees < 2.7

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Environment
+from rovtwin.core.numerics import jnp
 from rovtwin.report import write_report
+from rovtwin.scenario.compose_sensors import listed
 from rovtwin.scenario.composition import compose
+from rovtwin.scenario.feasibility import require_feasible
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
+from rovtwin.simulation.sensors import SensorInput
+from rovtwin.vehicle import vehicle_from_dict
+from rovtwin.vehicle.dynamics import State
 
 LINE = """faults=[
     {at: 2, until: 4, thruster: port.surge, fault: dead},
@@ -216,3 +223,23 @@ def test_batteries_that_are_not_there_are_refused(said, settings):
     with pytest.raises(ConfigError) as error:
         compose(load_scenario("lawnmower_calm", settings))
     assert said in str(error.value)
+
+
+def test_a_gauge_of_a_part_tells_nothing_without_a_battery_and_no_rule_waits_for_it():
+    gauge = {"name": "pod", "sensors": [{"name": "gauge", "kind": "battery"}]}
+    vehicle = vehicle_from_dict({"name": "v", "parts": [{"name": "rov", "part": "double_blueye"}, gauge]})
+    rule = "autopilot.supervisor.battery_low.limit=0.3"
+    with pytest.raises(ConfigError, match="battery_low: no battery is simulated, so that it could never act"):
+        require_feasible(load_scenario("square", [rule]), vehicle.model())
+    assert not require_feasible(load_scenario("square", [rule]), vehicle.model(), known_world=False)  # a real one
+    for settings, told in (([], 0), (["battery=true", rule], 1)):
+        composed = compose(load_scenario("square", settings), vehicle=vehicle)
+        lines = listed(composed.scenario, vehicle)
+        assert any("silent: no battery is simulated" in line for line in lines) == (not told)
+        twin = composed.loop.twin
+        state = State.at(twin.model, composed.start)
+        energy = jnp.array([0.9, 20.0]) if told else None
+        seen = SensorInput(state, jnp.zeros(6), jnp.asarray(499), Environment.calm(), energy)
+        sensor = twin.sensors["battery"]
+        _, slot = sensor.step(sensor.init(composed.key, composed.start), seen, 0.002)
+        assert int(slot.valid.sum()) == told

@@ -2,7 +2,9 @@
 
 import pytest
 from tests.scenario.test_stalls import NO_SWAY
+from typer.testing import CliRunner
 
+from rovtwin.cli import app
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import list_missions, load_mission, load_scenario
 from rovtwin.scenario.fitting import assumptions, fitted, own_values
@@ -19,7 +21,7 @@ def values(scenario):
 def test_the_reference_scenarios_are_what_they_were(vehicle, mission):
     scenario = load_scenario("lawnmower_calm", [f"mission={mission}", f"vehicle={vehicle}"])
     made = fitted(scenario, load_vehicle(vehicle).model())
-    assert set(values(made)) == {(0.2, 0.2)} and made.duration == 1500 and assumptions(scenario, made) is None
+    assert set(values(made)) == {(0.2, 0.2)} and made.duration == 1500 and assumptions(scenario, made) == []
 
 
 def test_another_vehicle_has_its_own_by_froude_s_law():
@@ -29,7 +31,7 @@ def test_another_vehicle_has_its_own_by_froude_s_law():
     speed, acceptance = values(made)[0]
     # Both vehicles' values are rounded to the centimetre.
     assert speed == pytest.approx(0.2 * ratio**0.5, abs=0.01) and acceptance == pytest.approx(0.2 * ratio, abs=0.01)
-    assert f"speed {speed:g} m/s, acceptance {acceptance:g} m" in str(assumptions(scenario, made))
+    assert f"speed {speed:g} m/s, acceptance {acceptance:g} m" in assumptions(scenario, made)[0]
 
 
 def test_without_sway_a_way_point_is_twice_as_wide():
@@ -51,7 +53,17 @@ def test_a_long_mission_gets_the_time_it_takes():
     far = "mission.waypoints=[{position: [200, 0, 3]}]"
     scenario = load_scenario("square", [far])
     made = fitted(scenario, load_vehicle("double_blueye").model())
-    assert made.duration == 4100 and "duration 4100 s" in str(assumptions(scenario, made))
+    assert made.duration == 4100 and "duration 4100 s" in assumptions(scenario, made)[0]
+
+
+def test_of_a_test_it_is_said_what_was_changed_for_the_vehicle():
+    scenario = load_scenario("test_mixed", ["vehicle=minerva"])
+    made = compose(scenario).scenario
+    *notes, limit = assumptions(scenario, made)
+    assert notes == made.test.notes and notes[-1].startswith("written for double_blueye: pulls of minerva take")
+    assert limit == f"the test's time limit is {made.duration:g} s, in place of 120 s"
+    assert assumptions(made, compose(made).scenario) == [], "it was said"
+    assert notes[-1] in CliRunner().invoke(app, ["scenario", "check", "test_mixed", "--set", "vehicle=minerva"]).output
 
 
 def test_missions_say_only_what_they_say():

@@ -8,7 +8,7 @@ from rovtwin.core.flow import FINISHED, GO, GOING, HEADING_GIVEN_UP, HOLD
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.headings import unmet_headings
-from rovtwin.vehicle import vehicle_from_dict
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 N = 10 * SECONDS + 1
 SCENARIO = load_scenario(
@@ -35,7 +35,12 @@ def test_a_heading_given_up_is_a_decision_with_its_error_and_the_summary_says_so
     assert one.line == "heading 90 deg given up at way-point 1: 173 deg off when it was left"
     told = [d for d in decisions(run(-83.0), ["a", "b"], SCENARIO, model) if "heading" in d["what"]]
     assert [d["t"] for d in told] == [120.0] and told[0]["what"] == "heading 90 deg given up at way-point 1"
-    assert "no thrust in sway" in told[0]["cause"] and "173 deg off" in told[0]["cause"]
+    why = "the current comes from the side and {}: it turned its bow into the current to hold its place; "
+    why += "173 deg off when the way-point was left"
+    assert told[0]["cause"] == why.format("there is no thrust in sway to hold against it")
+    weak = load_vehicle("double_blueye").model()
+    told = [d for d in decisions(run(-83.0), ["a", "b"], SCENARIO, weak) if "heading" in d["what"]]
+    assert told[0]["cause"] == why.format("is more than thrust in sway can hold against")
 
 
 def test_a_heading_that_was_met_or_not_yet_reached_is_none():

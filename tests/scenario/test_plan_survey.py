@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.fitting import fitted
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.plan_survey import SurveyRequest, lay_out, survey_picture, write_survey
 from rovtwin.scenario.schema.mission import LONGEST
@@ -36,6 +37,15 @@ def test_what_is_written_is_what_was_laid_out(pool, tmp_path):
     assert scenario.start.position[:2] == places[0, :2].tolist()
     assert scenario.duration > pool.plan.seconds and scenario.battery is not None
     assert "# Laid out by rovtwin plan-survey: pool.yaml" in (tmp_path / "mine.yaml").read_text()
+
+
+def test_a_speed_that_was_asked_for_is_flown_by_a_vehicle_with_another_of_its_own(tmp_path):
+    """0.2 m/s is also the schema's default: what is left out of a file is taken from the vehicle."""
+    request = SurveyRequest(POOL, Swath(1.6), heading_deg=0.0, vehicle="minerva", speed=0.2)
+    write_survey(lay_out(request), tmp_path / "mine.yaml")
+    scenario = load_scenario(tmp_path / "mine.yaml")
+    flown = fitted(scenario, load_vehicle("minerva").model())
+    assert {w.speed for w in flown.waypoints} == {0.2} and flown.duration == scenario.duration
 
 
 def test_speed_acceptance_settling_and_clearance_are_the_vehicle_s_own(pool):

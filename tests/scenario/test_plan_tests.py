@@ -17,8 +17,9 @@ from rovtwin.scenario.plan_candidates import candidates, in_words, thesis_pulls
 from rovtwin.scenario.plan_room import excitation, require_possible
 from rovtwin.scenario.plan_tank import Tank
 from rovtwin.scenario.plan_tests import _laid_out, what_is_known
-from rovtwin.scenario.rehearsal import Rehearsed
+from rovtwin.scenario.rehearsal import Rehearsed, _exact
 from rovtwin.scenario.trial_scales import TrialScales
+from rovtwin.simulation.sensors import usual_sensor
 from rovtwin.vehicle import load_vehicle
 
 
@@ -178,6 +179,13 @@ def test_a_plan_ends_though_candidates_come_near_walls_in_company():
     assert set(laid_out({5})) == {5}
     with pytest.raises(ConfigError, match="no plan keeps clear of the walls"):
         laid_out(set())
+
+
+def test_no_draw_of_a_sensor_decides_on_a_plan():
+    drawn = {"bias_walk": 0.1, "dropout": 0.14, "outlier": 0.1, "outlier_size": 3.0, "errors": "acoustic"}
+    exact = _exact({"position": usual_sensor("position", rate_hz=2.0, **drawn)})["position"]
+    assert exact.errors is None and exact.rate == 2000
+    assert not any(np.any(getattr(exact, name)) for name in ("noise", "bias", "bias_walk", "dropout", "outlier"))
 
 
 def test_the_tank_that_nobody_gave_is_the_vehicles():

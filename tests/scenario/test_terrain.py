@@ -7,10 +7,12 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.scenario.composition import compose
+from rovtwin.scenario.feasibility import require_feasible
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
 from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.world import World, walls_of
+from rovtwin.vehicle import vehicle_from_dict
 from rovtwin.vehicle.dynamics import State
 from rovtwin.vehicle.measurement import range_to_floor
 
@@ -63,6 +65,29 @@ def test_the_hull_is_held_by_the_floor_that_is_below_it():
 def test_what_cannot_be_is_refused(said, change):
     with pytest.raises(ConfigError, match=said):
         compose(load_scenario("terrain_following", [change]))
+
+
+def with_altimeters(count):
+    ping = {"part": "ping1d", "pose": {"position": [0, 0, 0.2]}}
+    parts = [{"name": "rov", "part": "double_blueye"}, *({"name": f"ping{i}"} | ping for i in range(count))]
+    return vehicle_from_dict({"name": "v", "parts": parts})
+
+
+def test_an_altitude_over_no_floor_is_refused_though_the_vehicle_carries_the_altimeter():
+    """A real one, behind a link, has a floor whose depth nobody needs to know."""
+    scenario = load_scenario("lawnmower_calm", ["mission.waypoints=[{position: [3, 0, 2], altitude: 2}]"])
+    flown = compose(scenario, vehicle=with_altimeters(1))
+    with pytest.raises(ConfigError, match="altitude of 2 m is wanted, and the world has no floor; set world.floor"):
+        require_feasible(flown.scenario, flown.model)
+    assert require_feasible(flown.scenario, flown.model, known_world=False) == []
+
+
+def test_with_the_first_altimeter_silenced_the_second_is_followed():
+    scenario = load_scenario("terrain_following", ["sensors.altimeter=false"])
+    flown = compose(scenario, vehicle=with_altimeters(2)).loop.autopilot
+    assert flown.terrain.name == "altimeter_2" and flown.supervisor.rules.names_of("altimeter") == ["altimeter_2"]
+    with pytest.raises(ConfigError, match="no altimeter on board"):
+        compose(scenario, vehicle=with_altimeters(1))
 
 
 @pytest.mark.slow

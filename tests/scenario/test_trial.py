@@ -9,11 +9,15 @@ from typer.testing import CliRunner
 from rovtwin.cli import app
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Slot
+from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jax
+from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.trial import HoldingGains, mixing
 from rovtwin.identification.logs.readers import read_records
+from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.report.flight import Flight as Seen
 from rovtwin.report.verdict import verdict
 from rovtwin.scenario.compose_sensors import sensors_of
@@ -23,10 +27,10 @@ from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.loop import stack
-from rovtwin.scenario.records import free_spans, trial_records
+from rovtwin.scenario.records import _signal, free_spans, trial_records
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.mismatch import perturbed
-from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.files import list_library
 
 MANOEUVRES = [
@@ -191,6 +195,36 @@ def test_identification_reads_the_log_and_leaves_out_the_hands(flight, records):
         assert own.signals["horizontal"].sigma == pytest.approx([0.03, 0.03])
         assert own.water_density == 1000.0 and own.tether_length == 0.0
     assert np.degrees(read[1].signals["attitude"].value[0, 0]) == pytest.approx(30, abs=1), "from when it was let go"
+
+
+def test_readings_of_turned_sensors_are_those_that_the_filter_takes():
+    """Attitude and sigma were left along the sensor's axes: at heading 0 an imu that looks back gave 180 deg."""
+    turned = {"attitude_deg": [20, -30, 180]}
+    dvl = {"name": "dvl", "kind": "dvl", "pose": turned, "noise": [0.01, 0.02, 0.05]}
+    parts = [{"name": "rov", "part": "double_blueye"}, {"name": "bow", "sensors": [dvl]}]
+    run = compose(
+        short(sensors={"attitude": turned, "gyro": turned}), vehicle=vehicle_from_dict({"name": "v", "parts": parts})
+    )
+    euler, omega, reading = np.array([0.1, -0.05, 0.3]), np.zeros(3), np.array([0.3, -0.2, 0.1])
+    for name in ("attitude", "gyro", "dvl"):
+        one = run.loop.twin.sensors[name]
+        value = np.tile(_euler(_matrix(euler) @ one.rotation) if name == "attitude" else reading, (4, 1, 1))
+        slot = Slot(value, np.ones((4, 1), bool), np.arange(4.0)[:, None])
+        mount = Mount(one.noise, rotation=one.rotation)
+        known = at_co({name: Slot(value[0], slot.valid[0], slot.t_valid[0])}, {name: mount}, euler, omega)[name].value
+        signal = _signal(run, name, slot)
+        np.testing.assert_allclose(signal.value, np.tile(known, (4, 1)), atol=1e-12)
+        np.testing.assert_allclose(signal.sigma**2, mount.variance)
+        if name == "attitude":
+            np.testing.assert_allclose(signal.value[0], euler)
+
+
+def _matrix(euler):
+    return np.asarray(rotation_from_euler(euler))
+
+
+def _euler(R):
+    return euler_from_matrices(np.asarray(R)[None])[0]
 
 
 @pytest.mark.slow

@@ -54,3 +54,25 @@ def test_a_device_alone_has_no_speed_and_no_bound():
     assert "dvl_a50" in list_devices()
     figures = {f.key: f.value for f in key_figures(load_vehicle("dvl_a50"))}
     assert figures["position_bound_surge"] is None and figures["endurance"] is None
+
+
+BARE = {"name": "bare", "mass": 6.0, "inertia": [0.1, 0.1, 0.1], "volume": 0.006}
+BARE |= {"thrusters": [{"name": "t", "direction": [1, 0, 0], "force": 10.0}]}
+
+
+def test_a_vehicle_without_drag_has_no_speed_and_says_so():
+    """It was infinite, and its power nan."""
+    bare = vehicle_from_dict(BARE)
+    shaped = vehicle_from_dict({"name": "v", "parts": [BARE, {"name": "pod", "mass": 1.0, "shape": {"sphere": 0.06}}]})
+    rows = {row["key"]: row for row in compared(bare, shaped)}
+    assert rows["propulsion"]["label"] == "power of thrusters under way"
+    assert rows["endurance"]["label"] == "endurance under way"
+    assert (rows["propulsion"]["before"], rows["propulsion"]["after"]) == (None, None)  # both at the first's speed
+    assert rows["position_bound_surge"]["why"].startswith("nothing drags it")
+    assert not any("inf" in row["label"] for row in rows.values())
+
+
+def test_why_there_is_no_bound():
+    figures = {f.key: f for f in key_figures(load_vehicle("dvl_a50"))}
+    assert "no thrusters" in figures["position_bound_surge"].why
+    assert not any(f.why for f in key_figures(load_vehicle("bluerov2")))

@@ -15,6 +15,7 @@ from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
 
 START, DT = Start.at(), 0.002
 SEA = Environment.calm(floor=jnp.asarray(20.0))
+CHARGE = jnp.array([0.9, 20.0])  # of a battery, and its power [W]
 SOMEWHERE = state((4.0, -2.0, 3.0), (0.9, 0.1, -0.3, 0.3), (0.3, -0.1, 0.05, 0.1, 0.2, -0.15))
 SOMEWHERE = type(SOMEWHERE)(
     SOMEWHERE.position, SOMEWHERE.attitude / jnp.linalg.norm(SOMEWHERE.attitude), SOMEWHERE.nu, SOMEWHERE.thrust
@@ -27,7 +28,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
     def run(key):
         def one(memory, k):
-            return sensor.step(memory, SensorInput(seen, NU_DOT, k, SEA), DT)
+            return sensor.step(memory, SensorInput(seen, NU_DOT, k, SEA, CHARGE), DT)
 
         return jax.lax.scan(one, sensor.init(key, START), jnp.arange(first, first + steps))[1]
 
@@ -36,7 +37,7 @@ def record(sensor, steps, seed=0, seen=SOMEWHERE, first=0):
 
 
 def ideal(sensor, seen=SOMEWHERE):
-    return np.asarray(IDEAL[sensor.kind](sensor, SensorInput(seen, NU_DOT, jnp.array(0), SEA)))
+    return np.asarray(IDEAL[sensor.kind](sensor, SensorInput(seen, NU_DOT, jnp.array(0), SEA, CHARGE)))
 
 
 @pytest.mark.parametrize("rate", [1.0, 7.0, 10.0, 42.0, 100.0, 333.333, 500.0])
@@ -179,7 +180,7 @@ def test_gradient_of_a_reading_is_finite(kind):
     def slope(differentiable):
         sensor, seen, nu_dot = differentiable
         memory = sensor.init(jax.random.key(0), START)
-        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499), SEA), DT)[1].value.sum()
+        return sensor.step(memory, SensorInput(seen, nu_dot, jnp.array(499), SEA, CHARGE), DT)[1].value.sum()
 
     sensor = Sensor(kind, 100.0, noise=0.1, bias_walk=0.1, outlier=1.0, outlier_size=1.0, latency=0.0)
     gradient = slope((sensor, SOMEWHERE, NU_DOT))

@@ -58,7 +58,7 @@ CASES = {
     ),
     "ranges": (
         {"sensors": [{"name": "a", "kind": "altimeter", "min_range": 5, "max_range": 2}]},
-        "sensors[0]: found min_range 5 and max_range 2 m, expected less",
+        "sensors[0]: found min_range 5 m and max_range 2 m: min_range has to be below max_range",
     ),
     "spare": (
         {"sensors": [{"name": "imu", "kind": "imu"}], "spare_sensors": ["ium"]},

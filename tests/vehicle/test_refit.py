@@ -85,6 +85,25 @@ def test_removing_from_given_totals_says_that_they_stay():
     assert [note.split()[2] for note in change.notes] == ["restoring", "hydrodynamics"]
 
 
+def test_a_part_goes_with_its_spare_sensors():
+    """Of one Pioneer alone the names are shorter, so that those of the other were said to be unknown."""
+    change = remove("double_blueye", "starboard")
+    assert yaml.safe_load(change.text)["spare_sensors"] == []
+    assert [s.name for s in change.after.sensors if not s.spare][:2] == ["imu", "compass"]
+    assert "# One Pioneer's instruments fly the whole" in change.text
+    other = remove("double_blueye", "port")
+    assert "spare_sensors: [imu, compass, pressure]\n" in other.text
+    assert "none is read" in other.notes[-1] and not any("none is read" in note for note in change.notes)
+
+
+def test_names_of_spare_sensors_follow_a_part_with_thrusters(own):
+    own.write_text(OWN.replace("bluerov2", "blueye_pioneer") + "spare_sensors:\n  # two are enough\n  - imu  # noisy\n")
+    text = add(own, "blueye_pioneer", [0, 0, 0.5], name="second", out=own).text
+    assert "  # two are enough\n  - rov.imu  # noisy\n" in text
+    own.write_text(text)
+    assert "  - imu  # noisy\n" in remove(own, "second", own).text
+
+
 def test_what_lies_inside_the_hull_is_said():
     (note,) = add("double_blueye", "imaging_sonar", [0, 0.28, 0]).notes
     assert note.startswith("100 % of 'imaging_sonar' lies in the boxes")

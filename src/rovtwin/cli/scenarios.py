@@ -69,7 +69,7 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
     found = load_scenario(scenario, overrides or ())
     composed = compose(found)
     lines = foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model)
-    lines += [taken] if (taken := assumptions(found, composed.scenario)) else []
+    lines += assumptions(found, composed.scenario)
     holds, line = verdict(composed) if moves(found) else (None, None)
     empty, assumed = empty_at_start(found), composed.on_board.line(composed.vehicle)
     if as_json:

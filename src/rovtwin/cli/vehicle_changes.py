@@ -106,6 +106,7 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
     shown = trimmed if ballast else change
     rows = compared(change.before, shown.after)
     notes += [f"in still water {line}" for line in reservations(shown.after.model())]
+    notes += sorted({f"no bound of the position: {row['why']}" for row in rows if row["why"]})
     drawn = devices_load(shown.after)
     if drawn and not shown.after.power_sources:
         notes.append(f"it draws {drawn:.3g} W; the vehicle's file has no battery")

@@ -46,14 +46,14 @@ class EkfMemory(eqx.Module):
         P: Its covariance, shape (18, 18).
         thrust: Force of each thruster as the model predicts it [N], shape (n,).
         ticks: Number of ticks so far, int; time is `ticks * dt`.
-        rejected: Readings beyond the gate in a row, per sensor in the order of STATES, shape (6,), int.
+        rejected: Readings beyond the gate in a row, int, by name of the sensors that the tuning knows.
     """
 
     x: Array
     P: Array
     thrust: Array
     ticks: Array
-    rejected: Array
+    rejected: dict[str, Array]
 
 
 class Ekf(Block):
@@ -78,7 +78,7 @@ class Ekf(Block):
             P=jnp.diag(self.tuning.initial_variance),
             thrust=jnp.zeros(self.model.thrusters.count),
             ticks=jnp.zeros((), dtype=jnp.int32),
-            rejected=jnp.zeros(len(STATES), dtype=jnp.int32),
+            rejected={name: jnp.zeros((), dtype=jnp.int32) for name in self.tuning.measurement_variance},
         )
 
     def step(self, memory: EkfMemory, input: ObserverInput, dt: float) -> tuple[EkfMemory, Estimate]:
@@ -89,16 +89,15 @@ class Ekf(Block):
         prior = _Prior(self.tuning, x, P, rate, memory.x, memory.ticks * dt, dt)
         measurements = at_co(input.measurements, self.mounts, x[3:6], x[9:12])
         names = sorted(measurements)
-        batches, rejected = [], dict(zip(STATES, memory.rejected, strict=True))
+        batches, rejected = [], dict(memory.rejected)
         for name in filter(self.tuning.uses, names):
-            kind = kind_of(name)
-            batch, rejected[kind] = prior.innovations(name, measurements[name], rejected[kind])
+            known = name if name in rejected else kind_of(name)
+            batch, rejected[known] = prior.innovations(name, measurements[name], rejected[known])
             batches.append((name, batch))
         x, P, nis, dof = _update(x, P, batches, names)
         x = jnp.concatenate([x[:3], wrap(x[3:6]), x[6:]])
-        counts = jnp.stack([rejected[name] for name in STATES])
         estimate = Estimate(x[:6], x[6:12], x[12:], P[:12, :12], nis, dof)
-        return EkfMemory(x, P, thrust, memory.ticks + 1, counts), estimate
+        return EkfMemory(x, P, thrust, memory.ticks + 1, rejected), estimate
 
     def _predict(self, memory: EkfMemory, command: Command, dt: float) -> tuple[Array, Array, Array]:
         thrusters, tuning = self.model.thrusters, self.tuning

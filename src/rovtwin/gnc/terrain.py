@@ -63,6 +63,7 @@ class TerrainFollowing(Block):
         jump: Largest step that one echo may ask for: a fish is no floor [m].
         lead: How far ahead the rate is believed [s].
         patience: How long a silent altimeter's last floor holds [s].
+        name: Of the altimeter that is read.
     """
 
     lever: Array = eqx.field(converter=as_array)
@@ -73,6 +74,7 @@ class TerrainFollowing(Block):
     jump: Array = eqx.field(converter=as_array, default=0.15)
     lead: Array = eqx.field(converter=as_array, default=2.0)
     patience: Array = eqx.field(converter=as_array, default=5.0)
+    name: str = eqx.field(static=True, default="altimeter")
 
     def init(self, key: Array, start: Start) -> TerrainMemory:
         zero = jnp.zeros(())
@@ -93,7 +95,7 @@ class TerrainFollowing(Block):
 
     def _heard(self, memory: TerrainMemory, input: TerrainInput, dt: float) -> TerrainMemory:
         """A tick later, with the echoes that came."""
-        eta, slot = input.estimate.eta, input.measurements["altimeter"]
+        eta, slot = input.estimate.eta, input.measurements[self.name]
         R_nb = rotation_from_euler(eta[3:])
         silence = memory.silence + dt
         # A rate that nobody confirms any more fades.

@@ -98,12 +98,12 @@ def _rates(section: ModelBasedSection) -> dict[str, float | None]:
 
 
 def _terrain(model: Model, sensors: dict[str, Sensor], mission: Mission, surface: Array) -> TerrainFollowing | None:
-    """With the altimeter's place and direction; None where no way-point has an altitude."""
+    """With place and direction of the first altimeter on board; None where no way-point has an altitude."""
     if mission.altitude is None:
         return None
-    altimeter = sensors["altimeter"]
+    name, altimeter = next((name, one) for name, one in sensors.items() if one.kind == "altimeter")
     lead = 1.6 / VehicleScales.of(model).bandwidth[HEAVE]  # by what the depth's reference lags
-    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface, lead=as_array(lead))
+    return TerrainFollowing(altimeter.lever, altimeter.rotation[:, 0], surface, lead=as_array(lead), name=name)
 
 
 def _steered(section: ModelBasedSection, model: Model) -> bool:
@@ -159,6 +159,6 @@ def _tuning_of(section: ThesisSection, model: Model, sensors: dict[str, Sensor],
     if section.observer.tuning == "as_printed":
         return EkfTuning.as_printed(control_dt)
     walk = section.observer.force_walk
-    std = {name: float(np.asarray(sensor.noise)[0]) for name, sensor in sensors.items() if kind_of(name) in SENSOR_STD}
-    known = {name: value for name, value in std.items() if value > 0}
-    return EkfTuning.consistent(known, force_walk=VehicleScales.of(model).force_walk if walk is None else walk)
+    noise = {name: float(np.asarray(one.noise)[0]) for name, one in sensors.items() if kind_of(name) in SENSOR_STD}
+    std = {name: value or SENSOR_STD[kind_of(name)] for name, value in noise.items()}
+    return EkfTuning.consistent(std, force_walk=VehicleScales.of(model).force_walk if walk is None else walk)

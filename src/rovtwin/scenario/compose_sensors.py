@@ -97,7 +97,7 @@ def sensors_of(scenario: Scenario, vehicle: Vehicle) -> dict[str, Sensor]:
     section, found = scenario.sensors, on_board(scenario, vehicle)
     if "altimeter" in found.added and scenario.world.floor is None:
         raise ConfigError("sensors.altimeter: the world has no floor to look at; set world.floor to its depth [m]")
-    if "altimeter" not in found.names and any(w.altitude for w in scenario.waypoints):
+    if not any(kind_of(name) == "altimeter" for name in found.names) and any(w.altitude for w in scenario.waypoints):
         raise ConfigError(
             "mission: a way-point has an altitude, but there is no altimeter on board; set sensors.altimeter to true"
         )
@@ -128,6 +128,8 @@ def _figures(carried: Instrument | None, physics_rate: float) -> dict[str, Any]:
 def changes_of(section: SensorSection) -> dict[str, Any]:
     """Arguments of `Sensor` that a scenario gives."""
     given = section.model_dump(exclude_none=True, exclude={"on_board", "position", "attitude_deg"})
+    if section.errors == "none":
+        given["errors"] = None  # which replaces the part's
     if section.position is not None:
         given["lever"] = section.position
     if section.attitude_deg is not None:
@@ -183,5 +185,7 @@ def listed(scenario: Scenario, vehicle: Vehicle) -> list[str]:
         place = ", ".join(f"{x:.4g}" for x in np.asarray(sensor.lever))
         noise = ", ".join(f"{x:.3g}" for x in sorted(set(np.asarray(sensor.noise).tolist())))
         unit = SENSORS[sensor.kind].units[0]
-        lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, noise {noise} {unit}")
+        silent = sensor.kind == "battery" and scenario.battery is None
+        told = "silent: no battery is simulated, set battery to true" if silent else f"noise {noise} {unit}"
+        lines.append(f"  {name} ({origin}): at [{place}] m, {sensor.rate / 1000:g} Hz, {told}")
     return lines

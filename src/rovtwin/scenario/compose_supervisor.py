@@ -6,6 +6,7 @@ from collections.abc import Collection
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.rules import RULES, Rule, Rules
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_faults import units_of
@@ -53,7 +54,7 @@ def _require_what_it_watches(scenario: Scenario, sensors: Collection[str], defau
     for key, sensor in _SENSORS.items():
         rule: RuleSection = getattr(section, key)
         asked = rule.limit is not None or rule.action not in (None, "ignore")
-        if asked and sensor not in sensors:
+        if asked and not any(kind_of(name) == sensor for name in sensors):
             raise ConfigError(f"{where}.{key}: no {sensor} is on board; set sensors.{sensor}.on_board to true")
     if defaults is not RULES and section.thruster_failed.action not in (None, "ignore"):
         raise ConfigError(f"{where}.thruster_failed: the thesis's autopilot does not look; use autopilot=model_based")

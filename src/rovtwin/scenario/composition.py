@@ -28,6 +28,7 @@ from rovtwin.scenario.fitting import fitted
 from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.loop import Loop
 from rovtwin.scenario.schema import Scenario, WorldSection
+from rovtwin.simulation.sensors import Sensor
 from rovtwin.simulation.twin import Twin
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, summary, vehicle_from_dict
 from rovtwin.vehicle.trim import afloat
@@ -77,6 +78,12 @@ class Composed:
         """Length of all tethers at the start [m], 0 without one."""
         return sum(float(tether.paid_out_at(self.start)) for tether in self.loop.twin.tethers.values())
 
+    @cached_property
+    def white_sensors(self) -> dict[str, Sensor]:
+        """The sensors with white noise in place of errors that last: what is told of them to whom knows no other."""
+        walk = VehicleScales.of(self.model).force_walk
+        return {name: as_white(one, self.model, walk) for name, one in self.loop.twin.sensors.items()}
+
     def bound(self, speed: float) -> list[float]:
         """Steady-state sigma of the position in surge and sway of the best filter with these sensors [m].
 
@@ -84,8 +91,9 @@ class Composed:
             speed: At which the model is linearised [m/s].
         """
         walk = VehicleScales.of(self.model).force_walk
-        sensors = {name: as_white(one, self.model, walk) for name, one in self.loop.twin.sensors.items()}
-        position, dvl, accelerometer = (together(sensors, kind) for kind in ("position", "dvl", "accelerometer"))
+        position, dvl, accelerometer = (
+            together(self.white_sensors, kind) for kind in ("position", "dvl", "accelerometer")
+        )
         assert position is not None and accelerometer is not None
         waves = self.scenario.world.waves
         result = position_bound(

@@ -32,7 +32,7 @@ def without_headway(flown: Flown, scenario: Scenario, model: Model) -> list[dict
         _one(
             stall.start + stall.patience,
             f"no headway for {stall.patience:.0f} s, at way-point {stall.waypoint + 1} of {len(scenario.waypoints)}",
-            cause(stall, flown, scenario, model, advise=False),
+            cause(stall, flown, scenario, model),
         )
         for stall in stalls(flown, scenario, model)
     ]

@@ -87,7 +87,7 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
             current = current_at(scenario.world, leg.depth) if known_world else np.zeros(2)
             found += _on_leg(limits, leg, current, steers(scenario, model))
         if known_world:
-            found += _in_tank(limits, legs, scenario.world)
+            found += [*_in_tank(limits, legs, scenario.world), *_over_nothing(legs, scenario.world), *_unseen(scenario)]
     return sorted(_once(found), key=lambda finding: not finding.refused)
 
 
@@ -302,6 +302,23 @@ def _in_tank(limits: Limits, legs: list[_Leg], world: WorldSection) -> Iterator[
     if way < math.inf and 2.0 * way + limits.length > room:
         what = f"from {speed:.2g} m/s it takes {way:.2g} m to stop, and the tank is {room:.2g} m long"
         yield Finding(what, "write slower way-points", False)
+
+
+def _over_nothing(legs: list[_Leg], world: WorldSection) -> Iterator[Finding]:
+    """Altitudes over a floor that is not there, whoever carries the altimeter: no echo would ever come."""
+    for leg in legs:
+        if leg.point.altitude and world.floor is None:
+            what = f"{leg.name}: an altitude of {leg.point.altitude:g} m is wanted, and the world has no floor"
+            yield Finding(what, "set world.floor to its depth [m], or leave the altitude out", True)
+
+
+def _unseen(scenario: Scenario) -> Iterator[Finding]:
+    """A rule of the supervisor that somebody asked for, and that nothing simulated could call."""
+    for key in ("battery_low", "battery_critical"):
+        rule = getattr(scenario.autopilot.supervisor, key)
+        if scenario.battery is None and (rule.limit is not None or rule.action not in (None, "ignore")):
+            what = f"autopilot.supervisor.{key}: no battery is simulated, so that it could never act"
+            yield Finding(what, "set battery to true, or leave the rule out", True)
 
 
 def _once(found: list[Finding]) -> list[Finding]:

@@ -43,8 +43,13 @@ def own_values(limits: Limits) -> dict[str, float]:
     return {"speed": max(round(speed, 2), SLOWEST), "acceptance": max(round(wide, 2), SLOWEST)}
 
 
-def assumptions(given: Scenario, made: Scenario) -> str | None:
-    """One line that names the speed, acceptance and time limit taken from the vehicle; None where they are as usual."""
+def assumptions(given: Scenario, made: Scenario) -> list[str]:
+    """What was taken from the vehicle, in lines: speed, acceptance, time limit; of a test what was changed for it."""
+    if given.test and made.test:
+        lines = [note for note in made.test.notes if note not in given.test.notes]
+        if made.duration != given.duration:
+            lines.append(f"the test's time limit is {made.duration:g} s, in place of {given.duration:g} s")
+        return lines
     default = {key: Waypoint.model_fields[key].default for key in ("speed", "acceptance")}
     taken = {}
     for before, after in zip(given.waypoints, made.waypoints, strict=True):
@@ -54,7 +59,7 @@ def assumptions(given: Scenario, made: Scenario) -> str | None:
     parts = [f"{key} {value:g} {'m/s' if key == 'speed' else 'm'}" for key, value in taken.items()]
     if made.duration != given.duration:
         parts.append(f"duration {made.duration:g} s")
-    return f"the mission leaves it out, this vehicle's are taken: {', '.join(parts)}" if parts else None
+    return [f"the mission leaves it out, this vehicle's are taken: {', '.join(parts)}"] if parts else []
 
 
 def travel(scenario: Scenario) -> float:

@@ -94,8 +94,8 @@ def fly(
     if refuse:
         for line in foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model):
             say(line)
-        if (taken := assumptions(scenario, composed.scenario)) is not None:
-            say(taken)
+        for line in assumptions(scenario, composed.scenario):
+            say(line)
     scenario = composed.scenario
     if folder is None:
         return _in_memory(scenario, composed, realtime, progress)

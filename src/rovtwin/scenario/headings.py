@@ -66,5 +66,6 @@ def reason_for(unmet: Unmet, model: Model) -> str:
     error = f"{unmet.off:.0f} deg off when the way-point was left"
     if not unmet.given_up:
         return error
-    sway = "more than thrust in sway can stem" if Limits.of(model).can(SWAY) else "and no thrust in sway"
-    return f"pushed from aside, {sway}: the bow keeps the place instead; {error}"
+    weak = Limits.of(model).can(SWAY)
+    sway = "is more than thrust in sway can hold against" if weak else "there is no thrust in sway to hold against it"
+    return f"the current comes from the side and {sway}: it turned its bow into the current to hold its place; {error}"

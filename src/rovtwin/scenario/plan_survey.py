@@ -316,7 +316,8 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
         f"minutes, {plan.coverage:.1%} of {plan.room.area.area:.0f} m2 seen.",
     ]
     data = {"name": survey.scenario.name, "vehicle": survey.scenario.vehicle}
-    data |= survey.scenario.model_dump(mode="json", exclude_defaults=True)
+    # A speed that happens to be the schema's default is still what was asked for: left out, it would be the vehicle's.
+    data |= survey.scenario.model_dump(mode="json", exclude_unset=True)
     body = yaml.safe_dump(data, sort_keys=False, width=120, default_flow_style=None)
     try:
         path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")

@@ -43,6 +43,7 @@ from rovtwin.vehicle.reach import wrench_limits
 
 BOLLARD = 0.02  # full thrust is known to, before the test
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
+MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
 Progress = Callable[[str, float], None]
 
@@ -286,7 +287,7 @@ def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quic
         "name": "planned_test",
         "vehicle": reference,
         "start": {"position": tank.middle},
-        "sensors": {"position": {"noise": 0.03, "rate_hz": 15}},
+        "sensors": {"position": MOTION_CAPTURE},
         "world": {"surface": False} if quick else walls,
         "rates": {"physics": 100 if quick else 500},
         "duration": 86_400,

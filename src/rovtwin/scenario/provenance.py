@@ -35,9 +35,7 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "jax": jax.__version__,
         "command": " ".join(Path(word).name if i == 0 else word for i, word in enumerate(sys.argv)),
         "vehicle_table": to_json(composed.vehicle_table),
-        "sensors": to_json(
-            {n: _datasheet(s, composed.on_board.part_of(n)) for n, s in composed.loop.twin.sensors.items()}
-        ),
+        "sensors": to_json({n: _datasheet(s, composed.on_board.part_of(n)) for n, s in composed.white_sensors.items()}),
         "water_density": str(water.kg_per_m3 if (water := scenario.world.water) else composed.vehicle.assembly.density),
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
         "faults": to_json(composed.faults),
@@ -55,7 +53,10 @@ def beginning(scenario: Scenario, utc_start: str) -> dict[str, str]:
 
 
 def _datasheet(sensor: Sensor, part: str) -> dict[str, Any]:
-    """What a user of the log may know of a sensor: part, declared noise, place and mounting in b, not its errors."""
+    """What a user of the log may know of a sensor: part, declared noise, place and mounting in b, not its errors.
+
+    Of one whose errors last the noise is white noise that tells as little: estimators take residuals as independent.
+    """
     told = {"noise": sensor.noise, "lever": sensor.lever, "rotation": sensor.rotation}
     return {"part": part} | {name: np.asarray(value).tolist() for name, value in told.items()}
 

@@ -14,6 +14,7 @@ from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import SENSORS
 from rovtwin.identification.logs.record import Record, Signal
+from rovtwin.identification.logs.rotations import in_body, std_in_body
 from rovtwin.scenario.compose_trial import spans_of
 from rovtwin.scenario.composition import Composed, compose, keys_of
 from rovtwin.scenario.flight import fly
@@ -143,12 +144,12 @@ def records_of(run: Composed, scenario: Scenario, given: Any) -> list[Record]:
 
 
 def _signal(run: Composed, name: str, slot: Slot) -> Signal:
-    sensor = run.loop.twin.sensors[name]
-    valid = np.asarray(slot.valid)
-    value = np.asarray(slot.value)[valid]
-    if name in ("gyro", "accelerometer", "dvl"):
-        value = value @ np.asarray(sensor.rotation).T  # to body axes
-    return Signal(np.asarray(slot.t_valid)[valid], value, np.asarray(sensor.noise), np.asarray(sensor.lever))
+    """Readings as the reader of a log gives them: along the axes of b, with the noise that is declared."""
+    sensor, signal = run.white_sensors[name], SENSORS[name].signal
+    valid, rotation = np.asarray(slot.valid), np.asarray(sensor.rotation)
+    value = in_body(signal, np.asarray(slot.value)[valid], rotation)
+    sigma = std_in_body(signal, np.asarray(sensor.noise), rotation)
+    return Signal(np.asarray(slot.t_valid)[valid], value, sigma, np.asarray(sensor.lever))
 
 
 def free_spans(scenario: Scenario) -> list[tuple[float, float]]:

@@ -76,11 +76,14 @@ def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
 
 
 def _exact(sensors: dict[str, Any]) -> dict[str, Any]:
-    """The same sensors without noise and bias."""
-    fields = ("noise", "bias", "bias_walk")
+    """The same sensors without anything that is drawn, nor bias: one draw must not decide on a plan."""
+    fields = ("noise", "bias", "bias_walk", "dropout", "outlier", "errors")
     return {
         name: eqx.tree_at(
-            lambda s: [getattr(s, f) for f in fields], sensor, [jnp.zeros_like(getattr(sensor, f)) for f in fields]
+            lambda s: [getattr(s, f) for f in fields],
+            sensor,
+            [*(jnp.zeros_like(getattr(sensor, f)) for f in fields[:-1]), None],
+            is_leaf=lambda leaf: leaf is None,
         )
         for name, sensor in sensors.items()
     }

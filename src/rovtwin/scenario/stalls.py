@@ -13,14 +13,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, REASONS, TURN
+from rovtwin.scenario.feasibility import baseline_of_another
 from rovtwin.scenario.limits import Limits, compass_point
 from rovtwin.scenario.schema import Scenario, ThesisSection, Waypoint
 from rovtwin.scenario.score import Flown
-from rovtwin.vehicle import Model
+from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.trim import stability, steady_speed
 
 PATIENCE = 20.0  # lengths of the vehicle at the leg's speed
-HEADWAY = 0.25  # of a length, or this many radians over pi of a turn: a smaller step is no headway
+HEADWAY = 0.25  # of a length, of a turn as many radians: a smaller step is no headway
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
 FELT = 0.02  # current from which it is worth a word [m/s]
 TILTED = math.radians(15.0)  # mean roll or pitch that explains something
@@ -94,7 +95,7 @@ def _aside(flown: Flown, rows: slice | np.ndarray) -> np.ndarray:
     return np.abs((flown.eta_hat[rows, 5] - flown.setpoint[rows, 5] + np.pi) % (2 * np.pi) - np.pi)
 
 
-def unfinished(flown: Flown, scenario: Scenario, model: Model) -> str:
+def unfinished(flown: Flown, scenario: Scenario, model: Model, vehicle: Vehicle) -> str:
     """Why a mission that was not completed, and that no rule ended, is where it is; one sentence."""
     phase, waypoint = int(flown.mode[-1, 0]), int(flown.mode[-1, 2])
     if phase in (PAUSED, PILOTED):
@@ -103,7 +104,7 @@ def unfinished(flown: Flown, scenario: Scenario, model: Model) -> str:
         return "the test is longer than that"
     last = [stall for stall in stalls(flown, scenario, model) if stall.end >= flown.t[-1] - 1e-6]
     if last:
-        return f"{_numbered(waypoint, scenario)} was not reached: {cause(last[-1], flown, scenario, model)}"
+        return f"{_numbered(waypoint, scenario)} was not reached: {cause(last[-1], flown, scenario, model, vehicle)}"
     return _under_way(flown, scenario, phase, waypoint)
 
 
@@ -162,14 +163,14 @@ def _seconds_left(flown: Flown, scenario: Scenario, phase: int, waypoint: int) -
     return 1.2 * seconds + 10.0
 
 
-def cause(stall: Stall, flown: Flown, scenario: Scenario, model: Model, advise: bool = True) -> str:
-    """Where the vehicle was, what was asked of its thrusters, what pushes it, and what would help."""
+def cause(stall: Stall, flown: Flown, scenario: Scenario, model: Model, vehicle: Vehicle | None = None) -> str:
+    """Where the vehicle was, what was asked of its thrusters, what pushes it, and, of a vehicle, what would help."""
     rows = (flown.t >= stall.start - 1e-9) & (flown.t <= stall.end + 1e-9)
     point = scenario.waypoints[min(stall.waypoint, len(scenario.waypoints) - 1)]
     clauses = [_place(stall, flown, rows, point, model), _asked(stall, flown, rows, model), _pushed(flown, rows, model)]
     clauses += [_tilted(flown, rows), _misled(flown, rows, point)]
     text = "; ".join(part for part in clauses if part)
-    return f"{text}: {_advice(stall, flown, rows, scenario, model, point)}" if advise else text
+    return f"{text}: {_advice(stall, flown, rows, scenario, model, point, vehicle)}" if vehicle else text
 
 
 def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model: Model) -> str:
@@ -260,20 +261,27 @@ def _misled(flown: Flown, rows: np.ndarray, point: Waypoint) -> str:
     return f"the filter was wrong by {error:.2g} m" if error > 2.0 * max(point.acceptance or 0.0, 0.25) else ""
 
 
-def _advice(stall: Stall, flown: Flown, rows: np.ndarray, scenario: Scenario, model: Model, point: Waypoint) -> str:
+def _advice(
+    stall: Stall,
+    flown: Flown,
+    rows: np.ndarray,
+    scenario: Scenario,
+    model: Model,
+    point: Waypoint,
+    vehicle: Vehicle,
+) -> str:
     """What to change, the likeliest first."""
     spent = _spent(stall, flown, rows, model)
     if spent:
         more = "less buoyancy or weight (rovtwin vehicle ballast)" if "heave" in spent else "a weaker current"
         return f"thrust in {' and '.join(spent)} is used up; it takes {more}, or stronger thrusters"
     if isinstance(scenario.autopilot, ThesisSection):
-        return "the gains of this baseline are another vehicle's, or too weak; fly it with autopilot model_based"
+        weak = "the Double Blueye's" if baseline_of_another(scenario, vehicle) else "too weak for it here"
+        return f"the gains of this baseline are {weak}; fly it with autopilot model_based"
     limits, flow = Limits.of(model), float(np.hypot(*_disturbance(flown, rows, model)[1]))
     if FELT < limits.through_water < flow:
         why = "to stay level" if limits.through_water < float(limits.top[:2].max()) else "with all its thrust"
-        return (
-            f"it goes through the water with no more than {limits.through_water:.2g} m/s {why}: wait for less current"
-        )
+        return f"it goes no faster than {limits.through_water:.2g} m/s through the water {why}: wait for less current"
     if stall.phase != GO:
         return "raise duration, or look at the trim of the vehicle (rovtwin vehicle show)"
     wider = 0.1 * math.ceil(10.0 * 1.2 * stall.nearest)

@@ -48,7 +48,8 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
 
 def not_finished(flown: Flown, composed: Composed) -> str:
     """That the time was over, and why: where it stalled, or how much is left."""
-    return f"not finished after {flown.duration:.0f} s: {unfinished(flown, composed.scenario, composed.model)}"
+    why = unfinished(flown, composed.scenario, composed.model, composed.vehicle)
+    return f"not finished after {flown.duration:.0f} s: {why}"
 
 
 def altitude_error(flown: Flown, scenario: Scenario) -> float | None:

@@ -22,12 +22,16 @@ CRUISE = 0.5  # share of its top speed at which a vehicle is taken to travel
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a vehicle, or a list of names; None where there is none, such as endurance without a battery."""
+    """One figure of a vehicle, or a list of names; None where there is none, such as endurance without a battery.
+
+    `why` says for what reason there is none, where that is not plain.
+    """
 
     key: str
     label: str
     unit: str
     value: float | list[str] | None
+    why: str = ""
 
 
 def key_figures(vehicle: Vehicle, speed: float | None = None) -> list[Figure]:
@@ -35,7 +39,7 @@ def key_figures(vehicle: Vehicle, speed: float | None = None) -> list[Figure]:
 
     Args:
         vehicle: What to describe.
-        speed: At which it travels [m/s]; None: at half its top speed.
+        speed: At which it travels [m/s], inf where nothing drags; None: at half its top speed.
     """
     model = vehicle.model()
     able = performance(model)
@@ -58,8 +62,9 @@ def key_figures(vehicle: Vehicle, speed: float | None = None) -> list[Figure]:
 
 
 def compared(before: Vehicle, after: Vehicle) -> list[dict[str, Any]]:
-    """The figures of two vehicles side by side: key, label, unit, before, after, change; both at the first's speed.
+    """The figures of two vehicles side by side, both at the first's speed.
 
+    Each has key, label, unit, before, after, change, and why there is none after, or "".
     The change of a number is a number, of a list of names those that came and went, `+dvl` and `-lamp`.
     """
     rows, speed = [], CRUISE * performance(before.model())["surge"]["ahead"].top_speed
@@ -71,7 +76,7 @@ def compared(before: Vehicle, after: Vehicle) -> list[dict[str, Any]]:
             change = [f"+{name}" for name in new.value if name not in old.value]
             change += [f"-{name}" for name in old.value if name not in new.value]
         row = {"key": old.key, "label": old.label, "unit": old.unit, "before": old.value, "after": new.value}
-        rows.append(row | {"change": change})
+        rows.append(row | {"change": change, "why": new.why})
     return rows
 
 
@@ -115,7 +120,9 @@ def devices_load(vehicle: Vehicle) -> float:
 
 def _power(vehicle: Vehicle, model: Model, speed: float) -> list[Figure]:
     """Without the corrections of an autopilot, current and waves."""
-    going = budget(vehicle, model, speed, going=HOUR, waiting=0.0)
+    moves = bool(np.isfinite(speed))
+    at = f"at {speed:.2g} m/s" if moves else "under way"
+    going = budget(vehicle, model, speed if moves else 0.0, going=HOUR, waiting=0.0)
     resting = budget(vehicle, model, speed, going=0.0, waiting=HOUR)
 
     def hours(share: float | None) -> float | None:
@@ -128,21 +135,24 @@ def _power(vehicle: Vehicle, model: Model, speed: float) -> list[Figure]:
             "W",
             going.hotel_w if going.names else devices_load(vehicle) or None,
         ),
-        Figure("propulsion", f"power of thrusters at {speed:.2g} m/s", "W", going.propulsion_w),
+        Figure("propulsion", f"power of thrusters {at}", "W", going.propulsion_w if moves else None),
         Figure("capacity", "batteries", "Wh", float(going.capacity_wh.sum()) if going.names else None),
         Figure("endurance_at_rest", "endurance at rest", "h", hours(resting.share)),
-        Figure("endurance", f"endurance at {speed:.2g} m/s", "h", hours(going.share)),
+        Figure("endurance", f"endurance {at}", "h", hours(going.share) if moves else None),
     ]
 
 
 def _bounds(vehicle: Vehicle, speed: float) -> list[Figure]:
     """The least error of position that any filter can have in calm water with the sensors on board."""
-    try:
-        scenario = load_scenario("lawnmower_calm").model_copy(update={"vehicle": vehicle.to_dict()})
-        surge, sway = compose(scenario, vehicle=vehicle).bound(speed)
-    except ConfigError:  # it cannot fly, or nothing on board tells positions
-        surge = sway = None
+    surge = sway = None
+    why = "nothing drags it (no part has a shape or damping), so that it has no top speed"
+    if np.isfinite(speed):
+        try:
+            scenario = load_scenario("lawnmower_calm").model_copy(update={"vehicle": vehicle.to_dict()})
+            (surge, sway), why = compose(scenario, vehicle=vehicle).bound(speed), ""
+        except ConfigError as error:  # it cannot fly, or nothing on board tells positions
+            why = str(error)
     return [
-        Figure("position_bound_surge", "position bound along", "m", surge),
-        Figure("position_bound_sway", "position bound across", "m", sway),
+        Figure("position_bound_surge", "position bound along", "m", surge, why),
+        Figure("position_bound_sway", "position bound across", "m", sway, why),
     ]

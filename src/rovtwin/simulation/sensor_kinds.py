@@ -59,7 +59,7 @@ IDEAL: dict[str, Ideal] = {
     "attitude": lambda sensor, seen: measurement.attitude_euler(seen.state, sensor.rotation),
     "dvl": lambda sensor, seen: measurement.velocity_over_ground_at(seen.state, sensor.lever, sensor.rotation),
     "altimeter": lambda sensor, seen: range_along(BEAM["altimeter"], sensor, seen)[None],
-    "battery": lambda sensor, seen: jnp.array([1.0, 0.0]) if seen.energy is None else seen.energy,
+    "battery": lambda sensor, seen: jnp.zeros(2) if seen.energy is None else seen.energy,
     "leak": lambda sensor, seen: jnp.zeros(1) if seen.leak is None else seen.leak.astype(float)[None],
 }
 BEAM = {"altimeter": 0, "dvl": 2}  # the axis along which the floor must be in range

@@ -290,7 +290,8 @@ class Sensor(Block):
             own_key = jax.random.fold_in(jax.random.fold_in(memory.key, input.k), 1)
             acoustic, error, fixed = self.errors.step(acoustic, ideal, own_key, 1000.0 / self.rate)
             value, comes = value + error, comes & fixed
-        valid = comes
+        # A gauge knows nothing where no battery is simulated: full for ever, it would keep every rule about it asleep.
+        valid = comes & (self.kind != "battery" or input.energy is not None)
         if self.kind in BEAM and (self.kind == "altimeter" or input.environment.floor is not None):
             away = range_along(BEAM[self.kind], self, input)
             valid = valid & (away > 0.0) & (away >= self.min_range) & (away <= self.max_range)

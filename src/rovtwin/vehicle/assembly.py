@@ -301,13 +301,6 @@ def _overridden(matrix: np.ndarray, given: list | None) -> np.ndarray:
     return result
 
 
-def by_formula(body: schema.Body) -> schema.Body:
-    """The body without totals that were published or measured, of itself and of all parts: what is left adds up."""
-    plain = dict.fromkeys(("rigid_body", "restoring", "hydrodynamics", "identified"))
-    known = {key: None for key in plain if key in type(body).model_fields}
-    return body.model_copy(update=known | {"parts": [by_formula(part) for part in body.parts]})
-
-
 def bodies(body: schema.Body, name: str) -> Iterator[tuple[str, schema.Body]]:
     """The body and all its parts, outermost first, with their names joined by dots."""
     yield name, body

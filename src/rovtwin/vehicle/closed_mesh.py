@@ -36,8 +36,8 @@ def read_closed(path: Path) -> ClosedMesh:
         ConfigError: Not there, not readable, too large, without triangles, or not closed.
     """
     mesh = _read(path)
-    vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)
-    _require_closed(mesh, path.name)
+    vertices = np.asarray(mesh.vertices, dtype=float)
+    _require_closed(mesh, path.name)  # may turn faces, which are therefore read behind it
     faces, notes = outer_shells(vertices, np.asarray(mesh.faces))
     return ClosedMesh(vertices, faces, tuple(notes))
 

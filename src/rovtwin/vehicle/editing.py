@@ -1,11 +1,11 @@
-"""Vehicle files edited as text: a part added to or removed from `parts:`, every other line and comment as it was.
+"""Vehicle files edited as text: parts and spare sensors change, every other line and comment stays as it was.
 
-A YAML writer would lose comments and layout, so that the places where `parts` begins and ends are taken from the parsed
+A YAML writer would lose comments and layout, so that the places where a list begins and ends are taken from the parsed
 nodes, and lines are put in or taken out there.
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import yaml
@@ -27,7 +27,7 @@ def with_parts(text: str, parts: list[dict[str, Any]], where: str) -> str:
     Raises:
         ConfigError: The text is no YAML, or its parts cannot be edited as text.
     """
-    listed, data = _parts(text, where), parse_yaml(text, where)
+    listed, data = _listed(text, "parts", where), parse_yaml(text, where)
     expected = data | {"parts": [*(data.get("parts") or []), *parse_yaml(written({"parts": parts}), where)["parts"]]}
     return _checked(_longer(text, listed, parts), expected, where)
 
@@ -56,7 +56,7 @@ def without_part(text: str, name: str, where: str) -> str:
     Raises:
         ConfigError: It has no such part, with the names that it has, or its parts cannot be edited as text.
     """
-    listed = _parts(text, where)
+    listed = _listed(text, "parts", where)
     items = [] if listed is None else listed.value
     names = [_name(item) for item in items]
     if listed is None or name not in names:
@@ -65,6 +65,24 @@ def without_part(text: str, name: str, where: str) -> str:
     k, data = names.index(name), parse_yaml(text, where)
     expected = data | {"parts": [*data["parts"][:k], *data["parts"][k + 1 :]]}
     return _checked(_shorter(text, listed, k), expected, where)
+
+
+def with_spares(text: str, names: Sequence[str | None], where: str) -> str:
+    """The text of a vehicle file with the names in its list `spare_sensors` in place of those there, without the None.
+
+    Raises:
+        ConfigError: The list cannot be edited as text.
+    """
+    data = parse_yaml(text, where)
+    for k in reversed(range(len(names))):
+        listed, name = _listed(text, "spare_sensors", where), names[k]
+        assert listed is not None
+        item = listed.value[k]
+        if name is None:
+            text = _shorter(text, listed, k)
+        elif name != item.value:
+            text = text[: item.start_mark.index] + _flow(name) + text[item.end_mark.index :]
+    return _checked(text, data | {"spare_sensors": [name for name in names if name is not None]}, where)
 
 
 def _shorter(text: str, listed: yaml.SequenceNode, k: int) -> str:
@@ -91,7 +109,9 @@ def _checked(text: str, expected: dict[str, Any], where: str) -> str:
             return text
     except ConfigError:
         pass
-    raise ConfigError(f"{where}: found parts in a layout that cannot be edited line by line: edit the file by hand")
+    raise ConfigError(
+        f"{where}: found parts or spare_sensors in a layout that cannot be edited line by line: edit the file by hand"
+    )
 
 
 def with_references(text: str, renamed: Callable[[str, str], str]) -> str:
@@ -124,19 +144,19 @@ def _references(node: yaml.Node | None) -> Iterator[tuple[str, yaml.ScalarNode]]
         yield from _references(value)
 
 
-def _parts(text: str, where: str) -> yaml.SequenceNode | None:
-    """The node of the top-level list `parts`; None where the file has none."""
+def _listed(text: str, name: str, where: str) -> yaml.SequenceNode | None:
+    """The node of a top-level list, such as `parts`; None where the file has none."""
     parse_yaml(text, where)  # so that mistakes are said as everywhere
     root = yaml.compose(text, yaml.SafeLoader)
     assert isinstance(root, yaml.MappingNode)
-    node = next((value for key, value in root.value if key.value == "parts"), None)
+    node = next((value for key, value in root.value if key.value == name), None)
     if node is None:
         return None
     items = node.value if isinstance(node, yaml.SequenceNode) else []
     places = [node.start_mark.index, *(item.start_mark.index for item in items)]
     # What an alias stands for is elsewhere in the file.
     if not isinstance(node, yaml.SequenceNode) or places != sorted(places):
-        raise ConfigError(f"{where}: parts is not a plain list (is there an alias, *name?): edit the file by hand")
+        raise ConfigError(f"{where}: {name} is not a plain list (is there an alias, *name?): edit the file by hand")
     return node
 
 

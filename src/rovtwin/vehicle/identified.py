@@ -23,16 +23,17 @@ def fingerprint(file: schema.VehicleFile) -> str:
 
     A mesh counts by its content, wherever it lies.
     """
-    data = _without_remarks(file.model_dump(mode="json", exclude={"identified", "name"}, exclude_none=True))
+    data = without_remarks(file.model_dump(mode="json", exclude={"identified", "name"}, exclude_none=True))
     text = json.dumps(with_meshes(data, digest), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _without_remarks(data: Any) -> Any:
+def without_remarks(data: Any) -> Any:
+    """Data of a file without what parameters do not depend on."""
     if isinstance(data, dict):
-        return {k: _without_remarks(v) for k, v in data.items() if k not in _NO_MATTER}
+        return {k: without_remarks(v) for k, v in data.items() if k not in _NO_MATTER}
     if isinstance(data, list):
-        return [_without_remarks(v) for v in data]
+        return [without_remarks(v) for v in data]
     return data
 
 

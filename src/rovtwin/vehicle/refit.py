@@ -18,10 +18,11 @@ from rovtwin.core.yamlfile import parse_yaml, read_yaml
 from rovtwin.vehicle import files
 from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
 from rovtwin.vehicle.ballasted import SHARE, blocks
-from rovtwin.vehicle.editing import with_parts, with_references, without_part, written
+from rovtwin.vehicle.editing import with_parts, with_references, with_spares, without_part, written
 from rovtwin.vehicle.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.floating import floating_of
 from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.instruments import instruments
 from rovtwin.vehicle.rigid_body import Box, Placement
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 
@@ -84,7 +85,7 @@ def add(
     if any(attitude_deg):
         part["pose"]["attitude_deg"] = [float(angle) for angle in attitude_deg]
     if extended:
-        text = with_parts(path.read_text(encoding="utf-8"), [part], path.name)
+        text = _respelt(with_parts(path.read_text(encoding="utf-8"), [part], path.name), before, path)
     else:
         holder["description"] = f"{before.name} with {part['name']}"
         text = written(holder | {"parts": [*holder["parts"], part]})
@@ -109,12 +110,15 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
     text = path.read_text(encoding="utf-8")
     if "identified" in parse_yaml(text, path.name):
         text = written({key: value for key, value in read_yaml(path).items() if key != "identified"})
-    text = _moved(without_part(text, name, path.name), path, folder)
+    text = _moved(_respelt(without_part(text, name, path.name), before, path), path, folder)
     notes = [
         f"{path.name} gives {key} of the whole, which stays as it is without '{name}': take it out, or measure it again"
         for key in _totals(before)
     ]
-    return Refit(text, before, _read(text, out, folder), (*notes, *_about_identification(path, out)), folder)
+    after = _read(text, out, folder)
+    if (left := instruments(after)) and all(one.spare for one in left):
+        notes.append("all instruments that are left are spare_sensors, so that none is read: take them out there")
+    return Refit(text, before, after, (*notes, *_about_identification(path, out)), folder)
 
 
 def trimming(before: Vehicle, after: Vehicle) -> list[Piece]:
@@ -145,6 +149,19 @@ def with_ballast(change: Refit, pieces: Sequence[Piece], out: Path | None = None
 def _read(text: str, out: Path | None, folder: Path) -> Vehicle:
     where = "vehicle" if out is None else out.name
     return vehicle_from_dict(parse_yaml(text, where), where, folder)
+
+
+def _respelt(text: str, before: Vehicle, path: Path) -> str:
+    """The text with `spare_sensors` as its parts spell them, without those of a part that went.
+
+    With one part fewer or more, names in the others may lose or gain their part's: `starboard.imu` is `imu` alone.
+    """
+    data = parse_yaml(text, path.name)
+    if not data.pop("spare_sensors", None):
+        return text
+    now = {(*s.path, s.item.name): s.name for s in vehicle_from_dict(data, path.name, path.parent).sensors}
+    was = {s.name: (*s.path, s.item.name) for s in before.sensors}
+    return with_spares(text, [now.get(was[name]) for name in before.file.spare_sensors or []], path.name)
 
 
 def _moved(text: str, path: Path, folder: Path) -> str:

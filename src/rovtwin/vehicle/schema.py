@@ -226,7 +226,8 @@ class Sensor(SensorFigures):
         if self.errors is not None and self.kind != "position":
             raise ValueError(f"found errors: {self.errors} of a sensor of kind {self.kind}, expected it of a position")
         if self.min_range is not None and self.max_range is not None and self.min_range >= self.max_range:
-            raise ValueError(f"found min_range {self.min_range:g} and max_range {self.max_range:g} m, expected less")
+            found = f"min_range {self.min_range:g} m and max_range {self.max_range:g} m"
+            raise ValueError(f"found {found}: min_range has to be below max_range")
         return self
 
 

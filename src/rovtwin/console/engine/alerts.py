@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rovtwin.core.flow import PHASES
+from rovtwin.core.sensors import kind_of
 
 # By core.flow.REASONS: why the supervisor acted, and what to do.
 REMEDIES = {
@@ -72,17 +73,21 @@ def _of_supervisor(state: dict[str, Any]) -> list[Alert]:
 
 
 def _of_sensors(state: dict[str, Any]) -> list[Alert]:
-    found, sensors = [], state["sensors"]
-    age = sensors.get("position", {}).get("age")
-    if age is not None and age > SILENT:
-        found.append(Alert("warning", f"no position for {age:.0f} s", "the positioning is silent", "check it"))
+    found = []
+    ages = [one["age"] for one in _of_kind(state, "position") if one.get("age") is not None]
+    if ages and min(ages) > SILENT:
+        found.append(Alert("warning", f"no position for {min(ages):.0f} s", "the positioning is silent", "check it"))
     if state["link_age"] > 1.0:
         text = f"vehicle not heard for {state['link_age']:.0f} s"
         found.append(Alert("danger", text, "the link is broken or the vehicle is off", "check tether and network"))
-    leak = sensors.get("leak", {}).get("value")
-    if leak and leak[0] > 0.5:
+    if any((leak.get("value") or [0.0])[0] > 0.5 for leak in _of_kind(state, "leak")):
         found.append(Alert("danger", "LEAK", "water comes in", "recover the vehicle now"))
     return found
+
+
+def _of_kind(state: dict[str, Any], kind: str) -> list[dict[str, Any]]:
+    """What the sensors of a kind last told: age and value."""
+    return [told for name, told in state["sensors"].items() if kind_of(name) == kind]
 
 
 def _of_thrusters(state: dict[str, Any], names: list[str]) -> list[Alert]:

@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovtwin.vehicle.assembly import assemble
 from rovtwin.vehicle.constants import FRESH_WATER
-from rovtwin.vehicle.hydrodynamics import Solid, added_mass
+from rovtwin.vehicle.hydrodynamics import Solid, added_mass, move_matrix
 from rovtwin.vehicle.rigid_body import HERE, Placement
 from rovtwin.vehicle.schema import Body, Shape
 
@@ -32,7 +33,7 @@ class _Lone:
     Attributes:
         solid: Its shape; of a body without one a sphere of what it displaces or, neutrally buoyant, weighs.
         shaped: Whether it has a shape, so that formulas say something of it.
-        added_mass: Diagonal of its M_A, shape (6,).
+        added_mass: Diagonal of its M_A, by formula or, where that is more, as it publishes it, shape (6,).
         displaced: Diagonal of the mass matrix of the water that it displaces, shape (6,).
     """
 
@@ -98,12 +99,25 @@ def _distance(solid: Solid, point: np.ndarray) -> float:
 
 def _lone(body: Body, placement: Placement, density: float) -> Iterator[_Lone]:
     """The body and all its parts, each alone."""
-    if body.shape is not None:
-        solid = Solid.of(body.shape)
-        yield _Lone.of(replace(solid, placement=solid.placement.after(placement)), True, density)
-    elif not body.parts and (volume := body.volume or (body.mass or 0.0) / FRESH_WATER) > 0:
-        center = body.center_of_gravity if body.center_of_buoyancy is None else body.center_of_buoyancy
-        sphere = Solid.of(Shape.model_validate({"sphere": float(np.cbrt(3 * volume / (4 * np.pi))), "center": center}))
-        yield _Lone.of(replace(sphere, placement=sphere.placement.after(placement)), False, density)
+    solid = Solid.of(body.shape) if body.shape is not None else _stand_in(body)
+    if solid is not None:
+        solid = replace(solid, placement=solid.placement.after(placement))
+        lone = _Lone.of(solid, body.shape is not None, density)
+        if body.hydrodynamics is not None and body.hydrodynamics.added_mass is not None:
+            # What it publishes of itself is no surer than a formula: where that is more, more is in doubt.
+            published = move_matrix(assemble(body, "", density).added_mass, placement).diagonal()
+            lone = replace(lone, added_mass=np.maximum(lone.added_mass, published))
+        yield lone
     for part in body.parts:
         yield from _lone(part, Placement.of(part.pose.position, part.pose.attitude_deg).after(placement), density)
+
+
+def _stand_in(body: Body) -> Solid | None:
+    """A sphere of what a body without a shape displaces or, neutrally buoyant, weighs; None of a group of parts."""
+    mass = getattr(body.rigid_body, "mass", None) or body.mass or 0.0
+    volume = body.volume or mass / FRESH_WATER
+    if body.parts or volume == 0:
+        return None
+    center = body.center_of_gravity if body.center_of_buoyancy is None else body.center_of_buoyancy
+    radius = float(np.cbrt(3 * volume / (4 * np.pi)))
+    return Solid.of(Shape.model_validate({"sphere": radius, "center": center}))

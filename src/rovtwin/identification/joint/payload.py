@@ -1,7 +1,8 @@
 """When the parts change: the old identification plus the predicted change of the parts, widened.
 
-The change is what formulas say of the new parts less what they say of the old ones; what tests found of the old vehicle
-stays under it. This is what makes the swap of a payload an afternoon's work.
+The change is what formulas, and published totals of parts that come or go, say of the new parts less what they say of
+the old ones; what tests found of the old vehicle stays under it. This is what makes the swap of a payload an
+afternoon's work.
 """
 
 from collections.abc import Iterable
@@ -16,8 +17,9 @@ from rovtwin.identification.joint.couplings import place_of, share_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.interaction import added_mass_std
 from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameters
+from rovtwin.identification.joint.published import trees_to_compare
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.assembly import Assembly, assemble, bodies, by_formula, with_restoring, with_rigid_body
+from rovtwin.vehicle.assembly import Assembly, assemble, bodies, with_restoring, with_rigid_body
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.damping import Damping
 from rovtwin.vehicle.identified import fingerprint
@@ -58,9 +60,10 @@ class Change:
 def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
     """What the new parts change; None where the parts are the same.
 
-    The change is what formulas say of the whole tree of parts, new less old. Totals that were published or measured,
-    of the vehicle or of any part in it, are left out of both: those of the old one stay under the change. Only what the
-    new file states anew of the whole's mass and buoyancy takes their place.
+    The change is what formulas say of the whole tree of parts, new less old, and of parts that come or go what their
+    files state in its place. Totals that were published or measured of the vehicle, and of any body in it of which
+    something stays, are left out of both: those of the old one stay under the change. Only what the new file states
+    anew of the whole's mass and buoyancy takes their place.
 
     Raises:
         IdentificationError: The vehicles have different thrusters or origins, so that nothing of the old one holds, or
@@ -70,7 +73,8 @@ def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
         return None
     _require_same_vehicle(old, new)
     density = new.assembly.density
-    before, after = (assemble(by_formula(v.file), v.where).in_water(density) for v in (old, new))
+    trees = trees_to_compare(old.file, new.file)
+    before, after = (assemble(tree, v.where).in_water(density) for tree, v in zip(trees, (old, new), strict=True))
     found = old.assembly.in_water(density)
     had, was, now = found.damping(), before.damping(), after.damping()
     solid = _changed_solid(found.solid, before.solid, after.solid)
@@ -96,7 +100,7 @@ def predicted_change(old: Vehicle, new: Vehicle) -> Change | None:
         "added_mass": after.added_mass - before.added_mass,
         **{name: getattr(now, field) - getattr(was, field) for name, field in zip(DAMPINGS, _MATRICES, strict=True)},
     }
-    std = added_mass_std(old.file, new.file, density)
+    std = added_mass_std(*trees, density)
     return Change(_model(total, old, new), differences, std, *_swapped(before, after))
 
 
@@ -202,11 +206,11 @@ def _swapped(before: Assembly, after: Assembly) -> tuple[float, np.ndarray]:
 
 
 def without_shape(vehicle: Vehicle) -> list[str]:
-    """Names of parts whose volume and shape are not given: their drag and added mass are predicted as nothing."""
+    """Names of parts with neither a shape nor hydrodynamics: their drag and added mass are predicted as nothing."""
     return [
         name
         for name, body in bodies(vehicle.file, vehicle.name)
-        if body.mass is not None and body.shape is None and not body.parts
+        if (body.mass or body.rigid_body) and body.shape is None and not body.hydrodynamics and not body.parts
     ]
 
 

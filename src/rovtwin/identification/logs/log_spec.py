@@ -48,7 +48,9 @@ class SignalSpec(Strict):
     euler: Literal["zyx", "xyz"] = Field("zyx", description="zyx: Rz(yaw) Ry(pitch) Rx(roll); xyz: Rx Ry Rz, as QTM")
     quaternion: Literal["wxyz", "xyzw"] = Field("wxyz", description="order of four columns of an attitude")
     matrix: Literal["rows", "columns"] = Field("rows", description="order of nine columns of an attitude")
-    sigma: NonNegative | list[NonNegative] | None = Field(None, description="standard deviation of the noise, SI")
+    sigma: NonNegative | list[NonNegative] | None = Field(
+        None, description="standard deviation of the noise, SI, one number or one per column"
+    )
     lever: Vector3 = Field([0.0, 0.0, 0.0], description="place of the sensor from CO, b [m]")
     mounting_deg: Degrees3 = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw of the sensor's axes in b")
     zero: Number = Field(0.0, description="what the sensor reads at zero, in its unit: the air pressure for a depth")

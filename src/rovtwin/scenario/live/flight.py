@@ -78,8 +78,8 @@ def fly_live(
         composed = compose(_without_world(scenario if thrust else _dry(scenario)))
         for line in foreseen(composed.scenario, composed.vehicle, composed.model, known_world=False):
             warn(line)
-        if (taken := assumptions(scenario, composed.scenario)) is not None:
-            warn(taken)
+        for line in assumptions(scenario, composed.scenario):
+            warn(line)
         scenario = fitted(fitted_test(scenario), composed.model)
         ears = Ears(link, sources)
         _rewound(link)

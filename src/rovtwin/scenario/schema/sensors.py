@@ -27,8 +27,9 @@ class SensorSection(Strict):
     dropout: Share | None = Field(default=None, description="share of the readings that are lost")
     outlier: Share | None = Field(default=None, description="share of the others that are outliers")
     outlier_size: NonNegative | None = Field(default=None, description="length of an outlier, any direction")
-    errors: Literal["acoustic"] | None = Field(
-        default=None, description="of a position: those of an Underwater GPS besides, as fitted on a real one"
+    errors: Literal["acoustic", "none"] | None = Field(
+        default=None,
+        description="of a position: those of an Underwater GPS besides, as fitted on a real one; none: not the part's",
     )
     min_range: NonNegative | None = Field(default=None, description="nearer to the floor it does not read [m]")
     max_range: Positive | None = Field(default=None, description="farther from the floor it does not read [m]")

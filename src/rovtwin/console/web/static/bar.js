@@ -1,7 +1,7 @@
 /** What is always visible: STOP, and whether, how and where the vehicle flies. */
 import {make, mount} from '/static/canvas.js';
 import {live} from '/static/live.js';
-import {onMission} from '/static/hud_words.js';
+import {ofKind, onMission} from '/static/hud_words.js';
 import {pressStop, said, theme} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
@@ -35,9 +35,10 @@ function worst(nis) {
   return [text, level];
 }
 
-function lowest(battery) {
-  const values = battery?.value;
-  return values ? Math.min(...values.filter(Number.isFinite).map(v => v)) : NaN;
+/** Of the values that were told; `of` is Math.min or Math.max. NaN where none was. */
+function most(of, values) {
+  const told = values.filter(Number.isFinite);
+  return told.length ? of(...told) : NaN;
 }
 
 mount('stop', button => {
@@ -126,14 +127,15 @@ function show(facts, state, arm) {
   if (!state.eta) return;
   facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'not told', LOUD[state.phase] || '');
   facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
-  const charge = lowest(state.sensors.battery);
+  const firsts = kind => ofKind(state, kind).map(told => told.value?.[0]);
+  const charge = most(Math.min, firsts('battery'));
   facts.battery(Number.isFinite(charge) ? `${Math.round(100 * charge)} %` : 'not told',
     charge < 0.1 ? 'danger' : charge < 0.25 ? 'warn' : '');
-  const leak = state.sensors.leak?.value;
-  facts.leak(leak ? (leak[0] > 0.5 ? 'LEAK' : 'dry') : 'not told', leak?.[0] > 0.5 ? 'danger' : '');
+  const leak = most(Math.max, firsts('leak'));
+  facts.leak(leak > 0.5 ? 'LEAK' : Number.isFinite(leak) ? 'dry' : 'not told', leak > 0.5 ? 'danger' : '');
   const [[a, b], [, c]] = state.ellipse ?? [[NaN, NaN], [NaN, NaN]];
   const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
-  const age = state.sensors.position?.age;
+  const age = most(Math.min, ofKind(state, 'position').map(told => told.age));
   if (state.trial) facts.position('not told');
   else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
   facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));

@@ -3,9 +3,15 @@
 const OFF_MISSION = new Set(['idle', 'piloted']);
 const GRAVE = new Set(['aborted', 'held', 'returning', 'returned', 'surfacing', 'surfaced']);
 
+/** What the sensors of a kind last told, [{age, value}]: of `leak`, `leak_2` and so on. */
+export function ofKind(state, kind) {
+  const named = name => name.replace(/_[2-9]\d*$|_1\d+$/, '') === kind;
+  return Object.entries(state.sensors ?? {}).filter(([name]) => named(name)).map(([, told]) => told);
+}
+
 /** Height over the ground of the altimeter: {text, old} where a vehicle has one, else null; `old` says since when. */
 export function depthUnder(state, setup) {
-  const reading = state.sensors?.altimeter;
+  const [reading] = ofKind(state, 'altimeter');
   if (!reading) return setup?.sensors?.includes('altimeter') ? {text: '–', old: ''} : null;
   const value = reading.value?.[0];
   const text = Number.isFinite(value) ? value.toFixed(2) : '–';

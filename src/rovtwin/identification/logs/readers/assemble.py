@@ -11,7 +11,7 @@ from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec, Source
 from rovtwin.identification.logs.readers import convert
 from rovtwin.identification.logs.readers.raw import Raw, Table
 from rovtwin.identification.logs.record import SIGNALS, Signal
-from rovtwin.identification.logs.rotations import matrices_from_euler
+from rovtwin.identification.logs.rotations import in_body, matrices_from_euler, std_in_body
 
 PWM_NEUTRAL, PWM_RANGE = 1500.0, 400.0
 FRESH_WATER = 1000.0
@@ -111,7 +111,7 @@ def _signal(raw: Raw, name: str, spec: SignalSpec, density: float | None) -> tup
             notes.append(f"{name}: pressure turned to depth with {FRESH_WATER:g} kg/m3; give water_density")
         value = convert.depth(si, spec, kind == "pressure", density or FRESH_WATER)
     else:
-        value = convert.body_vector(si, spec)
+        value = in_body(name, si, convert.to_body(spec))
     return Signal(t, value, _sigma(spec, name, where), np.array(spec.lever)), notes
 
 
@@ -154,7 +154,7 @@ def _sigma(spec: SignalSpec, name: str, where: str) -> np.ndarray | None:
     sigma, size = np.atleast_1d(np.array(spec.sigma, dtype=float)), len(SIGNALS[name][0])
     if sigma.size not in (1, size):
         raise IdentificationError(f"{where}.sigma: found {sigma.size} numbers, expected 1 or {size}")
-    return np.full(size, sigma[0]) if sigma.size == 1 else sigma
+    return np.full(size, sigma[0]) if sigma.size == 1 else std_in_body(name, sigma, convert.to_body(spec))
 
 
 def _believable(

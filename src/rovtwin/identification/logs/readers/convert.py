@@ -28,22 +28,18 @@ def attitude(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
         if spec.matrix == "columns":
             R_wv = R_wv.transpose(0, 2, 1)
     frame = spec.frame or "ned"
-    return euler_from_matrices(WORLD[frame] @ R_wv @ BODY[frame].T @ mounting(spec).T)
+    return euler_from_matrices(WORLD[frame] @ R_wv @ to_body(spec).T)
 
 
-def mounting(spec: SignalSpec) -> np.ndarray:
-    """R_bs: the sensor's axes to b, shape (3, 3)."""
-    return Rotation.from_euler("ZYX", spec.mounting_deg[::-1], degrees=True).as_matrix()
+def to_body(spec: SignalSpec) -> np.ndarray:
+    """R_bv: the file's body axes to b, by its frame and by how the sensor is mounted, shape (3, 3)."""
+    mounting = Rotation.from_euler("ZYX", spec.mounting_deg[::-1], degrees=True).as_matrix()
+    return mounting @ BODY[spec.frame or "frd"]
 
 
 def world_vector(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
     """Positions in n, shape (n, 3)."""
     return values @ WORLD[spec.frame or "ned"].T
-
-
-def body_vector(values: np.ndarray, spec: SignalSpec) -> np.ndarray:
-    """Vectors in b, shape (n, 3)."""
-    return values @ (mounting(spec) @ BODY[spec.frame or "frd"]).T
 
 
 def depth(values: np.ndarray, spec: SignalSpec, is_pressure: bool, density: float) -> np.ndarray:

@@ -1,0 +1,24 @@
+"""What an operator is told at once, and by which sensors."""
+
+import pytest
+from tests.console import messages
+
+from rovtwin.console.engine.alerts import alerts
+
+DEAD = {"position": {"age": 40.0, "value": [0, 0]}}
+
+
+@pytest.mark.parametrize(
+    "sensors, said",
+    [
+        (DEAD, ["no position for 40 s"]),
+        (DEAD | {"position_2": {"age": 0.5, "value": [0, 0]}}, []),
+        (DEAD | {"position_2": {"age": 12.0, "value": [0, 0]}}, ["no position for 12 s"]),
+        (DEAD | {"position_2": {"age": None, "value": None}}, ["no position for 40 s"]),
+        ({"leak": {"age": 0.1, "value": [0.0]}, "leak_2": {"age": 0.1, "value": [1.0]}}, ["LEAK"]),
+        ({"leak": {"age": None, "value": None}}, []),
+    ],
+)
+def test_every_sensor_of_a_kind_counts(sensors, said):
+    state = messages.state(sensors=sensors, health=[1.0] * 4)
+    assert [alert["what"] for alert in alerts(state, messages.THRUSTERS)] == said
