@@ -12,8 +12,10 @@ from rovtwin.core import numerics
 from rovtwin.core.datum import datum_of
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout, LogError
 from rovtwin.core.flow import Command, Measurement
+from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
+from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.live import flight as live
 from rovtwin.scenario.live import readiness
@@ -204,6 +206,16 @@ def test_the_start_is_where_the_vehicle_is(hasty):
     np.testing.assert_allclose(heard.start.position, [1.0, -2.0, 3.0])
     assert heard.missing == ("dvl",)
     assert {"position", "gyro"} <= heard.rates.keys()
+
+
+def test_the_start_of_a_vehicle_whose_compass_looks_aft_has_its_own_heading(hasty):
+    """Over twin:// and replay:// a sensor tells the attitude of its own axes."""
+    vehicle, aft = Fake(), np.diag([-1.0, -1.0, 1.0])
+    says = iter([[], whole(), *[[]] * 10_000])
+    vehicle.read = lambda: next(says)
+    started = listen(Ears(vehicle, []), ["position"], patience=0.4, speed=SPEED, rotation=aft).start
+    expected = rotation_from_euler(np.array([0.01, -0.02, 1.5])) @ aft.T
+    np.testing.assert_allclose(rotation_from_quaternion(started.attitude), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("silent", ["position", "pressure", "attitude", "gyro", "accelerometer"])

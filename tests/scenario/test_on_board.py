@@ -2,23 +2,32 @@
 
 import json
 
+import equinox as eqx
 import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
+from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Slot
+from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.log import Log, LogWriter
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.core.sensors import IMU
+from rovtwin.gnc.navigation import readings
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.scenario.channels import log_channels, sensor_channel
-from rovtwin.scenario.compose_sensors import listed, on_board, sensors_of
+from rovtwin.scenario.compose_sensors import listed, mount_of, on_board, rotated, sensors_of
 from rovtwin.scenario.composition import compose, vehicle_of
 from rovtwin.scenario.files import dump_scenario, load_scenario, scenario_of
 from rovtwin.scenario.live.connect import as_read
 from rovtwin.scenario.provenance import provenance
 from rovtwin.scenario.serving.vehicle import served_of
+from rovtwin.simulation.sensor_kinds import IDEAL, SensorInput
 from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.dynamics import State
 
 KEEL = {
     "name": "keel",
@@ -148,6 +157,58 @@ def test_what_two_blueyes_say_is_taken_at_co():
     assert not np.any(sensors_of(two, vehicle_of(two))["pressure"].lever)
     np.testing.assert_allclose(sensors_of(two, vehicle_of(two))["dvl"].lever, [-0.2, 0.0, 0.16])
     assert as_read("blueye://127.0.0.2", found) is found and as_read("twin://", found) is found
+
+
+NU = jnp.array([0.4, -0.1, 0.2, 0.3, -0.2, 0.5])
+TURNED = {"aft": [0, 0, 180], "side": [90, 0, 0]}  # imus of a vehicle, by mounting: roll, pitch, yaw
+BUILT_IN = {
+    "name": "built_in",
+    "parts": [{"name": "rov", "part": "bluerov2_heavy"}],
+    "sensors": [
+        {"name": name, "kind": "imu", "pose": {"attitude_deg": angles}, "attitude": {}}
+        for name, angles in TURNED.items()
+    ],
+    "restoring": {"buoyancy": "neutral"},
+}
+
+
+@pytest.mark.parametrize("url", ["mavlink://udpin:0.0.0.0:14550", "blueye://127.0.0.2,127.0.0.3", "ros2://rov"])
+def test_what_a_vehicle_tells_along_its_own_axes_is_not_turned_again(url):
+    found = scenario(vehicle=BUILT_IN)
+    assert set(rotated(flown(vehicle=BUILT_IN))) == {f"{kind}{n}" for kind in IMU for n in ("", "_2")}
+    read = as_read(url, found)
+    assert not rotated(sensors_of(read, vehicle_of(read)))
+    assert as_read("twin://", found) is found and as_read("replay://log.mcap", found) is found
+
+
+def test_a_served_vehicle_tells_what_imus_along_its_axes_would_read():
+    """Tilted, turning and accelerating, through imus that look aft and lie on their side; its own filter agrees."""
+    found = scenario(vehicle=BUILT_IN)
+    served, _ = served_of(found)
+    assert set(served.rotations) == {f"{kind}{n}" for kind in IMU for n in ("", "_2")}
+    start = Start(jnp.zeros(3), quaternion_from_euler(jnp.array([0.1, -0.2, 0.7])), NU)
+    state = State.at(served.twin.model, start)
+    seen = SensorInput(state, jnp.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1]), jnp.asarray(0), None)
+    slots = {
+        name: Slot(IDEAL[sensor.kind](sensor, seen)[None], jnp.array([True]), jnp.zeros(1))
+        for name, sensor in served.twin.sensors.items()
+        if sensor.kind in IMU
+    }
+    told = served._along_b(slots)
+    x = served.filter.init(jax.random.key(0), start).x
+    link = as_read("mavlink://udpin:0.0.0.0:14550", found)
+    for mounts in (
+        served.filter.tuning.mounts,
+        {name: mount_of(sensor) for name, sensor in sensors_of(link, vehicle_of(link)).items()},
+    ):
+        for name in served.rotations:
+            straight = eqx.tree_at(lambda s: s.rotation, served.twin.sensors[name], jnp.eye(3))
+            want = IDEAL[straight.kind](straight, seen)
+            np.testing.assert_allclose(told[name].value[0], want, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(mounts[name].rotation @ told[name].value[0], want, atol=1e-9, err_msg=name)
+        for name in ("attitude", "attitude_2"):
+            said = readings.attitude(x, told[name], mounts[name], NU[3:], jnp.zeros(()), 1.0)
+            np.testing.assert_allclose(said.residual, 0.0, atol=1e-9)
 
 
 def test_identification_reads_one_of_two_pressure_sensors(tmp_path):

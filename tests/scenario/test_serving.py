@@ -5,6 +5,7 @@ import pytest
 
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.log import Channel, Log
+from rovtwin.core.sensors import IMU
 from rovtwin.gnc.onboard import REACH
 from rovtwin.links.wish import Wish
 from rovtwin.scenario.files import dump_scenario, load_scenario
@@ -13,11 +14,12 @@ from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, w
 from rovtwin.scenario.serving.replayed import ReplayedVehicle
 
 DRONES = ("port", "starboard")
+AFT = [f"sensors.{name}.attitude_deg=[0,0,180]" for name in IMU]  # imus that look aft: nobody but the twin may notice
 
 
 @pytest.fixture(scope="module")
 def vehicle() -> ServedVehicle:
-    return ServedVehicle(world_for("double_blueye", [], None))
+    return ServedVehicle(world_for("double_blueye", AFT, None))
 
 
 def run(vehicle: ServedVehicle, seconds: float, **wish):
@@ -113,6 +115,16 @@ def test_the_filter_and_motion_capture_see_the_truth(vehicle):
     np.testing.assert_allclose(seen, eta, atol=0.02)
 
 
+def test_imus_that_look_aft_tell_the_vehicles_attitude_and_rates(vehicle):
+    readings = run(vehicle, 3.0, motion=(0.3, 0, 0, 0, 0, 0.5))
+    eta, nu = vehicle.truth["eta"], vehicle.truth["nu"]
+    assert abs(nu[5]) > 0.05
+    for drone in DRONES:
+        newest = {name: next(r.value for r in reversed(readings) if r.sensor == f"{drone}/{name}") for name in IMU}
+        np.testing.assert_allclose(newest["attitude"], eta[3:], atol=0.02)
+        np.testing.assert_allclose(newest["gyro"], nu[3:], atol=0.01)
+
+
 # By what it is served
 
 
@@ -167,6 +179,18 @@ def test_a_log_that_begins_again_goes_on_in_time():
     vehicle = ReplayedVehicle(log_of({"pressure": np.arange(1, 51) * 0.02}), loop=True)
     times = [r.t_valid for _ in range(120) for r in vehicle.advance({}) if r.sensor == "port/pressure"]
     assert len(times) > 110 and np.all(np.diff(times) > 0)
+
+
+def test_a_log_of_a_compass_that_looks_aft_tells_the_vehicles_heading():
+    """It was logged as read, along the sensor's axes, where its scenario says how it is built in."""
+    names = ("phi", "theta", "psi", "t_valid")
+    channel = Channel("sensor/attitude", names, ("rad", "rad", "rad", "s"), "n")
+    read = np.array([[-0.1, -0.05, 0.3 - np.pi, 0.02], [-0.1, -0.05, 0.4 - np.pi, 0.04]])
+    metadata = {"scenario": dump_scenario(load_scenario("lawnmower_calm", ["sensors.attitude.attitude_deg=[0,0,180]"]))}
+    log = Log.from_arrays([channel], {"sensor/attitude": (read[:, 3], read)}, metadata)
+    vehicle = ReplayedVehicle(log)
+    came = [r.value for _ in range(5) for r in vehicle.advance({}) if r.sensor == "port/attitude"]
+    np.testing.assert_allclose(came, [[0.1, 0.05, 0.3], [0.1, 0.05, 0.4]], atol=1e-9)
 
 
 def test_logs_that_cannot_be_served():

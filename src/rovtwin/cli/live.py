@@ -166,10 +166,11 @@ def record(
     from contextlib import ExitStack
 
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.live.connect import connect, source
+    from rovtwin.scenario.live.connect import as_read, connect, source
     from rovtwin.scenario.live.record import record as record_it
 
     screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), _clock(speed, link)
+    wanted = as_read(link, wanted)  # a reader of the log finds how its readings lie
     if out.exists():
         raise ConfigError(f"--out {out}: exists already; a log never overwrites another. Choose another name")
     with ExitStack() as stack:

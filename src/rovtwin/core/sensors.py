@@ -61,6 +61,9 @@ SENSORS: dict[str, SensorKind] = {
 ESSENTIAL = ("position", "pressure", "accelerometer", "gyro", "attitude")
 """Kinds that autopilots and tests need: what the thesis's vehicle has."""
 
+IMU = ("accelerometer", "gyro", "attitude")
+"""Kinds that a vehicle's protocol tells along the vehicle's axes, however the sensor is built in."""
+
 
 def kind_of(name: str) -> str:
     """The kind of a sensor's name: of `dvl` and `dvl_2` it is `dvl`."""

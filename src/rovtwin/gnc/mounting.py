@@ -14,7 +14,7 @@ from rovtwin.core.frames import (
     rotation_from_euler,
 )
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.core.sensors import kind_of
+from rovtwin.core.sensors import IMU, kind_of
 
 
 class Mount(eqx.Module):
@@ -56,6 +56,20 @@ def at_co(measurements: Measurements, mounts: dict[str, Mount], euler: Array, om
     }
 
 
+def turned(value: Array, kind: str, rotation: Array) -> Array:
+    """Readings of an accelerometer, gyro or compass along the axes of b, from those along its own, shape (m, 3).
+
+    Args:
+        value: Readings: specific force [m/s2], rates [rad/s], or zyx Euler angles of the sensor's axes [rad].
+        kind: "accelerometer", "gyro" or "attitude".
+        rotation: R_bs, maps its axes to b, shape (3, 3).
+    """
+    if kind != "attitude":
+        return value @ rotation.T
+    q_sb = quaternion_conjugate(quaternion_from_rotation(rotation))
+    return jax.vmap(lambda e: euler_from_quaternion(quaternion_multiply(quaternion_from_euler(e), q_sb)))(value)
+
+
 def _moved(slot: Slot, kind: str, mount: Mount, euler: Array, omega: Array) -> Slot:
     R_nb, lever = rotation_from_euler(euler), mount.lever
     if kind == "position":
@@ -64,13 +78,8 @@ def _moved(slot: Slot, kind: str, mount: Mount, euler: Array, omega: Array) -> S
         value = slot.value - (R_nb @ lever)[2]
     elif kind == "dvl":
         value = slot.value @ mount.rotation.T - cross(omega, lever)
-    elif kind in ("gyro", "accelerometer"):
-        value = slot.value @ mount.rotation.T
-    elif kind == "attitude":
-        q_sb = quaternion_conjugate(quaternion_from_rotation(mount.rotation))
-        value = jax.vmap(lambda e: euler_from_quaternion(quaternion_multiply(quaternion_from_euler(e), q_sb)))(
-            slot.value
-        )
+    elif kind in IMU:
+        value = turned(slot.value, kind, mount.rotation)
     else:
         return slot
     return Slot(value, slot.valid, slot.t_valid)

@@ -9,8 +9,8 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
-from rovtwin.core.numerics import as_array, jnp
-from rovtwin.core.sensors import ESSENTIAL, SENSORS, kind_of, names_of
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.sensors import ESSENTIAL, IMU, SENSORS, kind_of, names_of
 from rovtwin.gnc.mounting import Mount
 from rovtwin.scenario.compose_faults import sensor_faults
 from rovtwin.scenario.schema import Scenario, SensorSection
@@ -152,6 +152,12 @@ def displaced(sensors: dict[str, Sensor]) -> dict[str, Mount]:
         for name, mount in mounts.items()
         if np.any(np.asarray(mount.lever) != 0.0) or np.any(np.asarray(mount.rotation) != np.eye(3))
     }
+
+
+def rotated(sensors: dict[str, Sensor]) -> dict[str, Array]:
+    """R_bs, shape (3, 3), of the accelerometers, gyros and compasses that do not point along b, by name."""
+    turned = {name: sensor.rotation for name, sensor in sensors.items() if sensor.kind in IMU}
+    return {name: R for name, R in turned.items() if np.any(np.asarray(R) != np.eye(3))}
 
 
 def together(sensors: dict[str, Sensor], kind: str) -> tuple[float, float] | None:

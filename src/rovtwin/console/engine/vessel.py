@@ -14,6 +14,7 @@ from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
 from rovtwin.core.urgent import settle
 from rovtwin.links.hosted import CONNECTING, HostedLink
+from rovtwin.scenario.compose_sensors import rotated
 from rovtwin.scenario.composition import Composed, compose, vehicle_of
 from rovtwin.scenario.live.connect import opener, source
 from rovtwin.scenario.live.flight import needed_by
@@ -134,9 +135,11 @@ class Shipyard:
             ears = Ears(link, sources)
             self._say("listening", "waiting for the sensors")
             names = composed.sensor_names
-            needed = needed_by(wanted.scenario)
+            needed, rotation = needed_by(wanted.scenario), rotated(composed.loop.twin.sensors).get("attitude")
             settle()
-            readiness = listen(ears, names, lambda text: self._say("listening", text), self.speed, needed=needed)
+            readiness = listen(
+                ears, names, lambda text: self._say("listening", text), self.speed, needed=needed, rotation=rotation
+            )
         except BaseException:
             for one in (link, *sources):
                 one.close()

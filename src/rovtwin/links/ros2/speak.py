@@ -8,13 +8,12 @@ import numpy as np
 
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
+from rovtwin.core.sensors import IMU
 from rovtwin.links.ros2 import convert
 from rovtwin.links.ros2 import messages as msg
 
 if TYPE_CHECKING:
     from rovtwin.links.ros2.server import Ros2Server
-
-IMU = ("attitude", "gyro", "accelerometer")
 
 
 class Speaker:

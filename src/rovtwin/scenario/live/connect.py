@@ -19,9 +19,10 @@ from rovtwin.links.hosted import HostedLink
 from rovtwin.links.replay import ReplayLink
 from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.links.twin import TwinLink
+from rovtwin.scenario.compose_sensors import rotated, sensors_of
 from rovtwin.scenario.composition import compose, vehicle_of, water_density
 from rovtwin.scenario.pace import Clock
-from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.schema import Scenario, SensorSection
 from rovtwin.simulation.twin import TwinInput
 
 # Scheme -> its options, each with the numbers that it takes, or none: `?topside=1,2,90&raw`
@@ -132,17 +133,29 @@ def connect(text: str, scenario: Scenario, clock: Clock, observe: bool = False) 
 
 
 def as_read(text: str, scenario: Scenario) -> Scenario:
-    """The scenario with its sensors where the link at a URL reads them: what two drones say is joined at CO."""
+    """The scenario with its sensors where, and along the axes along which, the link at a URL reads them.
+
+    A vehicle behind a protocol tells attitude, rates and specific force along its own axes, however its imu is built
+    in; turned by the imu's mounting once more, the heading of one that looks aft would be 180 deg off. What two drones
+    say is joined at CO.
+
+    Raises:
+        ConfigError: The scenario's sensors do not fit its vehicle.
+    """
     scheme, _, rest = text.partition("://")
-    if scheme != "blueye" or "," not in rest.partition("?")[0]:
+    if scheme not in HOSTED:
         return scenario
-    sensors = scenario.sensors
-    joined = {
-        name: one.model_copy(update={"position": [0.0, 0.0, 0.0]})
-        for name in ("pressure", "accelerometer")
-        if (one := sensors.by_name[name]).position is None
-    }
-    return scenario.model_copy(update={"sensors": sensors.model_copy(update=joined)})
+    by_name, none = scenario.sensors.by_name, [0.0, 0.0, 0.0]
+    names = rotated(sensors_of(scenario, vehicle_of(scenario)))
+    changed = {name: by_name.get(name, SensorSection()).model_copy(update={"attitude_deg": none}) for name in names}
+    if scheme == "blueye" and "," in rest.partition("?")[0]:
+        for name in ("pressure", "accelerometer"):
+            one = changed.get(name, by_name[name])
+            if one.position is None:
+                changed[name] = one.model_copy(update={"position": none})
+    if not changed:
+        return scenario
+    return scenario.model_copy(update={"sensors": scenario.sensors.model_copy(update=changed)})
 
 
 def opener(text: str, scenario: Scenario, clock: Clock, observe: bool = False) -> Opener:

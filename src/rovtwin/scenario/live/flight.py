@@ -16,6 +16,7 @@ from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.replay import ReplayLink
+from rovtwin.scenario.compose_sensors import rotated
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
@@ -83,7 +84,8 @@ def fly_live(
         ears = Ears(link, sources)
         _rewound(link)
         needed = needed_by(scenario)
-        readiness = listen(ears, composed.sensor_names, say, clock.speed, needed=needed)
+        known: dict[str, Any] = {"needed": needed, "rotation": rotated(composed.loop.twin.sensors).get("attitude")}
+        readiness = listen(ears, composed.sensor_names, say, clock.speed, **known)
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
         metadata = metadata_of(scenario, composed, folder, thrust)
@@ -97,7 +99,7 @@ def fly_live(
                 # It may have drifted while everything was compiled and somebody thought.
                 _rewound(link)
                 also = [name for name in ("position",) if name in readiness.rates]
-                loop.start_from(listen(ears, also, say, clock.speed, needed=needed))
+                loop.start_from(listen(ears, also, say, clock.speed, **known))
                 if thrust:
                     link.arm()
                 ending = loop.fly(recorder, lambda utc: log.annotate(beginning(scenario, utc)), progress, tell)

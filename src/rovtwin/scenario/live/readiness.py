@@ -11,7 +11,8 @@ from rovtwin.core.errors import LinkTimeout
 from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.link import Link, Source
-from rovtwin.core.numerics import as_array, jnp
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.mounting import turned
 
 POSITIONS = "--sensor ugps://.. or qtm://.., or a vehicle that knows its position"
 # Of a mission: what the filter cannot do without; and where a reading can come from, for messages.
@@ -76,6 +77,7 @@ def listen(
     speed: float = 1.0,
     patience: float = PATIENCE,
     needed: Mapping[str, str] = NEEDED,
+    rotation: Array | None = None,
 ) -> Readiness:
     """Listen until every sensor that the autopilot cannot do without has spoken, and all others had their time.
 
@@ -86,6 +88,7 @@ def listen(
         speed: Of the clock of readings.
         patience: Longest wait [real s].
         needed: Those that the autopilot cannot do without, and where each can come from.
+        rotation: R_bs of the sensor that tells the attitude, shape (3, 3); None where it tells that of b.
 
     Raises:
         LinkTimeout: One of `needed` is not heard.
@@ -111,7 +114,7 @@ def listen(
             told = time.monotonic()
             say(f"waiting for {', '.join(waiting or others)}")
         time.sleep(0.01)
-    return Readiness(_start(heard), {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
+    return Readiness(_start(heard, rotation), {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
 
 
 def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> str:
@@ -123,9 +126,10 @@ def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> s
     )
 
 
-def _start(heard: dict[str, list[np.ndarray]]) -> Start:
+def _start(heard: dict[str, list[np.ndarray]], rotation: Array | None) -> Start:
     """Mean position and depth of what was heard, and the last attitude, at rest; n begins here where nobody knows."""
     north, east = np.mean(heard.get("position", [np.zeros(2)])[-20:], axis=0)
     depth = float(np.mean(heard["pressure"][-20:]))
-    attitude = quaternion_from_euler(as_array(heard["attitude"][-1]))
-    return Start(as_array([north, east, depth]), attitude, jnp.zeros(6))
+    euler = as_array(heard["attitude"][-1:])
+    euler = euler if rotation is None else turned(euler, "attitude", rotation)
+    return Start(as_array([north, east, depth]), quaternion_from_euler(euler[0]), jnp.zeros(6))

@@ -1,15 +1,20 @@
 """A log as a vehicle to be served: what it measured comes again, wishes move nothing."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.flow import Measurement
 from rovtwin.core.log import Log
+from rovtwin.core.numerics import Array, as_array
+from rovtwin.core.sensors import kind_of
 from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.gnc.mounting import turned
 from rovtwin.links.replay import readings_of
 from rovtwin.links.wish import Wish
+from rovtwin.scenario.compose_sensors import rotated, sensors_of
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.files import scenario_of
 from rovtwin.scenario.schema import Scenario
@@ -36,13 +41,24 @@ class ReplayedVehicle:
             raise LogError(f"{log.source}: found no scenario in it, expected the log of a run, runs/<run>/log.mcap")
         self.scenario: Scenario = scenario_of(parse_yaml(text, log.source), log.source)
         self.dt = self.scenario.control_dt
-        self.drones = tuple(drones_of(vehicle_of(self.scenario)))
+        vehicle = vehicle_of(self.scenario)
+        self.drones = tuple(drones_of(vehicle))
         self.largest = {drone: np.zeros(6) for drone in self.drones}
         self._arrivals, self._readings = readings_of(log)
         if not self._readings:
             raise LogError(f"{log.source}: found no sensor channels, expected those of a run with log.sensors on")
+        for name, rotation in rotated(sensors_of(self.scenario, vehicle)).items():
+            self._turn(name, rotation)
         self._ticks, self._loop = int(np.floor(self._arrivals[-1] / self.dt + EARLY)) + 1, loop
         self._tick = 0
+
+    def _turn(self, name: str, rotation: Array) -> None:
+        """A sensor's readings along the axes of b, as a vehicle tells them."""
+        its = [i for i, reading in enumerate(self._readings) if reading.sensor == name]
+        if its:
+            values = turned(as_array([self._readings[i].value for i in its]), kind_of(name), rotation)
+            for i, value in zip(its, np.asarray(values), strict=True):
+                self._readings[i] = replace(self._readings[i], value=value)
 
     @property
     def duration(self) -> float:

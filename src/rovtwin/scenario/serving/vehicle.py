@@ -9,9 +9,11 @@ import numpy as np
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Estimate, Measurements
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.mounting import turned
 from rovtwin.gnc.observer import ObserverInput
 from rovtwin.gnc.onboard import Onboard, OnboardInput, OnboardMemory, Order, Sense, Sensed, SenseMemory
 from rovtwin.scenario.compose_autopilot import navigation_filter
+from rovtwin.scenario.compose_sensors import rotated
 from rovtwin.scenario.composition import Composed, compose, vehicle_of
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
 from rovtwin.simulation.sensors import Sensor
@@ -40,7 +42,7 @@ class ServedOutput(eqx.Module):
 
     Attributes:
         state: Truth at its end.
-        measurements: Readings delivered within it; a drone's as `port/attitude`.
+        measurements: Readings delivered within it, those of imus along the axes of b; a drone's as `port/attitude`.
         estimate: What the vehicle's own filter believes, before it.
         command: Of all thrusters during it.
         tau: Wrench that each drone's controller asked for, b at the drone [N, N m], by drone, shape (6,).
@@ -61,6 +63,8 @@ class Served(eqx.Module):
         filter: Of the whole vehicle, fed with the first drone's sensors.
         senses: What each drone knows of itself; empty for a vehicle that is one: it has the filter.
         onboards: Each drone's controller.
+        rotations: R_bs of the twin's imus that do not point along b, by sensor, shape (3, 3): a vehicle turns their
+            readings before its filter, its controllers and its clients get them. A DVL tells along its own axes.
         places: Which of the twin's thrusters are a drone's, by drone.
     """
 
@@ -68,6 +72,7 @@ class Served(eqx.Module):
     filter: Any
     senses: dict[str, Sense]
     onboards: dict[str, Onboard]
+    rotations: dict[str, Array]
     places: dict[str, tuple[int, ...]] = eqx.field(static=True)
 
     @property
@@ -104,8 +109,19 @@ class Served(eqx.Module):
             tau[name] = asked.tau
         command = Command(u)
         twin, moved = self.twin.step(memory.twin, TwinInput(command, k), dt)
-        after = ServedMemory(twin, filtered, senses, onboards, moved.measurements, command)
-        return after, ServedOutput(moved.state, moved.measurements, estimate, command, tau)
+        told = self._along_b(moved.measurements)
+        return (
+            ServedMemory(twin, filtered, senses, onboards, told, command),
+            ServedOutput(moved.state, told, estimate, command, tau),
+        )
+
+    def _along_b(self, measurements: Measurements) -> Measurements:
+        """Readings with those of imus along the axes of b."""
+        found = dict(measurements)
+        for name, rotation in self.rotations.items():
+            value = turned(found[name].value, self.twin.sensors[name].kind, rotation)
+            found[name] = replace(found[name], value=value)
+        return found
 
 
 def _of_drone(measurements: Measurements, drone: str) -> Measurements:
@@ -126,7 +142,9 @@ def served_of(scenario: Scenario) -> tuple[Served, Composed]:
     drones = drones_of(vehicle)
     twin = composed.loop.twin
     sensors = _sensors(composed, drones)
-    first = _of_drone(sensors, next(iter(drones)))  # type: ignore[arg-type]  (sensors by name, as readings are)
+    rotations = rotated(sensors)
+    straight = {name: eqx.tree_at(lambda s: s.rotation, sensors[name], jnp.eye(3)) for name in rotations}
+    first = _of_drone(sensors | straight, next(iter(drones)))  # type: ignore[arg-type]  (sensors by name, as readings)
     places, onboards = {}, {}
     for name in drones:
         prefix = f"{name}." if name else ""
@@ -143,6 +161,7 @@ def served_of(scenario: Scenario) -> tuple[Served, Composed]:
         navigation_filter(MODEL_BASED, composed.model, first),  # type: ignore[arg-type]  (as above)
         senses,
         onboards,
+        rotations,
         places,
     )
     return served, composed
