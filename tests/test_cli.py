@@ -238,7 +238,6 @@ BAD = [
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--round", "0g"), "above 0"),
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "empty.yaml"), "not overwritten"),
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "x.json"), "expected .yaml"),
-    (("vehicle", "ballast", "bluerov2", "--buoyancy", "1"), "no part has a shape"),
     (("vehicle", "add", "double_blueye", "dvl_a05", "--at", "0,0,0.2"), "Did you mean 'dvl_a50'"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0"), "expected x,y,z"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "--attitude-deg", "1"), "expected roll,pitch,yaw"),

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tests.conftest import shared_folder
 from tests.identification.flown import EXCITATIONS, SENSORS, fly, model_of
 
 import rovtwin.cli
+from rovtwin.identification.checks import against_model
 from rovtwin.identification.checks.check import check_commands, check_record
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.readers import read_tests
@@ -268,3 +270,21 @@ def test_a_release_is_no_mistake():
 
     assert [f.what for f in check_commands(record(swing), model)] == ["release"]
     assert [f.what for f in check_commands(record(0.001 * swing), model)] == ["no_excitation"]
+
+
+def test_a_lag_of_one_axis_is_no_clock(monkeypatch):
+    """A Pioneer, which nothing turns, had its clock doubted for what its yaw did: 1.4 s late in pitch, 2 s in yaw."""
+    monkeypatch.setattr(against_model, "thruster_forces", lambda model, motion, lag: lag)
+    motion = SimpleNamespace(rotation=np.eye(3))
+
+    def late(*best):
+        """Each axis is explained to 90 % at its own lag, and to 10 % more than 0.3 s from it."""
+
+        def against(lag):
+            return SimpleNamespace(explainable=np.array([0.9 - 0.8 * min(abs(lag - b) / 0.3, 1.0) for b in best]))
+
+        return against_model._late(None, motion, SimpleNamespace(against=against))[0]
+
+    assert late(1.4, 1.4, 1.5) == pytest.approx(1.4)
+    assert late(1.0, 2.0) == 0.0, "they disagree, and one has no end within the search"
+    assert late(2.0, 2.0) == 0.0

@@ -160,3 +160,29 @@ def test_an_autopilot_that_keeps_its_heading_is_not_said_to_give_it_up(flown):
     refused, noted = lines(NO_SWAY, "world.current=[0, 0.1, 0]", flown, name="station_keeping")
     assert any("keeps its heading and is carried off" in line for line in refused)
     assert not any("given up" in line for line in [*refused, *noted])
+
+
+def test_a_current_that_turns_it_across_is_said_and_refused_where_the_bow_never_comes_round():
+    """A slender body turns across the flow. Flown: 0.5 m/s completes, 0.8 and 1.4 m/s end at the attitude limit."""
+    pair = [
+        {"name": n, "position": [-1.0, y, 0], "direction": [1, 0, 0], "force": 18}
+        for n, y in (("p", -0.12), ("s", 0.12))
+    ]
+    heave = [
+        {"name": n, "position": [x, 0, 0], "direction": [0, 0, 1], "force": 12} for n, x in (("b", 0.7), ("a", -0.7))
+    ]
+    auv = {
+        "name": "auv",
+        "mass": 48,
+        "volume": 0.048,
+        "center_of_gravity": [0, 0, 0.012],
+        "center_of_buoyancy": [0, 0, 0],
+    }
+    hull = {"inertia": [0.18, 15.5, 15.5], "shape": {"cylinder": {"radius": 0.085, "length": 2.1}}}
+    model = vehicle_from_dict(auv | hull | {"thrusters": pair + heave}, "auv").model()
+    turns = Limits.of(model).turns_in
+    assert 0.4 < turns < 0.5
+    said = [judge(load_scenario("square", [f"world.current=[0, {k * turns}, 0]"]), model)[0] for k in (0.9, 1.2, 1.8)]
+    assert "Munk's moment" not in said[0].line
+    assert "turns it across itself with up to" in said[1].line and not said[1].refused
+    assert "wait for less current, or give it fins" in said[2].line and said[2].refused

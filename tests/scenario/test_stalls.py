@@ -5,9 +5,11 @@ import pytest
 
 from rovtwin.core.flow import ABORTED, DIVE, GO, HOLD, PAUSED, REASONS, TURN
 from rovtwin.scenario.decisions import without_headway
+from rovtwin.scenario.endings import fell_short, tipped, why_ended
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.score import Flown
-from rovtwin.scenario.stalls import stalls, tipped, unfinished
+from rovtwin.scenario.stalls import stalls, unfinished
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.trim import stability
 
@@ -77,6 +79,20 @@ def test_what_tipped_it_names_angle_speed_through_the_water_and_what_it_stays_le
     assert f"speed over ground had come to {0.2 + level:.2g}" in tipped(tips(4, -60.0, 0.2 + level, water=None), model)
     rolled = tipped(tips(3, 61.0, 1.0), model)
     assert "roll was 61 deg" in rolled and "level" not in rolled
+
+
+def test_what_fell_short_names_force_and_flow(model):
+    """Half of the time at 100 s the mission ended for want of thrust; 30 s before are looked at."""
+    zero, water = np.zeros((10 * SECONDS + 1, 6)), np.zeros((10 * SECONDS + 1, 3))
+    mode = np.tile([GO, 0, 0, 1.0], (len(zero), 1))
+    mode[1000:, :2] = [ABORTED, REASONS.index("saturated")]
+    tau, water[:, 1] = zero.copy(), 1.2
+    tau[:1000, 5] = Limits.of(model).both_ways(5)
+    said = fell_short(flown(0.0, 0.0, tau=tau, water=water, mode=mode), model)
+    assert said.startswith("over the last 30 s it was asked for 2.4 of 2.4 N m in yaw, at 1.2 m/s through the water")
+    assert "it turns its bow in up to" in said and said.endswith("wait for less current")
+    assert "in surge" in fell_short(flown(0.0, 0.0, tau=zero + 30.0, mode=mode), model), "the world may be unknown"
+    assert why_ended(flown(0.0, 0.0), model, "leak") == ""
 
 
 TIME = np.arange(10 * SECONDS + 1) / 10

@@ -83,9 +83,13 @@ def test_vehicles_of_the_library(name, tmp_path):
     assert f"part: {name}" in out.read_text()
 
 
-def test_without_shapes_places_must_be_named(tmp_path):
-    with pytest.raises(ConfigError, match="no part has a shape.*--at"):
-        ballast("bluerov2", Wish(1.0))
+def test_without_shapes_places_are_around_the_thrusters_or_named(tmp_path):
+    out = tmp_path / "around.yaml"
+    ballast("bluerov2", Wish(1.0, True), out=out)
+    require(out, None, 1.0, True, None)
+    (tmp_path / "bare.yaml").write_text("{name: bare, mass: 1, volume: 0.001, inertia: [1, 1, 1]}")
+    with pytest.raises(ConfigError, match="neither a part with a shape nor a thruster.*--at"):
+        ballast(str(tmp_path / "bare.yaml"), Wish(1.0))
     out = tmp_path / "out.yaml"
     places = [(x, y, z) for x in (-0.2, 0.2) for y in (-0.15, 0.15) for z in (-0.1, 0.1)]
     ballast("bluerov2", Wish(1.0, True, 0.03), Materials(places=places), out=out)

@@ -32,6 +32,7 @@ from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import wrench_limits
 
 SPARE = 0.9  # share of a top speed that guidance plans with: the rest is the feedback's
+ACROSS = 1.5  # times the flow in which it turns, beyond which the bow never comes round: flown, 1.1 does, 1.8 not
 SOME = 0.01  # current that counts [m/s]
 SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
 _BASELINE_OF = "double_blueye"
@@ -207,6 +208,8 @@ def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool) -> It
     if size > max(limits.through_water, SOME):
         yield _tips(limits, leg, flow)
         return
+    if steered and limits.can(YAW) and size > max(limits.turns_in, SOME):
+        yield _turned_across(limits, leg, size, flow)
     if leg.length > 0.5 * limits.length:
         yield from _made_good(limits, leg, current, flow)
         yield from _stops(limits, leg)
@@ -226,6 +229,17 @@ def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
     more = "raise BG, give it thrust in pitch" if pitch else "raise BG, give it thrust in roll"
     return Finding(f"{what}, beyond which Munk's moment turns it in {'pitch' if pitch else 'roll'}",
                    f"wait for less current, {more}, or lower its added mass in heave", True)  # fmt: skip
+
+
+def _turned_across(limits: Limits, leg: _Leg, size: float, flow: str) -> Finding:
+    """A current through which the vehicle cannot turn its bow."""
+    across, has = 0.5 * limits.munk_yaw * size**2, limits.both_ways(YAW)
+    munk = f"turns it across itself with up to {across:.2g} N m (Munk's moment)"
+    what = f"{leg.name}: {flow} {munk}, and its thrusters have {has:.2g} N m"
+    held = f"it turns its bow in up to {limits.turns_in:.2g} m/s"
+    if size > ACROSS * limits.turns_in:
+        return Finding(what, f"{held}: wait for less current, or give it fins or more moment in yaw", True)
+    return Finding(what, f"{held}, and is carried off while it turns", False)
 
 
 def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Iterator[Finding]:

@@ -27,6 +27,8 @@ class Limits:
         mass: Of each axis, added mass included [kg, kg m2], shape (6,).
         level: Speed through the water in surge and sway at which it stays level [m/s], shape (2,).
         upright: Speed at which half of what rights it is left [m/s], shape (2,).
+        munk_yaw: Added mass in sway beyond that in surge [kg]: a flow of speed U turns the vehicle across itself with
+            up to half of it times U^2 (Fossen 2021, sec. 6.3.3).
     """
 
     length: float
@@ -35,6 +37,7 @@ class Limits:
     mass: np.ndarray
     level: np.ndarray
     upright: np.ndarray
+    munk_yaw: float
 
     @classmethod
     def of(cls, model: Model) -> "Limits":
@@ -45,7 +48,7 @@ class Limits:
         force = np.maximum(np.stack([-(low + net), high + net], axis=1), 0.0)
         force[low >= high] = 0.0
         top = [[steady_speed(model, i, -float(a)), steady_speed(model, i, float(b))] for i, (a, b) in enumerate(force)]
-        scales = VehicleScales.of(model)
+        scales, added = VehicleScales.of(model), np.diagonal(np.asarray(model.added_mass))
         return cls(
             length=float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0),
             force=force,
@@ -53,6 +56,7 @@ class Limits:
             mass=np.diagonal(np.asarray(model.mass)),
             level=scales.level_speed,
             upright=scales.upright[:2],
+            munk_yaw=float(added[1] - added[0]),
         )
 
     def can(self, axis: int) -> bool:
@@ -62,6 +66,11 @@ class Limits:
     def both_ways(self, axis: int) -> float:
         """Force or moment that there is either way [N or N m]."""
         return float(self.force[axis].min())
+
+    @property
+    def turns_in(self) -> float:
+        """Largest flow in which the moment in yaw turns the vehicle through every heading [m/s]; inf: any."""
+        return math.sqrt(2.0 * self.both_ways(5) / self.munk_yaw) if self.munk_yaw > 0.0 else math.inf
 
     @property
     def through(self) -> np.ndarray:

@@ -10,15 +10,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, REASONS, TURN
+from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
 from rovtwin.scenario.feasibility import baseline_of_another
 from rovtwin.scenario.limits import Limits, compass_point
 from rovtwin.scenario.schema import Scenario, ThesisSection, Waypoint
 from rovtwin.scenario.score import Flown
 from rovtwin.vehicle import Model, Vehicle
-from rovtwin.vehicle.trim import stability, steady_speed
+from rovtwin.vehicle.trim import steady_speed
 
 PATIENCE = 20.0  # lengths of the vehicle at the leg's speed
 HEADWAY = 0.25  # of a length, of a turn as many radians: a smaller step is no headway
@@ -106,32 +105,6 @@ def unfinished(flown: Flown, scenario: Scenario, model: Model, vehicle: Vehicle)
     if last:
         return f"{_numbered(waypoint, scenario)} was not reached: {cause(last[-1], flown, scenario, model, vehicle)}"
     return _under_way(flown, scenario, phase, waypoint)
-
-
-def tipped(flown: Flown, model: Model) -> str:
-    """Why the attitude limit ended a run: angle, the fastest it went just before, and up to which it stays level."""
-    at = int(np.argmax(flown.mode[:, 1] == REASONS.index("attitude limit")))
-    roll, pitch = np.degrees(flown.eta[at, 3:5])
-    pitched = abs(pitch) >= abs(roll)
-    rows = (flown.t >= flown.t[at] - BEFORE) & (flown.t <= flown.t[at])
-    through = flown.nu[rows, :3]
-    if flown.water is not None:
-        attitude = Rotation.from_euler("ZYX", flown.eta[rows, 5:2:-1])
-        through = through - attitude.inv().apply(flown.water[rows])
-    speeds = np.linalg.norm(through, axis=1)
-    fastest = int(np.argmax(speeds))
-    speed = float(speeds[fastest])
-    clauses = (
-        f"at {flown.t[at]:.1f} s {'pitch' if pitched else 'roll'} was {pitch if pitched else roll:.0f} deg, and its"
-    )
-    clauses += f" speed {'over ground' if flown.water is None else 'through the water'} had come to {speed:.2g} m/s"
-    if not pitched or Limits.of(model).can(PITCH):
-        return clauses
-    level = stability(model, astern=bool(through[fastest, SURGE] < 0.0)).pitch_depth_held
-    if not math.isfinite(level):
-        return clauses
-    clauses += f"; with its depth held it stays level up to {level:.2g} m/s"
-    return f"{clauses}: fly slower, or raise BG" if speed > level else clauses
 
 
 def _numbered(waypoint: int, scenario: Scenario) -> str:

@@ -9,11 +9,12 @@ from rovtwin.core.numerics import as_array, jax
 from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.endings import why_ended
 from rovtwin.scenario.feasibility import judge
 from rovtwin.scenario.headings import unmet_headings
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown, nees_interval, score, score_test
-from rovtwin.scenario.stalls import tipped, unfinished
+from rovtwin.scenario.stalls import unfinished
 
 
 def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, Any]:
@@ -34,7 +35,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
         figures["depth_rms_m"] = None  # the depth asked for leads the floor: no error of the vehicle
     return figures | {
         "reason": reason,
-        "why": tipped(flown, composed.loop.twin.model) if reason == "attitude limit" else "",
+        "why": why_ended(flown, composed.loop.twin.model, reason),
         "interrupted": interrupted,
         "foreseen": [finding.line for finding in judge(composed.scenario, composed.loop.twin.model)],
         "altitude_rms_m": altitude,

@@ -12,7 +12,7 @@ import yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import files
 from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
-from rovtwin.vehicle.extent import bounding_box
+from rovtwin.vehicle.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.floating import floating_of
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.water import check_density
@@ -223,10 +223,11 @@ def _stock(vehicle: Vehicle, materials: Materials) -> Stock:
         if far > 10.0:
             raise ConfigError(f"a place {far:g} m from CO, expected within 10 m; did you mean {far:g}mm?")
     else:
-        box = bounding_box(vehicle.file)
+        box = bounding_box(vehicle.file) or around_thrusters(vehicle.assembly)
         if box is None:
             raise ConfigError(
-                f"{vehicle.where}: no part has a shape, so it has no outside to put pieces on; name places (--at x,y,z)"
+                f"{vehicle.where}: neither a part with a shape nor a thruster says where its outside is, to put pieces "
+                "on; name places (--at x,y,z)"
             )
         places = places_around(*box)
     return Stock(places, most, materials.foam_density, materials.weight_density)

@@ -16,6 +16,7 @@ BLIND_LATE = 0.7  # [s], where the attitude is not known
 JUDGED = 0.2  # share of an axis' acceleration that thrusters must explain before it is judged
 BETTER = 0.15  # how much more of it a mistake must explain than none
 CONVINCING = 0.7  # share that a mistake must explain at all
+AGREED = 0.25  # by how much the best lag of an axis may differ from that of all [s]
 ALIKE = 0.02  # shares that differ by less say the same
 NAMES = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
 
@@ -72,6 +73,12 @@ def _late(model: Model, motion: Motion, regression: Regression) -> tuple[float, 
     score = table[:, told].mean(axis=1)
     best, now = int(np.argmax(score)), int(np.argmin(np.abs(LAGS)))
     lag = float(LAGS[best])
+    # A clock moves all axes alike: what only the motion of one explains, or what has no end within the search, is none.
+    own = LAGS[table.argmax(axis=0)]
+    alike = told & (np.abs(own - lag) <= AGREED) & (np.abs(own) < LAGS[-1])
+    if 2 * alike.sum() <= told.sum():
+        return 0.0, []
+    score = table[:, alike].mean(axis=1)
     # Without an attitude the restoring moments are not known, and look like thrust that is late.
     blind = motion.rotation is None
     if abs(lag) < (BLIND_LATE if blind else LATE) or score[best] < max(score[now] + 0.15, 0.5 if blind else 0.0):
