@@ -1,4 +1,4 @@
-"""The table of the whole chain: every step run with every vehicle, one cell each.
+"""The table of the whole chain (docs/fleet.md): every step run with every vehicle, one cell each.
 
 python docs/scripts/chain.py --out runs/fleet                      # all vehicles of the library, all steps: hours
 python docs/scripts/chain.py --out runs/fleet my.yaml nosway.yaml  # your own
