@@ -126,7 +126,16 @@ def estimates() -> Estimate:
     eta = jnp.concatenate([START.position + over_time(3, seed=5), over_time(3, seed=6)], axis=1)
     covariance = every_tick(0.01 * jnp.eye(12))
     nis, dof = over_time(5), every_tick(jnp.ones(5))
-    return Estimate(eta, over_time(6, seed=7), over_time(6, seed=8), covariance, nis, dof, 0.1 * over_time(6, seed=9))
+    return Estimate(
+        eta,
+        over_time(6, seed=7),
+        over_time(6, seed=8),
+        covariance,
+        nis,
+        dof,
+        0.1 * over_time(6, seed=9),
+        0.1 * jnp.abs(over_time(1, seed=10)[:, 0]),
+    )
 
 
 def way_points() -> Mission:
