@@ -122,6 +122,51 @@ def test_an_estimate_that_is_not_a_number_leaves_the_memory_usable():
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(memory))
 
 
+TORPEDO = load_vehicle("torpedo").model()
+ACROSS_THE_BOW = estimate_of(np.array([0, 0, 3, 0, 0, 0.3]), np.array([0.6, 0.05, 0, 0, 0, 0.01]))
+
+
+def test_the_covariance_of_a_residual_has_what_an_error_of_the_current_makes_of_the_flow():
+    monitor = ThrusterHealth.of(TORPEDO)
+    estimate = eqx.tree_at(lambda e: e.bias, ACROSS_THE_BOW, jnp.array([-2.0, 3.0, 0, 0, 0, 0]))
+    c, s = np.cos(0.3), np.sin(0.3)
+    U = []
+    for b, std in zip([[c, s], [-s, c]], monitor.force_std, strict=True):
+        ends = [
+            eqx.tree_at(lambda e: e.bias, estimate, estimate.bias.at[:2].add(sign * std * jnp.array(b)))
+            for sign in (1, -1)
+        ]
+        U.append(0.5 * np.subtract(*(np.asarray(monitor._flow(e)) for e in ends)))
+    stern = np.asarray(monitor.weight)[4]
+    pushed = stern > 0.0
+    N = np.diag(1.0 / stern[pushed])
+    R = N + sum(np.outer(u[pushed], u[pushed]) for u in U)
+    x = np.array([0.3, -1.2, 0.4, 0.1, -0.5, 0.9])
+    (weighed,) = monitor._weighed(estimate, jnp.broadcast_to(x, monitor.weight.shape))
+    np.testing.assert_allclose(np.asarray(weighed)[4][pushed], np.linalg.solve(R, x[pushed]), rtol=1e-9)
+    assert abs(U[1][5]) > 2 * np.sqrt(1.0 / stern[5]), "Munk's moment of an error across the bow is the larger part"
+
+
+@pytest.mark.slow
+def test_a_slender_hull_in_a_current_across_its_course_has_no_thruster_failure():
+    from rovtwin import fly, load_scenario
+
+    flight = fly(load_scenario("square", ["vehicle=torpedo", "world.current=[0, 0.62, 0]", "seed=1"]))
+    assert flight.summary["completed"], flight.summary["reason"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle, thruster", [("torpedo", "lateral_stern"), ("blueye_x3", "port")])
+def test_one_that_dies_in_a_mission_is_found_within_fifteen_seconds(vehicle, thruster):
+    from rovtwin import fly, load_scenario
+
+    fault = f"faults=[{{thruster: {thruster}, at: 30, fault: dead}}]"
+    decisions = fly(load_scenario("square", [f"vehicle={vehicle}", fault, "seed=3"])).summary["decisions"]
+    assert [(d["what"], d["t"] < 45) for d in decisions if "no longer" in d["what"]] == [
+        (f"{thruster} no longer used", True)
+    ]
+
+
 def test_what_a_double_blueye_can_do_without():
     model = load_vehicle("double_blueye").model()
     ability = Ability.of(model, (PORT, STARBOARD))

@@ -10,9 +10,16 @@ with exponentially forgetting means. The hypothesis that explains most wins, onc
 A force alone may as well be a current or a caught tether, which feedback answers with just the force that seems to be
 missing: so only thrusters with a moment of their own can be told, and moments weigh more than forces.
 
+The flow's wrench is that of a current which is read off the disturbance force, so an error of that force is one of the
+flow's moments too: on a slender hull 0.03 m/s across the bow are, by Munk's moment, as much as a lost thruster. So
+<a, b> is a^T W b with the covariance of both, W^-1 = N + U U^T: N of the axes, U what a standard deviation of the
+force, along the bow and across it, changes in the flow's wrench.
+
 Reference: De Luca and Mattone (2003), Actuator failure detection and isolation using generalized momenta; Blanke et al.
 (2016), Diagnosis and Fault-Tolerant Control, ch. 6.
 """
+
+import dataclasses
 
 import equinox as eqx
 import numpy as np
@@ -22,13 +29,14 @@ from rovtwin.core.flow import Command, Estimate
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.scales import YAW, VehicleScales
-from rovtwin.gnc.sustained import SustainedSpeed
+from rovtwin.gnc.sustained import SustainedSpeed, turned
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
 from rovtwin.vehicle.thrusters import lag, static_force
 
 FORCE_NOISE, MOMENT_NOISE = 0.1, 0.03  # of an axis's largest wrench, that disturbances and errors of the model make
+READ_NOISE = 0.04  # of an axis's largest force, that the force from which the current is read is wrong by
 OWN_MOMENT = 0.1  # of the largest moment about any axis, below which a thruster has no signature of its own
 MORE = 0.15  # that a unit has to explain more than the best of its thrusters
 
@@ -87,6 +95,7 @@ class ThrusterHealth(Block):
         told: Whether a hypothesis has such a thruster, shape (h,), bool.
         weight: One over the squared noise of each axis on which a hypothesis's thrusters push, shape (h, 6); zero on
             the others, where there is only what disturbs.
+        force_std: Of the force from which the current is read, along the bow and across it [N], shape (2,).
         bandwidth: K, of the observer [rad/s].
         window: Of the means [s].
         memory: Time constant of what counts as slow [s].
@@ -102,6 +111,7 @@ class ThrusterHealth(Block):
     signed: Array
     told: Array
     weight: Array
+    force_std: Array
     bandwidth: Array = eqx.field(converter=as_array)
     window: Array = eqx.field(converter=as_array)
     memory: Array = eqx.field(converter=as_array)
@@ -140,6 +150,7 @@ class ThrusterHealth(Block):
             signed=as_array(signed),
             told=as_array(told, bool),
             weight=as_array(weight),
+            force_std=READ_NOISE * as_array(np.maximum(-lower, upper)[:2]),
         )
 
     def init(self, key: Array, start: Start) -> HealthMemory:
@@ -164,10 +175,10 @@ class ThrusterHealth(Block):
         # A sum, for XLA puts no product of such matrices into one piece with the rest of a tick (`in_one_piece`).
         s = -jnp.sum((self.lost * memory.health * seen)[:, None, :] * self.signed, axis=2)
         fade = dt / self.window
-        weighed = s * self.weight
+        weighed, x_weighed = self._weighed(input.estimate, s, jnp.broadcast_to(x, s.shape))
         energy = memory.energy + fade * (jnp.sum(weighed * s, axis=1) - memory.energy)
-        match = memory.match + fade * (weighed @ x - memory.match)
-        total = memory.total + fade * (self.weight @ (x * x) - memory.total)
+        match = memory.match + fade * (jnp.sum(weighed * x, axis=1) - memory.match)
+        total = memory.total + fade * (jnp.sum(x_weighed * x, axis=1) - memory.total)
         holds = self._holds(energy, match, total) & learnt
         since = jnp.where(holds, memory.since + dt, 0.0)
 
@@ -196,10 +207,34 @@ class ThrusterHealth(Block):
         down_b = rotation_from_euler(estimate.eta[3:])[2]
         momentum = model.mass @ nu
         tau = model.thrusters.configuration @ (memory.health * force)
-        nu_r = self.sustained.through_water(estimate)
-        flow = coriolis_wrench(model.added_mass, nu_r) + damping_wrench(model, nu_r)
+        flow = self._flow(estimate)
         known = tau - coriolis_wrench(model.rigid_body_mass, nu) - flow - restoring_wrench(model, down_b)
         return momentum, jnp.where(memory.age > 0.0, (momentum - memory.momentum) / dt - known, 0.0)
+
+    def _flow(self, estimate: Estimate) -> Array:
+        """Wrench of the water that flows past, b [N, N m], shape (6,)."""
+        nu_r = self.sustained.through_water(estimate)
+        return coriolis_wrench(self.model.added_mass, nu_r) + damping_wrench(self.model, nu_r)
+
+    def _weighed(self, estimate: Estimate, *wrenches: Array) -> tuple[Array, ...]:
+        """W times wrenches, each of shape (h, 6): W = (N + U U^T)^-1, by Woodbury's identity."""
+        to_n = turned(estimate.eta[5]) * self.force_std  # columns: along the bow, across it
+
+        def flow(force: Array) -> Array:
+            return self._flow(dataclasses.replace(estimate, bias=estimate.bias.at[:2].add(force)))
+
+        # By differences, not slopes: where hardly any water flows past, a small force is a large change of speed.
+        U = 0.5 * (jax.vmap(flow)(to_n.T) - jax.vmap(flow)(-to_n.T))  # rows, shape (2, 6)
+        weighed_U = U * self.weight[:, None, :]  # shape (h, 2, 6)
+        a, b, c = (jnp.sum(weighed_U[:, i] * U[j], axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
+        determinant = (1.0 + a) * (1.0 + c) - b**2
+
+        def through(y: Array) -> Array:
+            p, q = (jnp.sum(weighed_U[:, i] * y, axis=1) for i in (0, 1))
+            along, across = ((1.0 + c) * p - b * q) / determinant, ((1.0 + a) * q - b * p) / determinant
+            return self.weight * y - along[:, None] * weighed_U[:, 0] - across[:, None] * weighed_U[:, 1]
+
+        return tuple(through(y) for y in wrenches)
 
     def _holds(self, energy: Array, match: Array, total: Array) -> Array:
         """Whether a hypothesis is the best one, says enough and explains enough, shape (h,), bool."""
