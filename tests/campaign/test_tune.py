@@ -219,11 +219,23 @@ def test_identified_covariance_is_what_plants_are_drawn_from(tmp_path):
     assert np.corrcoef(ratio, other)[0, 1] == pytest.approx(0.5, abs=0.15)
 
 
+def test_a_vehicle_that_nothing_turns_has_a_section_that_can_be_written_and_read():
+    section = start_of(load_scenario("square", ["vehicle=blueye_pioneer"]))
+    assert with_values(section, {"control.integral": 0.1}).control.integral == 0.1
+
+
+def test_a_short_mission_has_the_time_and_the_depths_of_its_vehicle(scenario):
+    slow, quick = (short_mission(load_scenario("square", [f"vehicle={v}"])) for v in ("sparus_ii", "bluerov2"))
+    assert short_mission(scenario)["duration"] == pytest.approx(75.0)
+    assert slow["duration"] > 150.0 > 60.0 > quick["duration"]
+    assert slow["mission"]["waypoints"][0]["acceptance"] > quick["mission"]["waypoints"][0]["acceptance"]
+
+
 def test_short_mission_begins_where_the_scenario_does(scenario):
     turned = load_scenario("lawnmower_calm", ["autopilot=model_based", "start={position: [5, 6, 1], heading_deg: 90}"])
-    first = short_mission(turned)["waypoints"][0]
+    first = short_mission(turned)["mission"]["waypoints"][0]
     assert first["position"] == pytest.approx([5.0, 9.0, 1.5]) and first["speed"] == 0.2
-    assert short_mission(scenario)["waypoints"][-1]["hold_time"] > 0
+    assert short_mission(scenario)["mission"]["waypoints"][-1]["hold_time"] > 0
 
 
 def test_paired_interval_is_students():

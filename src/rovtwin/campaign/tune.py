@@ -132,9 +132,10 @@ class _Tuning:
         cost = Cost.against(self.wish.weights, fleet.seas, figures)
         start = float(np.mean(cost.all_of(fleet.seas, figures)))
         if start >= FAILED:
+            why = "; ".join(sorted({one["reason"] for one in figures}))
             raise ConfigError(
-                f"{self.wish.scenario.name}: no flight of the hand-tuned autopilot arrives, so there is nothing to "
-                "measure against; check the scenario with rovtwin fly, or try calmer seas (--sea calm)"
+                f"{self.wish.scenario.name}: no flight of the hand-tuned autopilot arrives ({why}), so there is "
+                "nothing to measure against; check the scenario with rovtwin fly, or try calmer seas (--sea calm)"
             )
         return cost, start
 

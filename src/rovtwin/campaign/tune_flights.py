@@ -18,10 +18,13 @@ from rovtwin.core.block import Block
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
+from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.batch import flown_together, same_program
 from rovtwin.scenario.compose_autopilot import autopilot_of
-from rovtwin.scenario.composition import Composed, compose, way_points
+from rovtwin.scenario.composition import Composed, compose, vehicle_of, way_points
 from rovtwin.scenario.files import find_scenario
+from rovtwin.scenario.fitting import own_values
+from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.run import CHUNK
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
 from rovtwin.scenario.score import score
@@ -92,19 +95,29 @@ def seas_of(names: Sequence[str], scenario: Scenario) -> dict[str, Any]:
 
 
 def short_mission(scenario: Scenario) -> dict[str, Any]:
-    """Two legs with a corner, a dive and a hold, from where the scenario starts, at its fastest leg's speed."""
+    """Two legs with a corner, a dive and a hold, from where the scenario starts, at its fastest leg's speed.
+
+    Depths, acceptance and the time limit are the vehicle's, with 0.5 m, 0.2 m and 75 s for a Double Blueye.
+
+    Returns:
+        `mission` and `duration` of a scenario.
+    """
+    model = vehicle_of(scenario).model()
+    scales, acceptance = VehicleScales.of(model), own_values(Limits.of(model))["acceptance"]
+    dive = round(max(2.5 * scales.dive_speed, acceptance), 2)
     north, east, depth = scenario.start.position
     psi, speed = scenario.heading, max(w.speed for w in scenario.waypoints)
     long, short = 15.0 * speed, 10.0 * speed
     ahead, right = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     places = [long * ahead, long * ahead + short * right, long * ahead + short * right]
     rows: list[dict[str, Any]] = [
-        {"position": [north + float(p[0]), east + float(p[1]), depth + dive], "speed": speed, "acceptance": 0.2}
-        for p, dive in zip(places, (0.5, 0.5, 1.0), strict=True)
+        {"position": [north + float(p[0]), east + float(p[1]), depth + d], "speed": speed, "acceptance": acceptance}
+        for p, d in zip(places, (dive, dive, 2.0 * dive), strict=True)
     ]
     # A hold begins wherever the filter was when it came: how near is for the cost to say.
-    rows[-1] |= {"hold_time": 10.0, "acceptance": 2.0}
-    return {"name": "tuning", "description": "two legs, a corner, a dive, a hold", "waypoints": rows}
+    rows[-1] |= {"hold_time": 10.0, "acceptance": 10.0 * acceptance}
+    mission = {"name": "tuning", "description": "two legs, a corner, a dive, a hold", "waypoints": rows}
+    return {"mission": mission, "duration": 40.0 + 17.5 / scales.level_bandwidth}
 
 
 def fleet_of(
@@ -127,7 +140,7 @@ def fleet_of(
     data = scenario.model_dump()
     data["world"]["mismatch"] = None
     if short:
-        data |= {"mission": short_mission(scenario), "duration": 75.0, "faults": [], "battery": None}
+        data |= short_mission(scenario) | {"faults": [], "battery": None}
     cut = not short and scenario.duration > LONGEST
     data["duration"] = min(data["duration"], LONGEST)
     runs, names = [], []

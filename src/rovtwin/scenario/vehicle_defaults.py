@@ -17,8 +17,8 @@ def with_vehicle_defaults(section: AutopilotSection, model: Model) -> AutopilotS
     course = CourseKeeping.of(model)
     control = {
         "bandwidth": scales.bandwidth.tolist(),
-        "dive_speed": scales.dive_speed,
-        "turn_rate_deg": math.degrees(scales.turn_rate),
+        "dive_speed": scales.dive_speed or None,
+        "turn_rate_deg": math.degrees(scales.turn_rate) or None,
     }
     guidance = {"lookahead": float(course.cruise / course.gain) or None}
     own = {"control": control, "guidance": guidance, "navigation": beliefs(model)}
