@@ -11,6 +11,7 @@ from tests.identification.synthetic import steps_command
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
+from rovtwin.identification.joint.agreement import _parts, stretches
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import _not_astray, estimate
@@ -22,7 +23,7 @@ from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import cut
 from rovtwin.identification.judgement.reliance import doubts_about
-from rovtwin.identification.judgement.remarks import about_scale
+from rovtwin.identification.judgement.remarks import about_scale, about_solution
 from rovtwin.identification.judgement.validation import predict
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
@@ -247,3 +248,55 @@ def test_records_of_another_vehicle_are_refused(vehicle, found):
 def test_the_model_is_a_pytree_of_finite_numbers(found):
     for leaf in jax.tree.leaves(found.model()):
         assert not np.any(np.isnan(np.asarray(leaf, dtype=float)))
+
+
+@pytest.fixture(scope="module")
+def at_the_maximum(found):
+    """Blocks and normal equations of everything, where the estimate ended before it went to the middle."""
+    problem, noise = found.problem, found.solution.noise
+    blocks = problem.blocks(found.solution.unknowns, noise)
+    return problem, noise, blocks, problem.assembled(blocks, found.solution.unknowns, noise)
+
+
+def test_stretches_add_up_to_what_the_readings_tell(at_the_maximum):
+    problem, noise, blocks, arrow = at_the_maximum
+    slopes, told = _parts(blocks, noise, arrow)
+    n, factored = len(problem.prior.mean), arrow.factor()
+    own = np.zeros_like(factored.corner)  # of prior and offsets, and of starts, which belong to no stretch
+    own[:n, :n] = problem.information
+    own[n:, n:] = np.diag(problem.offset_information)
+    follow = factored.follow()
+    own += np.einsum("sdm,d,sdk->mk", follow[:1], problem.start_information[0], follow[:1])
+    np.testing.assert_allclose(told.sum(axis=0) + own, factored.corner, atol=1e-7 * np.abs(factored.corner).max())
+
+
+def test_stretches_that_agree_widen_next_to_nothing(found):
+    wider = found.solution.widening
+    assert wider.min() >= 1.0
+    assert np.mean(wider > 1.0) < 0.15, "a fortieth of them by chance, and what goes with these"
+    assert found.solution.stretches == 4
+
+
+def test_a_thruster_that_gives_less_for_half_of_the_test_widens_what_is_said_of_it(found, truth):
+    """The model is broken on purpose: commands of the second half are a third larger than what was flown."""
+    log = truth[2]
+    late = log.t_command > 0.5 * DURATION
+    wrong = replace(log, command=np.where(late[:, None], 1.3 * log.command, log.command))
+    shooting = copy(found.problem.shooting)
+    shooting.segments = cut([wrong], found.problem.segments.grid)
+    solution = estimate(Problem(shooting, found.prior))
+    assert np.median(solution.widening) > 2.0
+    off = (solution.unknowns.theta - truth[0]) / np.sqrt(np.diag(solution.covariance))
+    bare = off * solution.widening
+    assert np.sqrt(np.mean(off**2)) < 0.5 * np.sqrt(np.mean(bare**2))
+    assert np.mean(np.abs(off) < 1.96) > np.mean(np.abs(bare) < 1.96) + 0.2
+
+
+def test_a_test_of_three_segments_is_not_divided(found):
+    short = copy(found.problem)
+    short.segments = cut([found.problem.segments.records[0].cut(0.0, 15.0)], found.problem.segments.grid)
+    assert short.segments.count == 3 and stretches(short) == []
+    said = about_solution(
+        found.parameters, found.prior, replace(found.solution, stretches=0), found.residuals, [], [], [], False
+    )
+    assert any("too short to be divided" in finding for finding in said)

@@ -86,6 +86,14 @@ class Factored:
                 x[s] -= self.gains[s, :, :d] @ x[s + 1]
         return x
 
+    def follow(self) -> np.ndarray:
+        """How the nodes move with theta while each stays where it is best, shape (S, d, n)."""
+        S, d, _ = self.gains.shape
+        x = -self.gains[:, :, d:-1]
+        for s in reversed(range(S - 1)):
+            x[s] -= self.gains[s, :, :d] @ x[s + 1]
+        return x
+
     def covariance(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Blocks of H^-1: nodes (S, d, d), node and next (S, d, d), node and theta (S, d, n), theta (n, n)."""
         S, d, _ = self.gains.shape

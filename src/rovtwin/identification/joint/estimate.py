@@ -9,11 +9,13 @@ from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
+from rovtwin.identification.joint.agreement import stretches, widening
 from rovtwin.identification.joint.arrow import Arrow, Factored
 from rovtwin.identification.joint.middle import moved_to_the_middle
 from rovtwin.identification.joint.nodes import moved
 from rovtwin.identification.joint.noise import Variances
 from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
+from rovtwin.identification.joint.shooting import Blocks
 
 _NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
 _REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
@@ -30,9 +32,11 @@ class Solution:
     Attributes:
         unknowns: In the middle of the posterior, see `middle`; the nodes at its maximum.
         noise: As estimated.
-        covariance: Of theta, shape (n, n).
+        covariance: Of theta, shape (n, n), with the widening.
         information: Of theta from the readings and static evidence alone, without the prior, at the maximum, (n, n).
         offset_std: Standard deviation of the offsets, shape (G,).
+        widening: By how much the widths are larger than the curvature's, since stretches of the tests disagree, (n,).
+        stretches: The most into which the tests were divided for that; 0 where they are too short.
         converged: Whether the last step was below a hundredth of a standard deviation, or none gained anything.
         steps: Gauss-Newton steps taken.
         cost: Sum of squares at the end.
@@ -43,6 +47,8 @@ class Solution:
     covariance: np.ndarray
     information: np.ndarray
     offset_std: np.ndarray
+    widening: np.ndarray
+    stretches: int
     converged: bool
     steps: int
     cost: float
@@ -98,7 +104,7 @@ def estimate(
         if progress:
             progress(steps, change)
     done = settled and (change < _SMALL or idle >= 2)
-    return _solution(problem, here, noise, arrow, done, steps, cost)
+    return _solution(problem, here, noise, blocks, arrow, done, steps, cost)
 
 
 def _better(
@@ -191,6 +197,7 @@ def _solution(
     problem: Problem,
     here: Unknowns,
     noise: Noise,
+    blocks: Blocks,
     arrow: Arrow,
     converged: bool,
     steps: int,
@@ -205,8 +212,14 @@ def _solution(
     told = 0.5 * (told + told.T)
     static = problem.static_information(here.theta) - problem.information
     theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
+    divisions = stretches(problem)
+    wider = widening(problem, blocks, noise, arrow, divisions)
+    covariance = covariance * np.outer(wider, wider)
     offset_std = factored.border_std()[n:]
-    return Solution(replace(here, theta=theta), noise, covariance, told, offset_std, converged, steps, cost)
+    most = max((len(set(one)) for one in divisions), default=0)
+    return Solution(
+        replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost
+    )  # fmt: skip
 
 
 _moved_all = jax.jit(jax.vmap(moved))

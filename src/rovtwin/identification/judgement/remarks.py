@@ -122,11 +122,28 @@ def about_solution(
         worst = max(residuals[name].inflation for name in coloured)
         said.append(
             f"residuals are not white ({', '.join(coloured)}; up to {worst:.0f} readings count as one): the model "
-            "lacks something that the vehicle does, so intervals may be too narrow"
+            "lacks something that the vehicle does"
         )
+    said += _about_widths(solution)
     said += about_narrow(parameters, solution.covariance)
     said += _about_validation(fitted, held_out)
     return said
+
+
+def _about_widths(solution: Solution) -> list[str]:
+    """What stretches of the tests say of the widths, see `agreement`."""
+    if solution.stretches == 0:
+        return [
+            "the tests are too short to be divided into stretches, so that widths take the model for exact: test for "
+            "longer, or repeat the test"
+        ]
+    wider = solution.widening[solution.widening > 1.0]
+    if not len(wider):
+        return []
+    return [
+        f"stretches of the tests disagree by more than noise: {len(wider)} of {len(solution.widening)} intervals are "
+        f"{np.median(wider):.1f} times (median, at most {wider.max():.1f}) as wide as an exact model's would be"
+    ]
 
 
 def about_narrow(parameters: Parameters, covariance: np.ndarray) -> list[str]:
