@@ -489,6 +489,17 @@ def test_uncontrollable_directions_that_are_no_axis():
         ),
         ({"volume": 4.19}, "its volume is 4.19: is the volume in litres?"),
         ({"mass": 4190.0}, "its mass is 4.19e+03: is the mass in grams?"),
+        ({"thrusters": [thruster(position=[240, -170, 20])]}, "thruster 't' is 295 m from CG"),
+        ({"center_of_buoyancy": [0, -20, -40]}, "CB is 44.7 m from CG"),
+        ({"inertia": [330, 600, 750]}, "radius of gyration about x is 8.12 m: are inertia and places in kg m2 and m?"),
+        ({"thrusters": [thruster(time_constant=120)]}, "takes 120 s to follow its command: is its time_constant in"),
+        (
+            {
+                "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
+                "thrusters": [thruster(direction=[0, 0, 1], position=[-0.05, 0, 0])],
+            },
+            "full thrust in heave pitches it by 27 deg: it acts 50 mm beside CG, and no other thrusters balance it",
+        ),
         ({}, "their interaction is not in it"),
         ({"hydrodynamics": {"linear_damping": [0] * 6, "quadratic_damping": [0] * 6}}, "sway has no damping at all"),
     ],

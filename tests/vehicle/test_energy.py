@@ -30,11 +30,14 @@ def test_thrusters_hang_on_the_nearest_battery_around_them():
     assert [(s.capacity_wh, s.hotel_load) for s in found.power_sources] == [(100, 5), (30, 0)]
 
 
-def test_a_thruster_without_a_battery_hangs_on_none():
-    data = vehicle()
-    data["parts"][1]["battery"] = {"capacity_wh": 30}
-    (source,) = vehicle_from_dict(data).power_sources
-    assert source.name == "portside" and len(source.feeds) == 1
+def test_a_thruster_without_a_battery_around_it_hangs_on_the_largest():
+    data = vehicle(thrusters=[thruster("main")])
+    data["parts"] += [
+        {"name": n, "mass": 1.0, "battery": {"capacity_wh": wh}} for n, wh in (("tube", 300), ("spare", 20))
+    ]
+    found = vehicle_from_dict(data)
+    fed = {s.name: len(s.feeds) for s in found.power_sources}
+    assert fed == {"tube": len(found.thruster_names), "spare": 0}, "no thruster runs for free"
 
 
 def test_a_device_draws_from_the_battery_around_it_or_the_largest():

@@ -23,6 +23,8 @@ FIGURES = (
     ("station rms", "station_rms_m", "m"),
     ("depth rms", "depth_rms_m", "m"),
     ("altitude rms", "altitude_rms_m", "m"),
+    ("largest roll", "roll_max_deg", "deg"),
+    ("largest pitch", "pitch_max_deg", "deg"),
     ("position error rms, north / east", "position_error_rms_m", "m"),
     ("bound (best filter), surge / sway", "bound_position_m", "m"),
     ("NEES of position, mean (consistent: 2)", "nees_position_mean", ""),

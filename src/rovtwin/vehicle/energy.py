@@ -38,8 +38,8 @@ def power_sources(body: Body, thrusters: Sequence[Mounted]) -> list[PowerSource]
     """The batteries of a vehicle, and what each of them feeds.
 
     A thruster hangs on the battery of the nearest part around it. So do the `power` of a part and a battery that is
-    wired in parallel; with no battery around them, such as a device bolted onto two ROVs, they hang on the largest one
-    (the first of equals).
+    wired in parallel. With no battery around them, such as thrusters of a frame whose battery is a tube bolted to it,
+    or a device on two ROVs, they hang on the largest one (the first of equals).
 
     Args:
         body: The vehicle, all parts in place.
@@ -62,7 +62,7 @@ def power_sources(body: Body, thrusters: Sequence[Mounted]) -> list[PowerSource]
     for path, part in tree:
         if part.power and main:
             hotel[owner(path)] += part.power
-    owners = [_around("".join(f".{part}" for part in mounted.path), main) for mounted in thrusters]
+    owners = [owner("".join(f".{part}" for part in mounted.path)) for mounted in thrusters] if main else []
     names = _names(body, list(main))
     return [
         PowerSource(

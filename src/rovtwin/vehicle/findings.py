@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.vehicle.assembly import bodies
-from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.constants import AXES, FRESH_WATER, GRAVITY
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import (
@@ -31,6 +31,7 @@ _SLIP = 100.0
 # Of a mesh without `scale`: what its solid displaces over the mass, and its length over that of any other part, beyond
 # which its file is taken to be in millimetres (lengths 1000 times, volumes 1e9).
 _HEAVY, _LONG, _LONG_M = 50.0, 20.0, 5.0  # the last [m]: 5 mm, the least of a part, read as metres
+_FAR, _SLOW = 10.0, 5.0  # sizes of the vehicle from CG, and [s] that a thruster takes, beyond which units are doubted
 _DOWNWARD = 0.5  # cosine of the angle to the vertical, below which an echo of the floor is no altitude
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
 
@@ -90,7 +91,7 @@ def reservations(model: Model) -> list[str]:
 def findings(vehicle: Vehicle, model: Model) -> list[str]:
     """The same for a vehicle already loaded."""
     doubts = [f"what was identified is not to be relied on: {doubt}" for doubt in vehicle.doubts]
-    parts = [*doubts, *_about_parts(vehicle), *_about_sensors(vehicle)]
+    parts = [*doubts, *_about_parts(vehicle), *_about_places(vehicle, model), *_about_sensors(vehicle)]
     water = [*_about_floating(model), *_about_tilting(model), *_about_speed(model)]
     return [*parts, *_about_thrusters(vehicle, model), *water]
 
@@ -190,6 +191,28 @@ def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
             yield f"thruster '{mounted.name}': direction {item.direction} is not a unit vector and was normalised"
 
 
+def _about_places(vehicle: Vehicle, model: Model) -> Iterator[str]:
+    """Places, inertias and times that nobody builds: most are millimetres and milliseconds."""
+    length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
+    center = np.asarray(model.center_of_gravity)
+    placed = [("CB", np.asarray(model.center_of_buoyancy))]
+    placed += [(f"sensor '{one.name}'", one.position) for one in vehicle.assembly.sensors]
+    for one in vehicle.assembly.thrusters:
+        assert isinstance(one.item, Thruster)
+        placed.append((f"thruster '{one.name}'", one.placement.point(np.array(one.item.position))))
+    for what, position in placed:
+        away = float(np.linalg.norm(position - center))
+        if away > _FAR * length:
+            yield f"{what} is {away:.3g} m from CG, {away / length:.0f} times the size of the vehicle: is it in metres?"
+    radii = np.sqrt(np.diagonal(np.asarray(model.rigid_body_mass))[3:] / float(model.weight / GRAVITY))
+    for radius, axis in zip(radii, "xyz", strict=True):
+        if radius > 0.5 * _FAR * length:
+            yield f"radius of gyration about {axis} is {radius:.3g} m: are inertia and places in kg m2 and m?"
+    for name, constant in zip(vehicle.thruster_names, np.asarray(model.thrusters.time_constant), strict=True):
+        if constant > _SLOW:
+            yield f"thruster '{name}' takes {constant:.3g} s to follow its command: is its time_constant in seconds?"
+
+
 def _about_floating(model: Model) -> Iterator[str]:
     floating = hang(model)
     limits = reach(model)[2]
@@ -211,10 +234,10 @@ def _about_floating(model: Model) -> Iterator[str]:
 
 
 def _about_tilting(model: Model) -> Iterator[str]:
-    """Roll or pitch that full thrust ahead or aside makes, where no other thrusters balance it."""
+    """Roll or pitch that full thrust ahead, aside, or up and down makes, where no other thrusters balance it."""
     T, pushed, stiffness = configuration_about_cg(model), pushed_axes(model), hang(model).stiffness
     full = reach(model).max(axis=1)
-    for i in (0, 1):
+    for i, beside in ((0, "above or below"), (1, "above or below"), (2, "beside")):
         wrench = T @ np.linalg.pinv(T, rcond=RANK_TOLERANCE)[:, i] * full[i]
         for j, tilts in ((3, "rolls"), (4, "pitches")):
             if pushed[j] or not pushed[i] or stiffness[j - 3] <= 0:
@@ -222,8 +245,8 @@ def _about_tilting(model: Model) -> Iterator[str]:
             angle, lever = np.degrees(np.arctan2(abs(wrench[j]), stiffness[j - 3])), 1e3 * abs(wrench[j] / full[i])
             if angle > _TILTING:
                 yield (
-                    f"full thrust in {AXES[i]} {tilts} it by {angle:.0f} deg: it acts {lever:.0f} mm above or below "
-                    "CG, and no other thrusters balance it"
+                    f"full thrust in {AXES[i]} {tilts} it by {angle:.0f} deg: it acts {lever:.0f} mm {beside} CG, and "
+                    "no other thrusters balance it"
                 )
 
 
