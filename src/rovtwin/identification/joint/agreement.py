@@ -11,7 +11,7 @@ h_k is the slope that the stretch would have had it not been fitted: for an exac
 A^-1 again. A width grows where its share of the sum is more than noise makes probable: chi squared with as many degrees
 of freedom as stretches tell of the parameter, and then by Student's quantile over the normal one too, since the sum has
 no more terms than that. What one stretch alone tells has one, and nothing to disagree with. No width grows beyond the
-prior's.
+prior's, and how far the estimate has left it.
 Stretches of several lengths are tried, and whole logs: nobody knows beforehand how long an error of the model lasts.
 
 Reference: Huber (1967), White (1982), the sandwich; Liang and Zeger (1986), for clusters; Bell and McCaffrey (2002),
@@ -33,13 +33,14 @@ CERTAIN = 0.975  # probability that white noise spreads less than what widens an
 
 
 def widening(
-    problem: Problem, blocks: Blocks, noise: Noise, arrow: Arrow, divisions: Sequence[np.ndarray]
+    problem: Problem, theta: np.ndarray, blocks: Blocks, noise: Noise, arrow: Arrow, divisions: Sequence[np.ndarray]
 ) -> np.ndarray:
     """By how much each width is too small, f, shape (n,); 1 where stretches agree as well as white noise lets them.
 
     Args:
         problem: The readings, by segments of records.
-        blocks: Their normal equations at the maximum.
+        theta: At the maximum, shape (n,).
+        blocks: The readings' normal equations there.
         noise: As estimated.
         arrow: The normal equations of everything there.
         divisions: See `stretches`.
@@ -50,7 +51,8 @@ def widening(
     C = np.linalg.inv(A)
     known = np.einsum("ia,ab,bi->i", C, A - told.sum(axis=0), C)
     most = np.ones(n)
-    widest = np.maximum(np.diag(problem.prior.covariance) / np.diag(C)[:n], 1.0)
+    bound = np.diag(problem.prior.covariance) + (theta - problem.prior.mean) ** 2
+    widest = np.maximum(bound / np.diag(C)[:n], 1.0)
     for stretch in divisions:
         seen, expected = _wanted(slopes, told, A, C, stretch)
         total = expected.sum(axis=0)

@@ -213,7 +213,7 @@ def _solution(
     static = problem.static_information(here.theta) - problem.information
     theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
     divisions = stretches(problem)
-    wider = widening(problem, blocks, noise, arrow, divisions)
+    wider = widening(problem, here.theta, blocks, noise, arrow, divisions)
     covariance = covariance * np.outer(wider, wider)
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
