@@ -108,6 +108,7 @@ GROWS = {
     "monitor.memory": TIME,
     "monitor.patience": TIME,
     "monitor.weight": WRENCH**-2.0,
+    "monitor.force_std": FORCE,
     "monitor.signed": np.repeat([1.0, LENGTH], 3)[:, None],
     "navigation.acceleration_memory": TIME,
     "sustained.linear": FORCE / SPEED,

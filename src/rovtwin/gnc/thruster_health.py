@@ -223,8 +223,9 @@ class ThrusterHealth(Block):
         def flow(force: Array) -> Array:
             return self._flow(dataclasses.replace(estimate, bias=estimate.bias.at[:2].add(force)))
 
-        # By differences, not slopes: where hardly any water flows past, a small force is a large change of speed.
-        U = 0.5 * (jax.vmap(flow)(to_n.T) - jax.vmap(flow)(-to_n.T))  # rows, shape (2, 6)
+        # By differences, not slopes: where hardly any water flows past, a small force is a large change of speed. And
+        # one by one: XLA puts no product of two matrices into one piece with the rest of a tick (`in_one_piece`).
+        U = jnp.stack([0.5 * (flow(to_n[:, i]) - flow(-to_n[:, i])) for i in (0, 1)])  # shape (2, 6)
         weighed_U = U * self.weight[:, None, :]  # shape (h, 2, 6)
         a, b, c = (jnp.sum(weighed_U[:, i] * U[j], axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
         determinant = (1.0 + a) * (1.0 + c) - b**2
