@@ -260,14 +260,16 @@ def at_the_maximum(found):
 
 def test_stretches_add_up_to_what_the_readings_tell(at_the_maximum):
     problem, noise, blocks, arrow = at_the_maximum
-    slopes, told = _parts(blocks, noise, arrow)
+    _, information = _parts(blocks, noise, arrow)
     n, factored = len(problem.prior.mean), arrow.factor()
     own = np.zeros_like(factored.corner)  # of prior and offsets, and of starts, which belong to no stretch
     own[:n, :n] = problem.information
     own[n:, n:] = np.diag(problem.offset_information)
     follow = factored.follow()
     own += np.einsum("sdm,d,sdk->mk", follow[:1], problem.start_information[0], follow[:1])
-    np.testing.assert_allclose(told.sum(axis=0) + own, factored.corner, atol=1e-7 * np.abs(factored.corner).max())
+    np.testing.assert_allclose(
+        information.sum(axis=0) + own, factored.corner, atol=1e-7 * np.abs(factored.corner).max()
+    )
 
 
 def test_stretches_that_agree_widen_next_to_nothing(found):

@@ -491,6 +491,7 @@ def test_uncontrollable_directions_that_are_no_axis():
         ({"mass": 4190.0}, "its mass is 4.19e+03: is the mass in grams?"),
         ({"thrusters": [thruster(position=[240, -170, 20])]}, "thruster 't' is 295 m from CG"),
         ({"center_of_buoyancy": [0, -20, -40]}, "CB is 44.7 m from CG"),
+        ({"shape": None, "inertia": [0.1] * 3, "thrusters": [thruster(position=[90, 0, 0])]}, "is 90 m from CG"),
         ({"inertia": [330, 600, 750]}, "radius of gyration about x is 8.12 m: are inertia and places in kg m2 and m?"),
         ({"thrusters": [thruster(time_constant=120)]}, "takes 120 s to follow its command: is its time_constant in"),
         (

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
+from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import axis_limits, wrench_limits
+from rovtwin.vehicle.reach import axis_limits, size, wrench_limits
 from rovtwin.vehicle.trim import steady_speed
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
@@ -61,7 +61,7 @@ class VehicleScales:
     @classmethod
     def of(cls, model: Model) -> "VehicleScales":
         """Of the vehicle as built: thrusters that are lost on the way change no scale."""
-        length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
+        length = size(model)
         lower, upper = axis_limits(model)
         net = np.zeros(6)
         net[HEAVE] = float(model.weight - model.buoyancy)

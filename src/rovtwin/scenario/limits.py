@@ -8,8 +8,7 @@ import numpy as np
 from rovtwin.gnc.level_speed import SPARE
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle import Model
-from rovtwin.vehicle.constants import FRESH_WATER
-from rovtwin.vehicle.reach import axis_limits
+from rovtwin.vehicle.reach import axis_limits, size
 from rovtwin.vehicle.trim import steady_speed
 
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
@@ -50,7 +49,7 @@ class Limits:
         top = [[steady_speed(model, i, -float(a)), steady_speed(model, i, float(b))] for i, (a, b) in enumerate(force)]
         scales, added = VehicleScales.of(model), np.diagonal(np.asarray(model.added_mass))
         return cls(
-            length=float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0),
+            length=size(model),
             force=force,
             top=np.array(top),
             mass=np.diagonal(np.asarray(model.mass)),

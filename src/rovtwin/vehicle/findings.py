@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.vehicle.assembly import bodies
-from rovtwin.vehicle.constants import AXES, FRESH_WATER, GRAVITY
+from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import (
@@ -16,6 +16,7 @@ from rovtwin.vehicle.reach import (
     configuration_about_cg,
     pushed_axes,
     rank,
+    size,
     uncontrollable_directions,
 )
 from rovtwin.vehicle.schema import Body, Thruster
@@ -193,7 +194,7 @@ def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
 
 def _about_places(vehicle: Vehicle, model: Model) -> Iterator[str]:
     """Places, inertias and times that nobody builds: most are millimetres and milliseconds."""
-    length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
+    length = size(model)
     center = np.asarray(model.center_of_gravity)
     placed = [("CB", np.asarray(model.center_of_buoyancy))]
     placed += [(f"sensor '{one.name}'", one.position) for one in vehicle.assembly.sensors]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.vehicle.constants import FRESH_WATER
+from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import Thrusters, force_limits
 
@@ -69,6 +69,12 @@ def reachable_share(T: Any, length: float = 1.0) -> np.ndarray:
     return np.diagonal(scaled @ np.linalg.pinv(scaled, rcond=RANK_TOLERANCE)).copy()
 
 
+def size(model: Model) -> float:
+    """Edge of a cube of the displaced water [m]; of a vehicle without a volume, of as much water as it weighs."""
+    mass = float(model.displaced_mass) or float(model.weight) / GRAVITY
+    return (mass / FRESH_WATER) ** (1.0 / 3.0)
+
+
 def pushed_axes(model: Model) -> np.ndarray:
     """Axes, surge to yaw, along which thrusters can be asked for a force or moment, shape (6,), bool.
 
@@ -77,8 +83,7 @@ def pushed_axes(model: Model) -> np.ndarray:
     where sound thrusters can make more than half of a pure force or moment along it. Moments are about CG, for the
     origin may lie anywhere, and are compared with forces at the vehicle's own length.
     """
-    length = float(model.displaced_mass / FRESH_WATER) ** (1.0 / 3.0)
-    return reachable_share(configuration_about_cg(model), length) > BY_PRODUCT
+    return reachable_share(configuration_about_cg(model), size(model)) > BY_PRODUCT
 
 
 def configuration_about_cg(model: Model) -> np.ndarray:

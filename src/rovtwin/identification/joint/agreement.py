@@ -47,19 +47,19 @@ def widening(
     """
     n = len(problem.prior.mean)
     A = arrow.factor().corner
-    slopes, told = _parts(blocks, noise, arrow)
+    slopes, information = _parts(blocks, noise, arrow)
     C = np.linalg.inv(A)
-    known = np.einsum("ia,ab,bi->i", C, A - told.sum(axis=0), C)
+    known = np.einsum("ia,ab,bi->i", C, A - information.sum(axis=0), C)
     most = np.ones(n)
     bound = np.diag(problem.prior.covariance) + (theta - problem.prior.mean) ** 2
     widest = np.maximum(bound / np.diag(C)[:n], 1.0)
     for stretch in divisions:
-        seen, expected = _wanted(slopes, told, A, C, stretch)
+        squares, expected = _wanted(slopes, information, A, C, stretch)
         total = expected.sum(axis=0)
         freedom = total**2 / np.maximum(np.sum(expected**2, axis=0), 1e-300)
-        more = seen.sum(axis=0) > total * chi2.ppf(CERTAIN, freedom) / freedom
+        more = squares.sum(axis=0) > total * chi2.ppf(CERTAIN, freedom) / freedom
         few = (t.ppf(0.975, freedom) / norm.ppf(0.975)) ** 2
-        variance = few * (seen.sum(axis=0) + known) / np.diag(C)
+        variance = few * (squares.sum(axis=0) + known) / np.diag(C)
         most = np.maximum(most, np.where(more, variance, 1.0)[:n])
     return np.sqrt(np.minimum(most, widest))
 
@@ -89,26 +89,26 @@ def _parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.n
     along = np.concatenate([follow, np.broadcast_to(np.eye(m), (S, m, m))], axis=1)
     weight = noise.sigma**-2.0
     slopes = -np.einsum("g,sga,sam->sm", weight, blocks.slopes, along, optimize=True)
-    told = np.swapaxes(along, 1, 2) @ np.einsum("g,sgab->sab", weight, blocks.readings) @ along
+    information = np.swapaxes(along, 1, 2) @ np.einsum("g,sgab->sab", weight, blocks.readings) @ along
     after = np.concatenate([follow[1:], np.zeros((1, NODE, m))])
     J = blocks.defect_jacobian / noise.defect[:, None]
     moved = J[:, :, :NODE] @ follow + J[:, :, NODE + n :] @ after
     moved[:, :, :n] += J[:, :, NODE : NODE + n]
     slopes -= np.einsum("sim,si->sm", moved, blocks.defect / noise.defect)
-    return slopes, told + np.swapaxes(moved, 1, 2) @ moved
+    return slopes, information + np.swapaxes(moved, 1, 2) @ moved
 
 
 def _wanted(
-    slopes: np.ndarray, told: np.ndarray, A: np.ndarray, C: np.ndarray, stretch: np.ndarray
+    slopes: np.ndarray, information: np.ndarray, A: np.ndarray, C: np.ndarray, stretch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Squares of what each stretch wants of [theta, offsets], and what an exact model makes of them, shapes (K, m)."""
     R = np.linalg.cholesky(A)
     back = np.linalg.inv(R)
-    seen, expected = [], []
+    squares, expected = [], []
     for k in range(stretch.max() + 1):
-        own = told[stretch == k].sum(axis=0)
+        own = information[stretch == k].sum(axis=0)
         share, axes = np.linalg.eigh(back @ own @ back.T)
         slope = axes.T @ (back @ slopes[stretch == k].sum(axis=0)) / np.sqrt(np.maximum(1.0 - share, 1e-9))
-        seen.append((C @ (R @ (axes @ slope))) ** 2)
+        squares.append((C @ (R @ (axes @ slope))) ** 2)
         expected.append(np.einsum("ia,ab,bi->i", C, own, C))
-    return np.array(seen), np.maximum(expected, 0.0)
+    return np.array(squares), np.maximum(expected, 0.0)
