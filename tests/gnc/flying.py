@@ -52,6 +52,13 @@ def thirty_kg(lag: float = 0.2, T: np.ndarray | None = None, **changes) -> Model
     return Model(**(given | changes))
 
 
+def aft(lever: float = 0.15) -> Model:
+    """The same with its vertical thrusters a lever [m] behind CG, so that heave pitches it."""
+    T = two_bodies()
+    T[4] += lever * T[2]
+    return thirty_kg(T=T)
+
+
 def estimate_of(eta, nu=np.zeros(6), std=0.01) -> Estimate:
     eta, nu = jnp.asarray(eta, dtype=float), jnp.asarray(nu, dtype=float)
     return Estimate(eta, nu, jnp.zeros(6), std**2 * jnp.eye(12), jnp.zeros(1), jnp.zeros(1))

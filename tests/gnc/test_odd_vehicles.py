@@ -69,7 +69,7 @@ def test_turning_does_not_drive_a_vehicle_ahead():
     model = thirty_kg(thrusters=thrusters_from(jnp.asarray(T), jnp.full(3, 25.0), force_astern=astern))
     lower, upper = axis_limits(model)
     np.testing.assert_allclose([lower[5], upper[5]], [-0.24 * 18.0, 0.24 * 18.0])
-    np.testing.assert_allclose(Tracking.of(model).upper[5], upper[5])
+    np.testing.assert_allclose(Tracking.of(model).limits.upper[5], upper[5])
     allocation = PriorityAllocation.of(model, slew=np.inf)
     tau = jnp.array([-36.0, 0, 0, 0, 0, float(upper[5])])
     _, got = allocation.step(allocation.init(None, None), AllocationInput(tau, jnp.ones(3)), 0.02)

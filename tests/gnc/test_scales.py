@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.tree_util as tree
 import numpy as np
 import pytest
-from tests.gnc.flying import thirty_kg
+from tests.gnc.flying import aft, thirty_kg
 
 from rovtwin.core.numerics import as_array, jnp
 from rovtwin.gnc.contingency import Contingency
@@ -95,8 +95,13 @@ GROWS = {
     "control.K_d": RATE,
     "control.K_i": MOMENT / TIME,
     "control.reach": LENGTH,
-    "control.lower": WRENCH,
-    "control.upper": WRENCH,
+    "control.limits.lower": WRENCH,
+    "control.limits.upper": WRENCH,
+    "control.tilting.speeds": SPEED,
+    "control.tilting.gains": FORCE * np.array([1 / LENGTH, 1 / SPEED, TIME, TIME, 1.0, 1.0]),
+    "control.tilting.lever": LENGTH,
+    "control.tilting.stiffness": MOMENT,
+    "control.tilting.munk": MASS,
     "allocation.lowest": FORCE,
     "allocation.highest": FORCE,
     "allocation.least_wrench": WRENCH,
@@ -123,6 +128,7 @@ SAME = {
     "guidance.heading_tolerance": "an angle",
     "contingency.lead": "an angle",
     "reference.model.damping_ratio": "a ratio",
+    "control.limits.shared": "which axes",
     "allocation.start": "a share of the force",
     "allocation.stop": "a share of the force",
     "allocation.preferred": "a share of the force",
@@ -174,10 +180,13 @@ def key_of(name):
     return next((k for k in (name, ".".join(name.split(".")[:2])) if k in GROWS or k in SAME), None)
 
 
-@pytest.fixture(scope="module", params=["sway", "no sway"])
+@pytest.fixture(scope="module", params=["sway", "no sway", "heave aft of CG"])
 def pair(request):
-    T = None if request.param == "sway" else np.delete(np.asarray(thirty_kg().thrusters.configuration), [1, 4], axis=1)
-    small = thirty_kg(T=T)
+    small = thirty_kg()
+    if request.param == "no sway":
+        small = thirty_kg(T=np.delete(np.asarray(small.thrusters.configuration), [1, 4], axis=1))
+    elif request.param == "heave aft of CG":
+        small = aft()
     return leaves(small), leaves(froude(small))
 
 

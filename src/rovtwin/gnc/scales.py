@@ -9,7 +9,8 @@ its own metres and seconds (Froude's law of similitude).
     bandwidth  w_i = min(b sqrt(a_i / length), c_i / lag):  an error of a length asks for no more than the thrust,
                a_i = F_i / M_ii, and the thrusters' lag costs no more than c_i rad of phase
     cruise     speed whose drag takes half of the thrust, which leaves the rest for feedback and disturbances
-    upright    speed along an axis at which Munk's moment takes half of what rights the vehicle
+    upright    speed along an axis at which Munk's moment takes half of what rights the vehicle; up and down also the
+               one whose thrust, beside CG, tilts it by TILT
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ import numpy as np
 from rovtwin.vehicle.constants import GRAVITY
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import axis_limits, size, wrench_limits
-from rovtwin.vehicle.trim import steady_speed
+from rovtwin.vehicle.trim import by_products, steady_speed
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
 LAGS = np.array([0.1, 0.1, 0.16, 0.2, 0.2, 0.2])  # c, largest product of bandwidth and the thrusters' lag [rad]
@@ -29,6 +30,7 @@ LEAST = 0.1  # share of cruise that is flown though nothing rights the vehicle
 MARGIN = 0.85  # flown share of the speed at which Munk's moment tips the vehicle: 0.28 of what rights it is left
 STRAIGHT = 1.5  # stiffness against Munk's moment at top speed, as a share of it
 LAGGED = 0.5  # largest bandwidth times the thrusters' lag for that
+TILT = 0.17  # to which a dive's thrust may tilt the vehicle [rad]
 HEAVE, YAW = 2, 5
 
 
@@ -45,7 +47,8 @@ class VehicleScales:
         bandwidth: Of a controller [rad/s]; surge and sway share the lower one. Along an axis without thrusters the
             lowest of the others, so that a time never gets infinite.
         upright: Speed in surge, sway and heave at which Munk's moment in roll and pitch is half as stiff as what
-            rights the vehicle, control included [m/s], shape (3,); ANY where it turns nothing.
+            rights the vehicle, control included, in heave also that whose thrust tilts it by TILT [m/s], shape (3,);
+            ANY where neither is the case.
         weight: In air [N].
     """
 
@@ -181,8 +184,16 @@ def _upright(model: Model, bandwidth: np.ndarray) -> np.ndarray:
     def level(stiffness: float, turning: float) -> float:
         return np.sqrt(0.5 * stiffness / turning) if turning > 0.0 else ANY
 
-    diving = min(level(pitch, a_x - a_z), level(roll, a_y - a_z))
+    diving = min(level(pitch, a_x - a_z), level(roll, a_y - a_z), _upright_dive(model))
     return np.array([level(pitch, a_z - a_x), level(roll, a_z - a_y), diving])
+
+
+def _upright_dive(model: Model) -> float:
+    """Speed up or down whose thrust tilts the vehicle by TILT, where it sits beside CG [m/s]; ANY where it does not."""
+    lever, stiffness = np.abs(by_products(model))[:, HEAVE], np.maximum(righting(model)[3:5], 0.0)
+    tilts = lever * float(np.abs(axis_limits(model))[:, HEAVE].max()) > np.tan(TILT) * stiffness
+    force = min((np.tan(TILT) * stiffness / np.maximum(lever, 1e-12))[tilts], default=np.inf)
+    return min(steady_speed(model, HEAVE, force), steady_speed(model, HEAVE, -force), ANY)
 
 
 def _bandwidth(acceleration: np.ndarray, length: float, lag: float) -> np.ndarray:

@@ -6,7 +6,8 @@ with drag and Coriolis at the reference's velocity and the estimated disturbance
 slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment. The
 restoring moment is that of a level vehicle: what rights it is not cancelled, and what a flow from the side does to turn
 it further (Munk's moment), which grows with the square of the speed, sets the least stiffness. What is asked for
-through the water is no more than keeps the vehicle level.
+through the water is no more than keeps the vehicle level. Where heave thrust tilts the vehicle, and nothing else rights
+it, depth and tilt share one feedback.
 
 Reference: Fossen (2021), sec. 15.2 and 16.3 (inverse dynamics with acceleration feed-forward).
 """
@@ -21,12 +22,14 @@ from rovtwin.core.flow import Estimate, Reference, Setpoint, Wrench
 from rovtwin.core.frames import cross, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.control import ControlInput, body_rates_from_euler_rates
+from rovtwin.gnc.heave_feedback import HeaveFeedback
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
+from rovtwin.gnc.shared_thrust import SharedThrust
 from rovtwin.gnc.sustained import SustainedSpeed, turned
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import axis_limits, pushed_axes
+from rovtwin.vehicle.reach import pushed_axes
 
 DOWN = jnp.array([0.0, 0.0, 1.0])
 _HORIZONTAL = jnp.arange(6) < 2
@@ -78,7 +81,8 @@ class Tracking(Block):
         K_d: Of the velocity error, b [1/s], shape (6,).
         K_i: Of the attitude error's integral [N m/rad/s], shape (3,).
         reach: Largest position error that counts [m].
-        lower, upper: Limits of tau along each axis [N, N m], shape (6,).
+        limits: Of tau.
+        tilting: Feedback of depth and tilt in place of K_p and K_d in heave; None where heave thrust does not tilt it.
     """
 
     model: Model
@@ -87,8 +91,8 @@ class Tracking(Block):
     K_d: Array = eqx.field(converter=as_array)
     K_i: Array = eqx.field(converter=as_array)
     reach: Array = eqx.field(converter=as_array)
-    lower: Array = eqx.field(converter=as_array)
-    upper: Array = eqx.field(converter=as_array)
+    limits: SharedThrust
+    tilting: HeaveFeedback | None = None
 
     @classmethod
     def of(
@@ -115,17 +119,18 @@ class Tracking(Block):
         w = np.maximum(wanted, straight(model))
         rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = pushed_axes(model)
-        lower, upper = axis_limits(model)
+        tilting = HeaveFeedback.of(model)
+        follows = able & ((np.arange(6) != HEAVE) | (tilting is None))
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
             model=model,
             sustained=SustainedSpeed.of(model),
-            K_p=able * w**2,
-            K_d=able * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + rights),
+            K_p=follows * w**2,
+            K_d=follows * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + rights),
             K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
             reach=1.6 * scales.length if reach is None else reach,
-            lower=lower,
-            upper=upper,
+            limits=SharedThrust.of(model),
+            tilting=tilting,
         )
 
     def init(self, key: Array, start: Start) -> Array:
@@ -147,6 +152,10 @@ class Tracking(Block):
         nu_ref = jnp.concatenate([R_bn @ reference.eta_dot[:3], W @ reference.eta_dot[3:]])
         # Components in b of a velocity that is given in n turn with b.
         ahead = jnp.concatenate([R_bn @ reference.eta_ddot[:3] - cross(nu[3:], nu_ref[:3]), W @ reference.eta_ddot[3:]])
+        if self.tilting is not None:  # as if level: what the tilt makes of the speed is in the feedback's model
+            nu_ref, ahead = (
+                x.at[HEAVE].set(y[HEAVE]) for x, y in ((nu_ref, reference.eta_dot), (ahead, reference.eta_ddot))
+            )
         nu_ref, eased = self._level(estimate, nu, nu_ref, e)
         nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
@@ -157,12 +166,25 @@ class Tracking(Block):
             - disturbance
             + jnp.concatenate([jnp.zeros(3), memory])
         )
-        wanted = jnp.where(self.upper > self.lower, wanted, 0.0)
-        tau = jnp.clip(wanted, self.lower, self.upper)
+        if self.tilting is not None:
+            current = jnp.concatenate([self.sustained.current(estimate), jnp.zeros(1)])
+            nu_r = nu.at[:3].add(-R_bn @ current)
+            deep = reference.eta[HEAVE] - slow[HEAVE]
+            wanted = wanted.at[HEAVE].add(self._depth_and_tilt(self.tilting, deep, nu_ref[HEAVE], nu_r, euler, wanted))
+        wanted = jnp.where(self.limits.upper > self.limits.lower, wanted, 0.0)
+        tau = self.limits.cut(wanted)
         growth = self.K_i * turned * dt
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
         return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
+
+    def _depth_and_tilt(
+        self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array
+    ) -> Array:
+        """Heave force [N] of a depth error and a wanted heave velocity: see HeaveFeedback.force."""
+        down = feedback.slow(self.sustained.level.dive(nu_r[:2]))
+        deep = jnp.clip(deep, -jnp.minimum(self.reach, down), jnp.minimum(self.reach, down))
+        return feedback.force(deep, heave - nu_r[HEAVE], nu_r, euler, wrench)
 
     def _level(self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array) -> tuple[Array, Array]:
         """The reference's velocity, and what comes to the one that the error asks for, so that the vehicle stays level.

@@ -12,15 +12,12 @@ from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import (
     BY_PRODUCT,
-    RANK_TOLERANCE,
-    configuration_about_cg,
-    pushed_axes,
     rank,
     size,
     uncontrollable_directions,
 )
 from rovtwin.vehicle.schema import Body, Thruster
-from rovtwin.vehicle.trim import SPEED_LIMIT, hang, reach, stability, steady_speed
+from rovtwin.vehicle.trim import SPEED_LIMIT, by_products, hang, reach, stability, steady_speed, tilt_of_thrust
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 _UNNOTICED = 1e-6  # net buoyancy as a share of the weight
@@ -236,18 +233,13 @@ def _about_floating(model: Model) -> Iterator[str]:
 
 def _about_tilting(model: Model) -> Iterator[str]:
     """Roll or pitch that full thrust ahead, aside, or up and down makes, where no other thrusters balance it."""
-    T, pushed, stiffness = configuration_about_cg(model), pushed_axes(model), hang(model).stiffness
-    full = reach(model).max(axis=1)
+    angles, levers = np.degrees(tilt_of_thrust(model)), 1e3 * np.abs(by_products(model))
     for i, beside in ((0, "above or below"), (1, "above or below"), (2, "beside")):
-        wrench = T @ np.linalg.pinv(T, rcond=RANK_TOLERANCE)[:, i] * full[i]
-        for j, tilts in ((3, "rolls"), (4, "pitches")):
-            if pushed[j] or not pushed[i] or stiffness[j - 3] <= 0:
-                continue
-            angle, lever = np.degrees(np.arctan2(abs(wrench[j]), stiffness[j - 3])), 1e3 * abs(wrench[j] / full[i])
-            if angle > _TILTING:
+        for j, tilts in ((0, "rolls"), (1, "pitches")):
+            if angles[j, i] > _TILTING:
                 yield (
-                    f"full thrust in {AXES[i]} {tilts} it by {angle:.0f} deg: it acts {lever:.0f} mm {beside} CG, and "
-                    "no other thrusters balance it"
+                    f"full thrust in {AXES[i]} {tilts} it by {angles[j, i]:.0f} deg: it acts {levers[j, i]:.0f} mm "
+                    f"{beside} CG, and no other thrusters balance it"
                 )
 
 

@@ -93,6 +93,19 @@ def configuration_about_cg(model: Model) -> np.ndarray:
     return T
 
 
+def wrench_of_forces(model: Model) -> np.ndarray:
+    """What thrusters make, per newton, of a force along X, Y and Z alone, shape (6, 3) about CO [-, m].
+
+    Along axes that are not pushed it is what comes with that force; a column is zero where the force is none of theirs.
+    """
+    T, pushed = np.asarray(model.thrusters.configuration), pushed_axes(model)
+    forces = np.linalg.pinv(T[pushed], rcond=RANK_TOLERANCE)
+    made = np.zeros((6, 3))
+    for column, axis in enumerate(np.flatnonzero(pushed[:3])):
+        made[:, axis] = T @ forces[:, column]
+    return made
+
+
 def axis_limits(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest wrench that may be asked of each axis [N, N m], shapes (6,): zero where it is not pushed.
 

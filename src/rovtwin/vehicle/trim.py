@@ -22,7 +22,7 @@ from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.floating import floating
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.reach import pushed_axes, wrench_limits, wrench_of_forces
 from rovtwin.vehicle.thrusters import thrusters_from
 
 SPEED_LIMIT = 3.0  # stability is looked for up to here [m/s]
@@ -81,6 +81,26 @@ def afloat(model: Model) -> float:
     return highest
 
 
+def by_products(model: Model) -> np.ndarray:
+    """Moment in roll and pitch about CG that comes with a force along X, Y and Z [m], shape (2, 3).
+
+    Zero for an axis that has thrusters of its own: they balance it.
+    """
+    made = wrench_of_forces(model)
+    about_cg = made[3:] - np.cross(np.asarray(model.center_of_gravity), made[:3], axisb=0, axisc=0)
+    return np.where(pushed_axes(model)[3:5, None], 0.0, about_cg[:2])
+
+
+def tilt_of_thrust(model: Model) -> np.ndarray:
+    """Roll and pitch to which all thrust ahead, aside, and up or down brings it [rad], shape (2, 3).
+
+    Zero where other thrusters balance it, and where nothing rights the vehicle.
+    """
+    moment = np.abs(by_products(model)) * np.abs(reach(model)[:3]).max(axis=1)
+    stiffness = hang(model).stiffness[:, None]
+    return np.where(stiffness > 0.0, np.arctan2(moment, np.maximum(stiffness, 1e-12)), 0.0)
+
+
 def linearised(model: Model, surge_speed: Array) -> Array:
     """A, shape (8, 8), of the small motions x = [nu, phi, theta] about level flight at a steady surge speed.
 
@@ -99,6 +119,13 @@ def linearised(model: Model, surge_speed: Array) -> Array:
 
 
 _linearised_at = jax.jit(jax.vmap(linearised, in_axes=(None, 0)))
+
+
+def linearised_at(model: Model, surge_speeds: np.ndarray) -> np.ndarray:
+    """A of `linearised` at several surge speeds, shape (k, 8, 8)."""
+    # Thrust is held, so thrusters play no part: without them one compiled function serves all vehicles.
+    bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(as_array(np.zeros((6, 0))), as_array(np.zeros(0))))
+    return np.asarray(_linearised_at(bare, as_array(surge_speeds)))
 
 
 def depth_held(model: Model, A: np.ndarray, surge_speed: float) -> np.ndarray:
@@ -138,9 +165,7 @@ def stability(model: Model, astern: bool = False) -> Stability:
     stiffness = float(hang(model).stiffness[1])
     static = float(np.sqrt(max(stiffness, 0.0) / munk[1])) if munk[1] > 0 else np.inf
     speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
-    # Thrust is held, so thrusters play no part: without them one compiled function serves all vehicles.
-    bare = eqx.tree_at(lambda m: m.thrusters, model, thrusters_from(as_array(np.zeros((6, 0))), as_array(np.zeros(0))))
-    slow, fast = np.asarray(_linearised_at(bare, sense * as_array([0.5, 1.5])))
+    slow, fast = linearised_at(model, sense * np.array([0.5, 1.5]))
 
     def free(u: np.ndarray) -> np.ndarray:
         # Coriolis and quadratic damping are quadratic in nu: A is a straight line in the surge speed, each way.
