@@ -76,7 +76,7 @@ def test_without_sway_it_turns_into_the_current():
     words = [STATION, "world.current=[0, 0.07, 0]", "start.position=[0, 0, 3]"]
     scenario = load_scenario("lawnmower_calm", words).model_copy(update={"vehicle": NO_SWAY})
     report = sea_report(compose(scenario))
-    assert report["verdict"] == "turns" and report["places"][0]["heading_into_flow_deg"] == pytest.approx(270)
+    assert report["verdict"] == "turns" and report["places"][0]["other_heading_deg"] == pytest.approx(270)
     assert "in sway, which thrusters cannot give at this heading" in report["line"]
     assert "with the bow into the current, heading 270 deg" in report["line"]
     stems, limits = report["stems_m_s"], Limits.of(compose(scenario).model)
@@ -107,6 +107,18 @@ def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed
     assert heavy["verdict"] == "holds" and "tips" not in heavy["line"]
     level = Limits.of(load_vehicle("bluerov2").model()).level[0]
     assert plain["verdict"] == "holds" and plain["stems_m_s"]["ahead"] == pytest.approx(level, abs=0.02)
+
+
+def test_what_would_tip_over_along_its_nose_turns_its_side_to_the_flow():
+    """As the autopilot does: a mission that completed was foretold to fail."""
+    words = [STATION, "world.current=[-0.5, 0, 0]", "start.position=[0, 0, 3]", "vehicle=lbv300"]
+    composed = compose(load_scenario("lawnmower_calm", words))
+    limits = Limits.of(composed.model)
+    assert limits.level[0] < 0.5 < limits.level[1]
+    report = sea_report(composed)
+    assert report["verdict"] == "turns" and "tips it over" in report["line"]
+    assert "its side to the current" in report["line"]
+    assert report["places"][0]["other_heading_deg"] % 180 == pytest.approx(90)
 
 
 def test_the_line_says_that_tethers_are_not_in_it():

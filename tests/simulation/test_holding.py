@@ -82,7 +82,7 @@ def test_a_flow_that_tips_it_over_is_none_it_can_hold():
     found = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0)
     assert found.verdict == "capsizes" and found.upright < 0.5
     assert found.upright == holding(strong, World(), KEY, PLACE, 0.0, 1.0).upright, "the hull is alike both ways"
-    controlled = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0, controlled=0.6)
+    controlled = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.0, 10.0, controlled=(0.6, 0.6))
     assert controlled.verdict == "holds" and controlled.upright == 0.6, "what control adds counts"
     assert np.all(stemmed(strong, [0.0, np.pi]) <= found.upright + 1e-9), "it stems no flow that tips it over"
     across = holding(strong, World(ConstantCurrent([0.5, 0.0, 0.0])), KEY, PLACE, 0.5 * np.pi, 10.0)
@@ -107,6 +107,17 @@ def test_where_nothing_is_required_the_force_there_is_counts_in_surge():
     strong_ahead = vehicle(thrusters=thrusters_from(jnp.eye(6), jnp.array([20.0, 10, 15, 10, 10, 10])))
     found = holding(strong_ahead, World(), KEY, PLACE, 0.0, 1.0)
     assert (found.available, found.available_heave) == pytest.approx((20.0, 15.0))
+
+
+def test_what_a_current_takes_is_compared_with_thrust_that_way():
+    """30 N ahead and 10 N astern: against a current from ahead there are 30 N, in waves to and fro 10."""
+    ahead = jnp.full(6, 30.0)
+    model = vehicle(thrusters=thrusters_from(jnp.eye(6), ahead, force_astern=ahead / 3.0))
+    for north, available in ((-0.3, 30.0), (0.3, 10.0)):
+        found = holding(model, World(ConstantCurrent([north, 0.0, 0.0])), KEY, PLACE, 0.0, 1.0)
+        assert found.available == pytest.approx(available)
+    to_and_fro = holding(model, World(waves=ThesisWaves(4.1, 8.7)), KEY, PLACE, 0.0, 60.0)
+    assert to_and_fro.available == pytest.approx(10.0)
 
 
 def test_forces_do_not_hide_a_moment_that_is_missing_nor_a_moment_a_force():

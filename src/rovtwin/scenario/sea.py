@@ -66,10 +66,12 @@ def holdings(composed: Composed, world: World | None = None) -> list[Holding]:
     ]
 
 
-def _controlled(composed: Composed) -> float:
-    """Speed through the water along the nose that `model_based` flies, level, at most [m/s]; 0 of another autopilot."""
-    able = isinstance(composed.scenario.autopilot, ModelBasedSection)
-    return float(VehicleScales.of(composed.loop.twin.model).level_speed[0]) if able else 0.0
+def _controlled(composed: Composed) -> tuple[float, float] | None:
+    """Speeds through the water in surge and in sway that `model_based` flies, level, at most [m/s]; None of another."""
+    if not isinstance(composed.scenario.autopilot, ModelBasedSection):
+        return None
+    ahead, aside = VehicleScales.of(composed.loop.twin.model).level_speed
+    return float(ahead), float(aside)
 
 
 def worst(found: list[Holding]) -> Holding:
@@ -84,12 +86,13 @@ def verdict_line(found: list[Holding]) -> str:
     where = f"at {h.place[2]:.3g} m, heading {math.degrees(h.heading) % 360:.0f} deg"
     still = _still(h)
     if h.verdict == "capsizes":
-        said = f"cannot hold: a flow of {flow:.2g} m/s tips it over; it stays level up to {h.upright:.2g} m/s"
+        said = _tips(h)
     elif h.verdict == "turns":
-        into = math.degrees(h.into) % 360
-        said = (
-            f"{_cannot(h)}; holds its place with the bow into the current, heading {into:.0f} deg, "
-            f"with {100 * h.share_into:.0f} % of its thrust"
+        other, turned = math.degrees(h.other) % 360, "its side to" if h.side else "the bow into"
+        said = _tips(h) if h.tips else _cannot(h)
+        said += (
+            f"; holds its place with {turned} the current, heading {other:.0f} deg, with {100 * h.share_other:.0f} % "
+            "of its thrust"
         )
     elif h.verdict == "drifts":
         said = _cannot(h)
@@ -103,6 +106,13 @@ def verdict_line(found: list[Holding]) -> str:
     else:
         said = f"holds: {still}"
     return f"{where}: {said}"
+
+
+def _tips(h: Holding) -> str:
+    flow = float(np.linalg.norm(h.mean_flow))
+    return (
+        f"cannot hold: a flow of {flow:.2g} m/s along its nose tips it over; it stays level up to {h.upright:.2g} m/s"
+    )
 
 
 def _cannot(h: Holding) -> str:
@@ -215,7 +225,7 @@ def as_data(h: Holding) -> dict[str, Any]:
         "mean_flow_m_s": h.mean_flow.tolist(),
         "sweep_rms_m": {"horizontal": float(h.sweep[0]), "vertical": float(h.sweep[1])},
         "drift_m_s": h.drift,
-        "heading_into_flow_deg": math.degrees(h.into) % 360,
-        "share_into_flow": h.share_into if math.isfinite(h.share_into) else None,
+        "other_heading_deg": math.degrees(h.other) % 360,
+        "other_heading_share": h.share_other if math.isfinite(h.share_other) else None,
         "upright_up_to_m_s": h.upright if math.isfinite(h.upright) else None,
     }

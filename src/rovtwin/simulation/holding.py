@@ -10,10 +10,10 @@ Two questions, with two answers:
   round.
 
 A vehicle whose thrusters meet the first holds its place if its autopilot can use them. One that meets only the second
-stays about its place, swept to and fro by the waves as far as the water is. One that meets neither, but would with its
-bow turned into the mean flow, as a vehicle without thrust in sway must, holds its place but not the heading. One that
-does not even then drifts away. And in a flow along its nose that neither righting moment nor control stands up to it
-pitches over, whatever its thrust.
+stays about its place, swept to and fro by the waves as far as the water is. One that meets neither, but would with bow
+or side turned into the mean flow, holds its place but not the heading: so does a vehicle without thrust in sway, and
+one that a flow along its nose would tip over. One that does not even then drifts away, or, where neither righting
+moment nor control stands up to the flow, pitches over, whatever its thrust.
 
 Reference: Fossen (2021), ch. 10; Newman (1977), Marine Hydrodynamics, sec. 6.4 (Stokes drift).
 """
@@ -32,7 +32,7 @@ from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.world import World
 from rovtwin.vehicle.dynamics import State, acceleration
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import RANK_TOLERANCE, wrench_limits
+from rovtwin.vehicle.reach import RANK_TOLERANCE, share_of_limits, wrench_limits
 from rovtwin.vehicle.thrusters import Thrusters, force_limits
 from rovtwin.vehicle.trim import stability, steady_speed
 
@@ -40,6 +40,7 @@ Verdict = Literal["holds", "swept", "turns", "drifts", "capsizes"]
 HELD = np.array([0, 1, 2, 5])  # X, Y, Z, N: roll and pitch are left to the righting moment
 SURGE, HEAVE = np.eye(6)[0], np.eye(6)[2]
 NOTHING = 1e-3  # force or moment that need not be met [N, N m]
+ROUNDING = 1e-9  # what weight and buoyancy leave of nothing [N, N m]
 DRAGLESS = 20.0  # no current is looked for beyond this speed [m/s]
 STILL = 99.0  # share of the time in which the thrusters must meet the waves for the vehicle to hold still [%]
 
@@ -59,10 +60,12 @@ class Holding:
         mean_flow: Current and Stokes drift, n [m/s], shape (3,).
         sweep: Rms of the water's way to and fro, horizontal and vertical [m], shape (2,).
         drift: Speed at which the vehicle is carried off in spite of full thrust [m/s]; 0 where it is not.
-        available: Largest force along the horizontal force required, both ways [N]; in surge where none is.
+        available: Largest force along the horizontal force required, the way it is required or the lesser of both [N];
+            in surge where none is.
         available_heave: Largest force in heave, both ways [N].
-        into: Heading with the bow into the mean flow [rad].
-        share_into: The share for the mean with that heading; inf where the flow from ahead tips the vehicle over.
+        other: Heading with the bow, or the side, into the mean flow, whichever is the easier to hold [rad].
+        share_other: The share for the mean with that heading; inf where the flow tips the vehicle over.
+        side: Whether it is the side.
         upright: Flow along the nose up to which righting moment and control keep it level, from the side from which the
             mean flow comes, ahead or astern [m/s].
     """
@@ -80,18 +83,21 @@ class Holding:
     available: float
     available_heave: float
     upright: float
-    into: float
-    share_into: float
+    other: float
+    share_other: float
+    side: bool
+
+    @property
+    def tips(self) -> bool:
+        """Whether the flow along its nose, as far as it does not carry it off, tips it over."""
+        stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
+        return abs(_along(self.mean_flow, self.heading)) * stood_up_to > self.upright
 
     @property
     def verdict(self) -> Verdict:
         """`holds`, `swept` (holds on average), `turns` (holds with another heading), `drifts` or `capsizes`."""
-        along = _along(self.mean_flow, self.heading)
-        stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
-        if abs(along) * stood_up_to > self.upright:  # what carries it off it does not feel
-            return "capsizes"
-        if self.mean_share > 1.0:
-            return "turns" if self.share_into <= 1.0 else "drifts"
+        if self.tips or self.mean_share > 1.0:
+            return "turns" if self.share_other <= 1.0 else "capsizes" if self.tips else "drifts"
         return "holds" if at_most(self.share, STILL) <= 1.0 else "swept"
 
     @property
@@ -108,7 +114,7 @@ def holding(
     heading: float,
     duration: float = 600.0,
     dt: float = 0.1,
-    controlled: float = 0.0,
+    controlled: tuple[float, float] | None = None,
 ) -> Holding:
     """What it takes to hold a place and heading, level.
 
@@ -120,17 +126,24 @@ def holding(
         heading: [rad].
         duration: Of the record [s].
         dt: Between its samples [s].
-        controlled: Largest flow along the nose that the autopilot goes against [m/s]; 0: what rights it limits.
+        controlled: Largest flows along the nose and from the side that the autopilot goes against [m/s], and it turns
+            to whichever it stands up to; None: what rights it limits, and nothing turns it but its bow into the flow.
     """
     start = Start.at(place, heading)
     steps = max(2, round(duration / dt))
     state = State.at(model, start)
     required, current, wrench = (np.asarray(x) for x in _held(model, replace(world, walls=None), key, state, steps, dt))
+    required = np.where(np.abs(required) < ROUNDING, 0.0, required)
     flow = current + _stokes_drift(world, float(start.position[2]))
     mean = flow.mean(axis=0)
     means = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.asarray(wrench.mean(axis=0))))
     most = at_most(thrust_share(model.thrusters, means), 95.0)
-    into = float(np.arctan2(-mean[1], -mean[0])) if np.hypot(*mean[:2]) > 0.0 else heading
+    # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
+    along = _along(mean, heading)
+    upright = controlled[0] if controlled else stability(model, astern=along > 0).pitch_depth_held
+    share, other, side = most, heading, False
+    if most > 1.0 or abs(along) > upright:
+        share, other, side = _elsewhere(model, place, flow, heading, controlled)
     return Holding(
         place=np.asarray(start.position),
         heading=heading,
@@ -143,11 +156,11 @@ def holding(
         sweep=_sweep(world, float(start.position[2])),
         drift=_drift(model, state, mean, wrench.mean(axis=0)),
         available=_force_along(model.thrusters, _mostly(required)),
-        available_heave=_force_along(model.thrusters, HEAVE),
-        # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
-        upright=controlled or stability(model, astern=_along(mean, heading) > 0).pitch_depth_held,
-        into=into,
-        share_into=_share_into(model, place, flow, into, controlled) if most > 1.0 else most,
+        available_heave=_force_along(model.thrusters, np.stack([HEAVE, -HEAVE])),
+        upright=upright,
+        other=other,
+        share_other=share,
+        side=side,
     )
 
 
@@ -156,17 +169,26 @@ def at_most(values: np.ndarray, percent: float) -> float:
     return float(np.sort(values)[max(math.ceil(0.01 * percent * len(values)) - 1, 0)])
 
 
-def _share_into(model: Model, place: Any, flow: np.ndarray, into: float, controlled: float) -> float:
-    """Share of the thrust that flows (n, 3), as large as they come, take with the bow at a heading [rad]."""
-    speed = at_most(np.hypot(flow[:, 0], flow[:, 1]), 95.0)
-    if speed > (controlled or stability(model).pitch_depth_held):
-        return math.inf
-    ahead = jnp.asarray([[-speed * math.cos(into), -speed * math.sin(into), float(flow[:, 2].mean())]])
-    means = np.asarray(_in_mean_flow(model, State.at(model, Start.at(place, into)), ahead, jnp.zeros(6)))
-    return float(thrust_share(model.thrusters, means)[0])
+def _elsewhere(
+    model: Model, place: Any, flow: np.ndarray, heading: float, controlled: tuple[float, float] | None
+) -> tuple[float, float, bool]:
+    """The share that flows (n, 3), as large as they come, take with bow or side into them, that heading, and which."""
+    mean, speed = flow.mean(axis=0), at_most(np.hypot(flow[:, 0], flow[:, 1]), 95.0)
+    into = float(np.arctan2(-mean[1], -mean[0]))
+    level = controlled or (stability(model).pitch_depth_held, 0.0)
+    found = [(math.inf, into, False)]
+    for side, turned in ((False, 0.0), (True, 0.5 * math.pi), (True, -0.5 * math.pi)):
+        if speed > level[side]:
+            continue
+        ahead = jnp.asarray([[-speed * math.cos(into), -speed * math.sin(into), float(mean[2])]])
+        state = State.at(model, Start.at(place, into + turned))
+        means = np.asarray(_in_mean_flow(model, state, ahead, jnp.zeros(6)))
+        found.append((float(thrust_share(model.thrusters, means)[0]), into + turned, side))
+    # With equal ease it turns to the nearer one.
+    return min(found, key=lambda f: (round(f[0], 6), -math.cos(f[1] - heading)))
 
 
-def stemmed(model: Model, directions: Any, controlled: float = 0.0) -> np.ndarray:
+def stemmed(model: Model, directions: Any, controlled: tuple[float, float] | None = None) -> np.ndarray:
     """Largest steady currents that thrusters stem, level, other axes and the heading held too [m/s], shape (n,).
 
     Args:
@@ -182,8 +204,11 @@ def stemmed(model: Model, directions: Any, controlled: float = 0.0) -> np.ndarra
     within = thrust_share(model.thrusters, tau).reshape(len(directions), -1) <= 1.0
     first_beyond = np.where(within.all(axis=1), len(speeds), np.argmin(within, axis=1))
     stems = np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
-    upright = [controlled or stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
-    return np.minimum(stems, np.asarray(upright) / np.maximum(np.abs(np.cos(directions)), 1e-6))
+    ahead, aside = np.abs(np.cos(directions)), np.abs(np.sin(directions))
+    if controlled is not None:  # an ellipse, as the autopilot's level speeds
+        return np.minimum(stems, 1.0 / np.maximum(np.hypot(ahead / controlled[0], aside / controlled[1]), 1e-6))
+    upright = [stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
+    return np.minimum(stems, np.asarray(upright) / np.maximum(ahead, 1e-6))
 
 
 def _fastest(model: Model) -> float:
@@ -227,18 +252,14 @@ def _in_mean_flow(model: Model, state: State, flow: Array, wrench: Array) -> Arr
 def thrust_share(thrusters: Thrusters, tau: np.ndarray) -> np.ndarray:
     """Largest share of its limit that any thruster needs for each wrench (n, 6), shape (n,).
 
-    Forces and yaw moment only, shared out by least squares as autopilots do; inf where thrusters cannot push that way
-    at all.
+    Forces and yaw moment only, shared out as well as can be; inf where thrusters cannot push that way at all.
     """
     T = (np.asarray(thrusters.configuration) * np.asarray(thrusters.health))[HELD]
     wanted = np.asarray(tau)[:, HELD]
-    force = wanted @ np.linalg.pinv(T, rcond=RANK_TOLERANCE).T
+    met = wanted @ (T @ np.linalg.pinv(T, rcond=RANK_TOLERANCE)).T
     low, high = (np.asarray(limit) for limit in force_limits(_sound(thrusters)))
-    limit = np.where(force >= 0, high, -low)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(np.abs(force) > 1e-9, np.abs(force) / limit, 0.0).max(axis=1, initial=0.0)
-    unmet = _beyond(wanted, force @ T.T, slice(0, 3)) | _beyond(wanted, force @ T.T, slice(3, 4))
-    return np.where(unmet, np.inf, share)
+    unmet = _beyond(wanted, met, slice(0, 3)) | _beyond(wanted, met, slice(3, 4))
+    return np.where(unmet, np.inf, share_of_limits(T, low, high, met))
 
 
 def _beyond(wanted: np.ndarray, met: np.ndarray, part: slice) -> np.ndarray:
@@ -257,16 +278,21 @@ def _along(flow: np.ndarray, heading: float) -> float:
 
 
 def _mostly(required: np.ndarray) -> np.ndarray:
-    """Unit wrench in which the horizontal force mostly points, shape (6,); surge where there is none."""
+    """Unit wrenches in which the horizontal force mostly points, to and fro if it does, shape (1 or 2, 6).
+
+    Surge, both ways, where there is none.
+    """
     push = required[:, :2]
     if np.abs(push).max() < NOTHING:
-        return SURGE
-    return np.concatenate([np.linalg.eigh(push.T @ push)[1][:, -1], np.zeros(4)])
+        return np.stack([SURGE, -SURGE])
+    axis = np.concatenate([np.linalg.eigh(push.T @ push)[1][:, -1], np.zeros(4)])
+    along = push @ axis[:2]
+    return np.stack([way * axis for way in (1.0, -1.0) if (way * along).max() > NOTHING])
 
 
-def _force_along(thrusters: Thrusters, unit: np.ndarray) -> float:
-    """Largest force along a unit wrench, the lesser of both ways [N]."""
-    return float((1.0 / thrust_share(thrusters, np.stack([unit, -unit]))).min())
+def _force_along(thrusters: Thrusters, units: np.ndarray) -> float:
+    """Largest force along unit wrenches (n, 6), the least of them [N]."""
+    return float((1.0 / thrust_share(thrusters, units)).min())
 
 
 def _drift(model: Model, state: State, flow: np.ndarray, wrench: np.ndarray) -> float:

@@ -4,6 +4,8 @@ Configuration matrices T, shape (6, n), are NumPy here: this is done once, outsi
 answer like any other: rank 0 and nothing in reach.
 """
 
+from itertools import combinations
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -139,3 +141,45 @@ def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
     low, high = force_limits(thrusters)
     one_end, other_end = thrusters.configuration * low, thrusters.configuration * high
     return jnp.sum(jnp.minimum(one_end, other_end), axis=1), jnp.sum(jnp.maximum(one_end, other_end), axis=1)
+
+
+def share_of_limits(T: Any, lowest: Any, highest: Any, tau: Any) -> np.ndarray:
+    """Least share of their limits within which thrusters make each wrench, shape (k,); inf where they cannot at all.
+
+    Forces within those limits make a polytope of wrenches, a zonotope, each face of which is parallel to r - 1 columns
+    of T, r its rank. The share is the largest, over the normals h of all faces, of h . tau over the largest h . T f.
+
+    Args:
+        T: Wrench per force, shape (m, n).
+        lowest: Of the forces, at most zero [N], shape (n,).
+        highest: At least zero, shape (n,).
+        tau: Wrenches, shape (k, m).
+
+    Reference: Ziegler (1995), Lectures on Polytopes, ch. 7 (zonotopes).
+    """
+    T, tau = np.asarray(T, dtype=float), np.asarray(tau, dtype=float)
+    scale = np.abs(T).max(axis=1, initial=0.0)
+    scale = np.where(scale > 0.0, scale, 1.0)[:, None]
+    U, s, _ = np.linalg.svd(T / scale, full_matrices=False)
+    basis = U[:, : _rank_of(s)]
+    columns, wrenches = basis.T @ (T / scale), basis.T @ (tau.T / scale)
+    normals = _face_normals(columns)
+    along = normals @ columns
+    support = np.maximum(along * np.asarray(highest), along * np.asarray(lowest)).sum(axis=1)[:, None]
+    asked = normals @ wrenches
+    some = asked > RANK_TOLERANCE * np.abs(wrenches).max(axis=0, initial=0.0)
+    bounded = support > RANK_TOLERANCE * support.max(initial=1e-300)
+    share = np.where(some, np.where(bounded, asked / np.where(bounded, support, 1.0), np.inf), 0.0)
+    return share.max(axis=0, initial=0.0)
+
+
+def _face_normals(columns: np.ndarray) -> np.ndarray:
+    """Both normals of each face of the zonotope of columns (r, n), shape (faces, r), and some that bound it as well."""
+    r, n = columns.shape
+    if r == 0:
+        return np.zeros((0, 0))
+    groups = np.array(list(combinations(range(n), r - 1)), dtype=int).reshape(comb(n, r - 1), r - 1)
+    spans = np.moveaxis(columns[:, groups], 0, 2)  # (faces, r - 1, r)
+    normals = np.linalg.svd(spans, full_matrices=True)[2][:, -1]
+    normals = np.unique(np.round(normals, 9), axis=0)
+    return np.concatenate([normals, -normals])
