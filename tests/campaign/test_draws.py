@@ -142,6 +142,7 @@ BAD = [
     ({"vary": {"world.net_buoyancy.x": UNIFORM}}, "is 0.0, expected a mapping"),
     ({"vary": {"[0]": UNIFORM}}, "is no path"),
     ({"vary": {"vehicle.nothing.x": UNIFORM}}, "vehicle.nothing: no such key"),
+    ({"vary": {"vehicle.mass": UNIFORM}}, "vehicle.mass is what its parts add up to"),
     ({"set": {}}, "the scenario has no world.mismatch; switch it on: set: {world.mismatch: true}"),
     ({"set": {"world.mismach": True}}, "set: world.mismach: no such key"),
     ({"vary": {"seed": {"distribution": "unifrom"}}}, "Did you mean 'uniform'?"),

@@ -230,3 +230,23 @@ def test_processes_of_this_machine(campaign, session, tmp_path):
         assert isinstance(crew, Dask) and crew.cores == 2
     spread = run_campaign(campaign, tmp_path, on_this_machine(2))
     assert spread.table["effort_n2s"].equals(session.table["effort_n2s"])
+
+
+def test_a_campaign_that_is_refused_says_so_and_fails(tmp_path):
+    """It said "missions flown" and ended with 0."""
+    path = tmp_path / "swept.yaml"
+    changes = {"autopilot": "model_based", "world.current.velocity[0]": 5.0}
+    path.write_text(yaml.safe_dump({"scenario": "lawnmower_calm", "samples": 2, "set": changes, "vary": {}}))
+    command = [
+        sys.executable,
+        "-m",
+        "rovtwin.cli",
+        "campaign",
+        str(path),
+        "--out",
+        str(tmp_path / "out"),
+        "--no-report",
+    ]
+    ended = subprocess.run([*command, "--workers", "1"], capture_output=True, text=True, check=False)
+    assert ended.returncode == 1, ended.stderr
+    assert "2 of 2 were refused, none of them was flown" in ended.stdout and "missions flown" not in ended.stdout

@@ -85,6 +85,13 @@ def test_where_heave_does_not_tilt_nothing_is_fed_back():
     assert HeaveFeedback.of(aft(0.15)) is not None
 
 
+def test_a_bandwidth_that_is_given_counts():
+    own, quick = HeaveFeedback.of(aft(0.15)), HeaveFeedback.of(aft(0.15), 1.6, 1.0)
+    slow = float(VehicleScales.of(aft(0.15)).bandwidth[2])
+    np.testing.assert_allclose(quick.gains[:, 0], own.gains[:, 0] * (1.6 / slow) ** 2, rtol=0.05)
+    assert np.all(HeaveFeedback.of(aft(0.15), None, 2.0).gains[:, 1] > 1.1 * own.gains[:, 1])
+
+
 def test_by_products_are_levers_about_cg_of_what_nothing_balances():
     np.testing.assert_allclose(wrench_of_forces(aft(0.15))[4], [0.0, 0.0, 0.15], atol=1e-9)
     lever = by_products(aft(0.15))

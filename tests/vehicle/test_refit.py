@@ -156,6 +156,7 @@ def test_an_identified_vehicle_is_held_as_what_it_was_identified_from(tmp_path):
         (("double_blueye", "dvl_a5", [0, 0, 0]), "Did you mean 'dvl_a50'"),
         (("double_blueye", "dvl_a50", [0, 0, 0], [0, 0, 0], "double_blueye"), "there is a part of that name already"),
         (("double_blueye", "dvl_a50", [0, 0, 0], [0, 0, 0], "2nd"), "parts[1].name"),
+        (("double_blueye", "dvl_a50", [-200, 0, 160]), "expected its place in metres, -0.2,0,0.16"),
     ],
 )
 def test_mistakes_are_said_with_the_fix(asked, said):

@@ -8,6 +8,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.schema import Waypoint
 
 _STEP = re.compile(r"([A-Za-z_][\w-]*)|\[(\d+|\*)\]")
+ADDED_UP = ("mass", "volume", "inertia", "center_of_gravity", "center_of_buoyancy")  # of a vehicle of parts
 SWITCHES = {"world.mismatch": "true", "world.tethers": "true", "battery": "true", "world.waves": "{drift: 0.03}"}
 
 
@@ -48,6 +49,7 @@ def assign(data: dict[str, Any], path: str, value: Any, where: str) -> None:
         places = [(here[k], _said(said, k)) for here, said in places for k in _keys(here, step, said, where)]
     for here, said in places:
         for key in _keys(here, last, said, where, new=_may_be_new(said, last)):
+            _require_no_sum(here, said, key, where)
             found = here.get(key) if isinstance(here, dict) else here[key]
             if isinstance(found, dict | list) and isinstance(value, int | float) and not isinstance(value, bool):
                 within = ", ".join(map(str, found)) if isinstance(found, dict) else f"[0] to [{len(found) - 1}]"
@@ -79,6 +81,22 @@ def _keys(here: Any, step: str | int, said: str, where: str, new: bool = False) 
     wanted = "a list" if not isinstance(step, str) or step == "*" else "a mapping"
     raise ConfigError(
         f"{where}: {said or 'the scenario'} is {said_kind(here)}, expected {wanted} for the path to go on"
+    )
+
+
+def _require_no_sum(here: Any, said: str, key: Any, where: str) -> None:
+    """What parts add up to is not set from above: a mass of the whole would be one more body, at the origin.
+
+    Raises:
+        ConfigError: It is one of those, with the parts that have it.
+    """
+    if said.split(".")[0] != "vehicle" or key not in ADDED_UP or key in here or not here.get("parts"):
+        return
+    found = [f"{said}.parts[{i}].{key} ({part.get('name', 'without a name')})"
+             for i, part in enumerate(here["parts"]) if key in part]  # fmt: skip
+    instead = f"name {' or '.join(found)}" if found else "its parts are files: change them, or choose among vehicles"
+    raise ConfigError(
+        f"{where}: {said}.{key} is what its parts add up to, and another would be added to them; {instead}"
     )
 
 

@@ -29,6 +29,7 @@ def summarise(campaign: Campaign, table: pa.Table) -> dict[str, Any]:
         "name": campaign.name,
         "samples": campaign.samples,
         "flown": flown,
+        "refused": refused(table),
         "completed": completed,
         "completed_share": completed / flown if flown else None,
         "completed_interval": list(share_interval(completed, flown)) if flown else None,
@@ -70,6 +71,12 @@ def quantiles(values: np.ndarray) -> dict[str, float]:
 def failures(table: pa.Table) -> list[dict[str, Any]]:
     """Rows that did not complete, in order of the samples."""
     return [row for row in table.to_pylist() if not row["completed"]]
+
+
+def refused(table: pa.Table) -> int:
+    """How many never left: their scenario cannot be composed or flown, and they have no score."""
+    rows = failures(table)
+    return sum(all(row[name] is None or not np.isfinite(row[name]) for name in SCORES) for row in rows)
 
 
 def numbers_varied(campaign: Campaign) -> list[str]:

@@ -73,7 +73,13 @@ def campaign(
     session = _run(wanted, folder, crew, lanes)
     files = _write(session, csv, report)
     _say(session, files, as_json)
-    raise typer.Exit(DONE if session.whole else FAILED)
+    raise typer.Exit(DONE if session.whole and _some_flew(session) else FAILED)
+
+
+def _some_flew(session: "Session") -> bool:
+    from rovtwin.campaign.summary import refused
+
+    return refused(session.table) < session.table.num_rows
 
 
 def _workers(
@@ -151,7 +157,9 @@ def _say(session: "Session", files: dict[str, str], as_json: bool) -> None:
     screen.print(_score_table(said))
     if session.flown:
         pace = f"{session.wall_s:.0f} s, {session.wall_s / session.flown:.2f} s a mission, by {session.by}"
-        screen.print(f"{session.flown} missions flown in {pace}", markup=False)
+        screen.print(f"{session.flown} samples done in {pace}", markup=False)
+    if said["refused"]:
+        screen.print(f"{said['refused']} of {said['flown']} were refused, none of them was flown", markup=False)
     if not session.whole:
         left = said["samples"] - said["flown"]
         screen.print(f"{left} are left: run the same command again to go on", markup=False)

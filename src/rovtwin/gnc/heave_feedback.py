@@ -7,10 +7,12 @@ comes up asks for a push down, which at the stern lifts the bow further. So the 
 
 with the gains of a linear-quadratic regulator for the motion linearised about steady surge speeds, between which they
 are interpolated. An error in depth of a length of the vehicle, of its speed, or of the tilt of STEEP costs as much as
-all of the heave thrust.
+all of the heave thrust; a bandwidth and a damping ratio other than the vehicle's own weigh thrust and speed instead.
 
 Reference: Anderson and Moore (1990), Optimal Control: Linear Quadratic Methods (the regulator with a steady state).
 """
+
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -48,8 +50,14 @@ class HeaveFeedback(eqx.Module):
     munk: Array = eqx.field(converter=as_array)
 
     @classmethod
-    def of(cls, model: Model) -> "HeaveFeedback | None":
-        """For a model; None where heave tilts it by less than TILTS: depth and tilt are then each for themselves."""
+    def of(cls, model: Model, bandwidth: float | None = None, damping_ratio: float = 1.0) -> "HeaveFeedback | None":
+        """For a model; None where heave tilts it by less than TILTS: depth and tilt are then each for themselves.
+
+        Args:
+            model: The vehicle.
+            bandwidth: Of depth [rad/s]; None: the vehicle's own.
+            damping_ratio: Of depth.
+        """
         tilted = tilt_of_thrust(model)[:, HEAVE] > TILTS
         if not tilted.any():
             return None
@@ -57,7 +65,8 @@ class HeaveFeedback(eqx.Module):
         most = min(float(scales.level_speed[0]), float(scales.top[0]), ANY)
         speeds = np.linspace(-most, most, SPEEDS)
         motions = zip(linearised_at(model, speeds), speeds, strict=True)
-        gains = np.stack([_gains(model, scales, A, speed, tilted) for A, speed in motions])
+        weights = _weights(scales, bandwidth or float(scales.bandwidth[HEAVE]), damping_ratio)
+        gains = np.stack([_gains(model, weights, A, speed, tilted) for A, speed in motions])
         added = np.diagonal(np.asarray(model.added_mass))
         lever = wrench_of_forces(model)[3:5]
         return cls(speeds, gains, lever, hang(model).stiffness, [added[2] - added[1], added[2] - added[0]])
@@ -85,26 +94,38 @@ class HeaveFeedback(eqx.Module):
         return gains[0] * depth + gains[1] * heave - gains[2:4] @ nu_r[3:5] + gains[4:] @ tilt
 
 
-def _gains(model: Model, scales: VehicleScales, motion: np.ndarray, speed: float, tilted: np.ndarray) -> np.ndarray:
+class _Weights(NamedTuple):
+    """Of squared errors: depth [1/m2], heave velocity [s2/m2], tilt [1/rad2], thrust [1/N2]; and a decay [1/s]."""
+
+    depth: float
+    speed: float
+    tilt: float
+    thrust: float
+    decay: float
+
+
+def _weights(scales: VehicleScales, bandwidth: float, damping_ratio: float) -> _Weights:
+    force = scales.force[HEAVE] * (bandwidth / scales.bandwidth[HEAVE]) ** 2
+    speed = (damping_ratio / (scales.length * bandwidth)) ** 2
+    return _Weights(scales.length**-2.0, speed, STEEP**-2.0, force**-2.0, DECAY * bandwidth)
+
+
+def _gains(model: Model, weights: _Weights, motion: np.ndarray, speed: float, tilted: np.ndarray) -> np.ndarray:
     """Of depth, heave, rates and angles of roll and pitch, shape (6,); `motion` is A of `linearised` at the speed."""
     axes = np.flatnonzero(tilted)
     states = np.concatenate([[HEAVE], 3 + axes, 6 + axes])  # in `linearised`
-    n = len(states)
+    n, rates, angles = len(states), slice(1, 1 + len(axes)), slice(1 + len(axes), 1 + 2 * len(axes))
     A = np.zeros((n + 1, n + 1))
     A[:n, :n] = motion[np.ix_(states, states)]
     A[n, 0] = 1.0
-    A[n, 1 + len(axes) : n] = np.where(axes == 1, -speed, 0.0)  # z_dot = w - u theta
-    push = np.asarray(model.mass_inverse) @ wrench_of_forces(model)[:, HEAVE]
-    B = np.concatenate([push[states[: 1 + len(axes)]], np.zeros(len(axes) + 1)])[:, None]
+    A[n, angles] = np.where(axes == 1, -speed, 0.0)  # z_dot = w - u theta
+    B = np.zeros((n + 1, 1))
+    B[: 1 + len(axes), 0] = (np.asarray(model.mass_inverse) @ wrench_of_forces(model)[:, HEAVE])[states[: rates.stop]]
     Q = np.zeros(n + 1)
-    Q[0] = (scales.length * scales.bandwidth[HEAVE]) ** -2.0
-    Q[1 + len(axes) : n] = STEEP**-2.0
-    Q[n] = scales.length**-2.0
-    R = np.full((1, 1), scales.force[HEAVE] ** -2.0)
-    decay = DECAY * scales.bandwidth[HEAVE] * np.eye(n + 1)
-    P = solve_continuous_are(A - decay, B, np.diag(Q), R)
-    K = (B.T @ P)[0] / R[0, 0]
+    Q[0], Q[angles], Q[n] = weights.speed, weights.tilt, weights.depth
+    P = solve_continuous_are(A - weights.decay * np.eye(n + 1), B, np.diag(Q), np.full((1, 1), weights.thrust))
+    K = (B.T @ P)[0] / weights.thrust
     gains = np.zeros(6)
     gains[[0, 1]] = K[n], K[0]
-    gains[2 + axes], gains[4 + axes] = K[1 : 1 + len(axes)], K[1 + len(axes) : n]
+    gains[2 + axes], gains[4 + axes] = K[rates], K[angles]
     return gains

@@ -119,14 +119,15 @@ class Tracking(Block):
         w = np.maximum(wanted, straight(model))
         rights = np.maximum(righting(model), 0.0) / np.diagonal(np.asarray(model.mass))
         able = pushed_axes(model)
-        tilting = HeaveFeedback.of(model)
+        zeta = np.broadcast_to(damping_ratio, 6)
+        tilting = HeaveFeedback.of(model, None if bandwidth is None else float(wanted[HEAVE]), float(zeta[HEAVE]))
         follows = able & ((np.arange(6) != HEAVE) | (tilting is None))
         inertia = np.diagonal(np.asarray(model.mass))[3:]
         return cls(
             model=model,
             sustained=SustainedSpeed.of(model),
             K_p=follows * w**2,
-            K_d=follows * 2.0 * np.asarray(damping_ratio) * np.sqrt(w**2 + rights),
+            K_d=follows * 2.0 * zeta * np.sqrt(w**2 + rights),
             K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
             reach=1.6 * scales.length if reach is None else reach,
             limits=SharedThrust.of(model),

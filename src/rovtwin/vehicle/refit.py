@@ -23,11 +23,13 @@ from rovtwin.vehicle.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.floating import floating_of
 from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.instruments import instruments
+from rovtwin.vehicle.reach import size
 from rovtwin.vehicle.rigid_body import Box, Placement
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 
 TOTALS = ("rigid_body", "restoring", "hydrodynamics")
 INSIDE = 0.1  # share of a part that may lie in the box of another before it is said
+FAR = 10.0  # sizes of the vehicle from it, beyond which nothing is bolted on
 STEP = 0.001  # what pieces of ballast are rounded to [kg]
 
 
@@ -69,9 +71,11 @@ def add(
         out: File that the text is for; references to files are relative to its folder.
 
     Raises:
-        ConfigError: No such vehicle or device, a name that is taken, or parts that make no vehicle.
+        ConfigError: No such vehicle or device, a place in millimetres, a name that is taken, or parts that make no
+            vehicle.
     """
     path, part_path, folder = files.find(vehicle), files.find(device), Path() if out is None else out.parent
+    _require_near(position, load_vehicle(path, identified=False))
     before, identified = load_vehicle(path, identified=False), files.load(path).identified is not None
     beside = path.parent != files.LIBRARY and path.parent.resolve() == folder.resolve()
     extended = beside and not identified and not _totals(before)
@@ -91,6 +95,22 @@ def add(
         text = written(holder | {"parts": [*holder["parts"], part]})
     notes = [*_about_overlap(before, part, folder), *_about_identification(path, out)]
     return Refit(text, before, _read(text, out, folder), tuple(notes), folder)
+
+
+def _require_near(position: Sequence[float], vehicle: Vehicle) -> None:
+    """Nothing is bolted on tens of vehicles away: that is a place in millimetres.
+
+    Raises:
+        ConfigError: It is.
+    """
+    box, length = bounding_box(vehicle.file), size(vehicle.model())
+    centre = np.zeros(3) if box is None else np.clip(position, *box)
+    away = float(np.linalg.norm(np.asarray(position) - centre))
+    if away > FAR * length:
+        raise ConfigError(
+            f"the part would be {away:.3g} m away from {vehicle.name}, a vehicle of some {length:.2g} m: expected its "
+            "place in metres, -0.2,0,0.16, or with the unit, -200mm,0,160mm"
+        )
 
 
 def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
