@@ -16,7 +16,7 @@ from rovtwin.gnc.control import ControlInput
 from rovtwin.gnc.heave_feedback import HeaveFeedback
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.gnc.shared_thrust import SPARED, SharedThrust
+from rovtwin.gnc.shared_thrust import SharedThrust
 from rovtwin.gnc.tracking import Tracking
 from rovtwin.vehicle.dynamics import State, plant_step
 from rovtwin.vehicle.reach import wrench_of_forces
@@ -116,9 +116,10 @@ class TestSharedThrust:
     def test_heave_is_whole_where_no_roll_is_asked_for(self):
         np.testing.assert_allclose(self.cut(-40.0, 0.0), [-22.0, 0.0])
 
-    def test_roll_has_its_part_of_a_full_heave(self):
-        heave, roll = self.cut(22.0, 9.0)
-        np.testing.assert_allclose([heave / 22.0, roll / 6.16], [1.0 - SPARED, SPARED], atol=1e-6)
+    def test_roll_has_what_heave_leaves(self):
+        np.testing.assert_allclose(self.cut(-40.0, 9.0), [-22.0, 0.0], atol=1e-9)
+        np.testing.assert_allclose(self.cut(16.5, -9.0), [16.5, -0.25 * 6.16])
+        np.testing.assert_allclose(self.cut(5.5, 3.0), [5.5, 3.0])
 
     def test_what_is_asked_for_together_can_be_made(self):
         """Without sway: it was thrown sideways to make a moment in roll with thrusters 2 cm above CO."""

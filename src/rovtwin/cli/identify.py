@@ -39,6 +39,14 @@ def identify(
     free: Annotated[
         list[str] | None, typer.Option(metavar="PATTERN", help="Parameters to estimate: added_mass.*. Repeatable.")
     ] = None,
+    structure: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|full|NAME",
+            help="How many parameters: all (full, the default); as many as predict blocks of the logs better that are "
+            "left out (auto, some three times as long); or up to linear, quadratic, astern, thrusters, symmetric.",
+        ),
+    ] = None,
     track: Annotated[
         str | None,
         typer.Option(help="aruco: positions from the markers in the pictures beside each log, not from its sensor."),
@@ -105,12 +113,13 @@ def identify(
             prior=said.file.prior if said else None,
             anchors=said.file.anchors if said else (),
             old=old,
-            options=said.file.options if said else None,
+            options=({} if said is None else dict(said.file.options)) | ({"structure": structure} if structure else {}),
             progress=told,
         )
     more = [word for path in held_back or [] for word in ("--validate", _short(path))]
     more += [word for pattern in free or [] for word in ("--free", f"'{pattern}'")]
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
+    more += ["--structure", structure] if structure else []
     more += ["--trust-logs"] if trust_logs else []
     more += ["--keep"] if keep else []
     more += ["--track", track] if track else []

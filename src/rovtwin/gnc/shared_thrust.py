@@ -1,8 +1,9 @@
 """What heave, roll and pitch may ask for where the same thrusters make them.
 
 Vertical thrusters that give all of their force to heave have none left against a roll. The allocation would then make
-that moment with thrusters that sit a little above or below, and throw the vehicle sideways. So shares of what each can
-have alone add up to no more than one: heave comes first, but leaves SPARED to roll and pitch where they need it.
+that moment with thrusters that sit a little above or below, and throw the vehicle sideways. So roll and pitch may ask
+for the share of their thrust that heave leaves. Heave comes first, as in the allocation: the depth of a vehicle that
+lists is safe, and with a vertical thruster lost the moment is one that nobody can balance.
 
 Shares add up exactly for thrusters of equal force at the corners of a rectangle; for others it is an estimate, and the
 allocation, which knows them all, has the last word.
@@ -18,7 +19,6 @@ from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import axis_limits, pushed_axes
 from rovtwin.vehicle.thrusters import force_limits
 
-SPARED = 0.5  # share of the thrust that roll and pitch together may take from heave
 APART = 0.5  # share of a moment that is left beside full heave, from which on other thrusters make it
 ANGLES = (3, 4)
 
@@ -51,20 +51,20 @@ class SharedThrust(eqx.Module):
             shared[i] = min(beside, default=np.inf) < APART * min(-alone[0], alone[1])
         return cls(lower, upper, jnp.asarray(shared))
 
+    @property
+    def largest(self) -> Array:
+        """Of each axis, the larger way [N, N m], shape (6,)."""
+        return jnp.maximum(self.upper, -self.lower)
+
     def cut(self, wanted: Array) -> Array:
-        """The wrench that may be asked for, shape (6,): within the limits of each axis, and of the three together."""
+        """The wrench that may be asked for, b at CO, shape (6,): within the limits, and roll and pitch beside heave."""
         tau = jnp.clip(wanted, self.lower, self.upper)
         limit = jnp.where(tau >= 0.0, self.upper, -self.lower)
         share = jnp.abs(tau) / jnp.where(limit > 0.0, limit, 1.0)
         angles = jnp.sum(jnp.where(self.shared, share[3:5], 0.0))
-        kept = jnp.minimum(angles, jnp.maximum(1.0 - share[HEAVE], SPARED))
-        heave = jnp.minimum(share[HEAVE], 1.0 - kept)
-        tau = tau.at[HEAVE].multiply(_part(heave, share[HEAVE]))
-        return tau.at[3:5].multiply(jnp.where(self.shared, _part(kept, angles), 1.0))
-
-
-def _part(of: Array, whole: Array) -> Array:
-    return jnp.where(whole > of, of / jnp.where(whole > of, whole, 1.0), 1.0)
+        left = jnp.maximum(1.0 - share[HEAVE], 0.0)
+        kept = jnp.where(angles > left, left / jnp.where(angles > left, angles, 1.0), 1.0)
+        return tau.at[3:5].multiply(jnp.where(self.shared, kept, 1.0))
 
 
 def _moment(model: Model, axis: int, sign: float, heave: float | None = None) -> float:

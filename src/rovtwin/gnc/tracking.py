@@ -31,6 +31,7 @@ from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import pushed_axes
 
+ROUNDING = 1e-9  # of a limit: what products of shares change
 DOWN = jnp.array([0.0, 0.0, 1.0])
 _HORIZONTAL = jnp.arange(6) < 2
 
@@ -177,7 +178,9 @@ class Tracking(Block):
         growth = self.K_i * turned * dt
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
-        return jnp.where(winding, memory, memory + growth), Wrench(tau, wanted != tau)
+        return jnp.where(winding, memory, memory + growth), Wrench(
+            tau, jnp.abs(wanted - tau) > ROUNDING * self.limits.largest
+        )
 
     def _depth_and_tilt(
         self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array

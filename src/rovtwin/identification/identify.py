@@ -36,6 +36,7 @@ from rovtwin.identification.judgement.validation import Prediction, predict
 from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
 from rovtwin.identification.judgement.whiteness import Residuals, residual_analysis
 from rovtwin.identification.logs.record import SIGNALS, Record
+from rovtwin.identification.structure import ALL, CHOSEN, LADDER, WINDOW, Rung, climbed, lines_about, restricted, up_to
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
@@ -65,6 +66,7 @@ class Identification:
         seconds: Taken.
         tested: Ranges of speeds by direction, and of commands by `thrusters.GROUP`, that the fitted tests covered.
         doubts: Why the result as a whole is not to be relied on, one reason each; empty where it is.
+        ladder: How the structure was chosen; empty where it was not.
     """
 
     vehicle: Vehicle
@@ -84,6 +86,7 @@ class Identification:
     seconds: float = 0.0
     tested: dict[str, Range] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
+    ladder: list[Rung] = field(default_factory=list)
 
     @property
     def values(self) -> dict[str, float]:
@@ -180,18 +183,8 @@ def identify(
     told("preparing", 0.0)
     if not settings.accelerometer:
         records, validate = _without(records, "accelerometer"), _without(validate, "accelerometer")
-    grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
-    problem = Problem(
-        Shooting(parameters, cut(records, grid)),
-        start,
-        static_evidence(parameters, anchors),
-        measured_starts=settings.starts == "measured",
-    )
-    solution = estimate(
-        problem,
-        max_steps=settings.max_steps,
-        progress=lambda k, change: told(_step(k, change), 0.9 * k / settings.max_steps),
-    )
+    parameters, start, ladder, begun = _structured(parameters, start, records, anchors, old, settings, told)
+    problem, solution = _estimated(parameters, start, records, anchors, settings, told, (begun, 0.9))
     response = scale_response(problem, solution)
     solution = with_scale(solution, response)
     theta = solution.unknowns.theta
@@ -202,6 +195,7 @@ def identify(
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
+    findings += lines_about(ladder)
     findings += about_thrust(parameters) + about_scale(parameters, records, solution, response)
     findings += about_solution(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
@@ -209,8 +203,76 @@ def identify(
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
-        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old),
+        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), ladder,
     )  # fmt: skip
+
+
+def _estimated(
+    parameters: Parameters,
+    start: Gaussian,
+    records: Sequence[Record],
+    anchors: Sequence[Mapping[str, Any]],
+    settings: Options,
+    told: Progress,
+    shares: tuple[float, float],
+    what: str = "",
+) -> tuple[Problem, Solution]:
+    """The joint estimate of some parameters; `shares` say how far all of it is before and after, for who waits."""
+    grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
+    problem = Problem(
+        Shooting(parameters, cut(records, grid)),
+        start,
+        static_evidence(parameters, anchors),
+        measured_starts=settings.starts == "measured",
+    )
+    begin, end = shares
+
+    def progress(k: int, change: float) -> None:
+        told(what + _step(k, change), begin + (end - begin) * k / settings.max_steps)
+
+    return problem, estimate(problem, max_steps=settings.max_steps, progress=progress)
+
+
+def _structured(
+    parameters: Parameters,
+    start: Gaussian,
+    records: Sequence[Record],
+    anchors: Sequence[Mapping[str, Any]],
+    old: Vehicle | None,
+    settings: Options,
+    told: Progress,
+) -> tuple[Parameters, Gaussian, list[Rung], float]:
+    """The parameters of the structure that was asked for, what is known of them, the ladder, and how far all of it is.
+
+    Raises:
+        IdentificationError: No such structure, tests too short to choose one, or an earlier result has one already.
+    """
+    if settings.structure == ALL:
+        return parameters, start, [], 0.0
+    if old is not None:
+        raise IdentificationError(
+            f"structure: found '{settings.structure}' beside an earlier identification, whose parameters are estimated "
+            "again: leave one of them out"
+        )
+    if settings.structure != CHOSEN:
+        chosen = up_to(settings.structure, parameters.names)
+        return *restricted(parameters, start, chosen), [], 0.0
+    window, done = settings.window or WINDOW, [0]
+
+    def predicted(
+        free: Sequence[str], fit: Sequence[Record], held_out: Sequence[Record], words: str
+    ) -> list[Prediction]:
+        if not free:
+            return predict(parameters, start.mean, held_out, window, settings.step)
+        some, known = restricted(parameters, start, free)
+        share = 0.7 * done[0] / (2 * len(LADDER))
+        problem, solution = _estimated(some, known, fit, anchors, settings, told, (share, share + 0.05), f"{words}: ")
+        done[0] += 1
+        offsets = _offsets(problem, solution)
+        return predict(some, solution.unknowns.theta, held_out, window, settings.step, offsets)
+
+    chosen, ladder = climbed(parameters.names, records, predicted)
+    return *restricted(parameters, start, chosen), ladder, 0.7
 
 
 def _step(number: int, change: float) -> str:

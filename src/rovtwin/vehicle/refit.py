@@ -29,7 +29,7 @@ from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 
 TOTALS = ("rigid_body", "restoring", "hydrodynamics")
 INSIDE = 0.1  # share of a part that may lie in the box of another before it is said
-FAR = 10.0  # sizes of the vehicle from it, beyond which nothing is bolted on
+FAR = 20.0  # sizes of the vehicle from it, beyond which nothing is bolted on
 STEP = 0.001  # what pieces of ballast are rounded to [kg]
 
 

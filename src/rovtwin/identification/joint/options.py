@@ -23,6 +23,7 @@ class Options(Strict):
     window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")
     accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")
     max_steps: int = Field(80, ge=1, description="of Gauss and Newton")
+    structure: str = Field("full", description="full; auto: as many parameters as predict better; or a rung's name")
     groups: dict[str, list[str]] | None = Field(None, description="thrusters that share a curve, by name of the group")
 
     @classmethod

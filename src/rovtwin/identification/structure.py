@@ -1,0 +1,187 @@
+"""How many parameters: a ladder of structures, climbed as long as predictions of what was not fitted get better.
+
+Each rung adds a group of parameters to those that were kept; what is not free stays at the starting value. A rung is
+judged by cross-validation over blocks of time: every log is cut into blocks, half of them are fitted and the other half
+predicted in open loop, then the other way round. It is kept where the predictions get better by more than their
+standard error over the blocks, and by more than MARGIN; else it is left out, and the next one is tried without it.
+
+Reference: Ljung (1999), System Identification, sec. 16.4 (cross-validation); Hastie, Tibshirani and Friedman (2009),
+sec. 7.10 (one standard error).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.config import near
+from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.couplings import place_of
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.judgement.validation import Prediction, judged
+from rovtwin.identification.logs.record import Record
+
+LADDER = {
+    "linear": "added mass, linear damping, restoring, forces of thrusters, each direction for itself",
+    "quadratic": "quadratic damping",
+    "astern": "damping of its own astern",
+    "thrusters": "shape of the thrust curve, dead band and lag of thrusters",
+    "symmetric": "couplings that a hull has which is alike to port and starboard",
+    "full": "all other couplings",
+}
+ALL, CHOSEN = "full", "auto"
+BLOCKS = 4  # of each log, where it is long enough
+SHORTEST = 8.0  # block [s]
+MARGIN = 0.01  # least decrease of the logarithm of the prediction error
+LENGTHWISE = frozenset({0, 2, 4})  # surge, heave, pitch: what a symmetric hull does not couple with the others
+WINDOW = 5.0  # that a prediction runs before it starts from the readings again, where nobody says [s]
+
+Predicted = Callable[[Sequence[str], Sequence[Record], Sequence[Record], str], list[Prediction]]
+"""Free parameters, records to fit, records to predict, and words for who waits -> predictions of the latter."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A step of the ladder.
+
+    Attributes:
+        name: Of LADDER.
+        added: Names of its parameters.
+        change: Of the logarithm of the rms prediction error with it, mean over blocks; negative is better. Of the first
+            rung it is that against predicting with the starting values.
+        std: Standard error of that.
+        kept: Whether its parameters are free.
+    """
+
+    name: str
+    added: tuple[str, ...]
+    change: float
+    std: float
+    kept: bool
+
+
+def rung_of(name: str) -> str:
+    """The rung of LADDER on which a parameter comes in."""
+    family, _, where = name.partition(".")
+    at = place_of(name)
+    if at is not None:
+        return "symmetric" if len(LENGTHWISE & set(at)) != 1 else "full"
+    if family.endswith("_astern"):
+        return "astern"
+    if family == "quadratic_damping":
+        return "quadratic"
+    if family == "thrusters" and not where.rpartition(".")[2].startswith("force"):
+        return "thrusters"
+    return "linear"
+
+
+def restricted(parameters: Parameters, start: Gaussian, free: Sequence[str]) -> tuple[Parameters, Gaussian]:
+    """The parameters that are free, and what is known of them; the others are held at what is most likely before."""
+    rows = [i for i, p in enumerate(parameters.free) if p.name in set(free)]
+    held = np.array(start.mean, dtype=float)
+    held[rows] = 0.0
+    model = parameters.model_at(held)[0]
+    some = Parameters(model, tuple(parameters.free[i] for i in rows), parameters.groups)
+    return some, Gaussian(start.mean[rows], start.covariance[np.ix_(rows, rows)])
+
+
+def up_to(name: str, free: Sequence[str]) -> list[str]:
+    """Of the parameters those of a rung and all below it.
+
+    Raises:
+        IdentificationError: There is no such rung.
+    """
+    rungs = list(LADDER)
+    if name not in rungs:
+        known = [CHOSEN, *rungs]
+        raise IdentificationError(f"structure: found '{name}', expected one of {', '.join(known)}.{near(name, known)}")
+    return [p for p in free if rungs.index(rung_of(p)) <= rungs.index(name)]
+
+
+def climbed(free: Sequence[str], records: Sequence[Record], predicted: Predicted) -> tuple[list[str], list[Rung]]:
+    """The parameters that are worth their freedom, and how the ladder was climbed.
+
+    Args:
+        free: All that may be free.
+        records: Tests to fit.
+        predicted: Fits and predicts.
+
+    Raises:
+        IdentificationError: The tests are too short to be divided.
+    """
+    halves = folds(records)
+    errors = _errors(predicted, [], halves, "starting values")
+    kept: list[str] = []
+    rungs: list[Rung] = []
+    for name in LADDER:
+        added = [p for p in free if rung_of(p) == name]
+        if not added:
+            continue
+        tried = [p for p in free if p in kept or p in added]
+        now = _errors(predicted, tried, halves, name)
+        change, std = _better(now, errors)
+        # Something has to be free, also where the starting values predict as well.
+        keep = not kept or change < -max(std, MARGIN)
+        rungs.append(Rung(name, tuple(added), change, std, keep))
+        if keep:
+            kept, errors = tried, now
+    return kept, rungs
+
+
+def folds(records: Sequence[Record]) -> list[tuple[list[Record], list[Record]]]:
+    """Two divisions of the records into parts to fit and parts to predict.
+
+    Raises:
+        IdentificationError: They are too short.
+    """
+    parts: tuple[list[Record], list[Record]] = ([], [])
+    for k, record in enumerate(records):
+        count = min(BLOCKS, int(record.duration / SHORTEST))
+        if count < 2:
+            parts[k % 2].append(record)
+            continue
+        ends = np.linspace(record.start, record.end, count + 1)
+        for i, (start, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            parts[(i + k) % 2].append(record.cut(float(start), float(end)))
+    if not parts[0] or not parts[1]:
+        raise IdentificationError(
+            f"structure: found {sum(r.duration for r in records):.0f} s of tests, expected two tests or one of at "
+            f"least {2 * SHORTEST:g} s, to fit one part and predict the other; or choose: --structure full"
+        )
+    return [(parts[0], parts[1]), (parts[1], parts[0])]
+
+
+def lines_about(rungs: Sequence[Rung]) -> list[str]:
+    """The ladder in words."""
+    said = []
+    for rung in rungs:
+        percent = 100.0 * (np.exp(rung.change) - 1.0)
+        what = f"structure '{rung.name}' ({LADDER[rung.name]}; {len(rung.added)} parameters)"
+        how = f"changes the error of predicted blocks by {percent:+.1f} % +- {100.0 * rung.std:.1f}"
+        said.append(f"{what} {how}: {'kept' if rung.kept else 'left at the starting values'}")
+    return said
+
+
+def _errors(
+    predicted: Predicted, free: Sequence[str], halves: Sequence[tuple[list[Record], list[Record]]], name: str
+) -> dict[tuple[str, str], float]:
+    """Logarithm of the rms prediction error, by block and component."""
+    found = {}
+    for k, (fit, held_out) in enumerate(halves):
+        for i, one in enumerate(predicted(free, fit, held_out, f"structure '{name}', part {k + 1} of {len(halves)}")):
+            for component in judged(one):
+                rms = one.scores[component].rms
+                found[f"{k}.{i}", component] = float(np.log(rms)) if np.isfinite(rms) and rms > 0.0 else np.inf
+    return found
+
+
+def _better(now: dict[tuple[str, str], float], before: dict[tuple[str, str], float]) -> tuple[float, float]:
+    """Mean change over the blocks, each the mean of its components, and its standard error."""
+    blocks: dict[str, list[float]] = {}
+    for key in before.keys() & now.keys():
+        blocks.setdefault(key[0], []).append(now[key] - before[key])
+    means = np.array([np.mean(changes) for changes in blocks.values()])
+    if len(means) == 0 or not np.isfinite(means).all():
+        return np.inf, np.inf
+    return float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means))) if len(means) > 1 else np.inf
