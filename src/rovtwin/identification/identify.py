@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.cross_validation import CrossValidation
+from rovtwin.identification.joint.build import offsets_of, problem_of
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution, estimate
@@ -20,8 +21,6 @@ from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
-from rovtwin.identification.joint.segments import Grid, cut
-from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
     about_parts,
@@ -35,8 +34,8 @@ from rovtwin.identification.judgement.tested import Range, tested_ranges
 from rovtwin.identification.judgement.validation import Prediction, predict
 from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
 from rovtwin.identification.judgement.whiteness import Residuals, residual_analysis
-from rovtwin.identification.logs.record import SIGNALS, Record
-from rovtwin.identification.structure import ALL, CHOSEN, LADDER, WINDOW, Rung, climbed, lines_about, restricted, up_to
+from rovtwin.identification.logs.record import Record
+from rovtwin.identification.structure import ALL, CHOSEN, Rung, climbed, lines_about, restricted, rung_of, up_to
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
@@ -184,12 +183,17 @@ def identify(
     if not settings.accelerometer:
         records, validate = _without(records, "accelerometer"), _without(validate, "accelerometer")
     parameters, start, ladder, begun = _structured(parameters, start, records, anchors, old, settings, told)
-    problem, solution = _estimated(parameters, start, records, anchors, settings, told, (begun, 0.9))
+    problem = problem_of(parameters, start, records, anchors, settings)
+    solution = estimate(
+        problem,
+        max_steps=settings.max_steps,
+        progress=lambda k, change: told(_step(k, change), begun + (0.9 - begun) * k / settings.max_steps),
+    )
     response = scale_response(problem, solution)
     solution = with_scale(solution, response)
     theta = solution.unknowns.theta
     told("validating", 0.9)
-    offsets = _offsets(problem, solution)
+    offsets = offsets_of(problem, solution)
     fitted, held_out = _predicted(parameters, theta, records, validate, settings, offsets)
     residuals = residual_analysis(problem, solution)
     tested = tested_ranges(problem, solution)
@@ -205,32 +209,6 @@ def identify(
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
         doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), ladder,
     )  # fmt: skip
-
-
-def _estimated(
-    parameters: Parameters,
-    start: Gaussian,
-    records: Sequence[Record],
-    anchors: Sequence[Mapping[str, Any]],
-    settings: Options,
-    told: Progress,
-    shares: tuple[float, float],
-    what: str = "",
-) -> tuple[Problem, Solution]:
-    """The joint estimate of some parameters; `shares` say how far all of it is before and after, for who waits."""
-    grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
-    problem = Problem(
-        Shooting(parameters, cut(records, grid)),
-        start,
-        static_evidence(parameters, anchors),
-        measured_starts=settings.starts == "measured",
-    )
-    begin, end = shares
-
-    def progress(k: int, change: float) -> None:
-        told(what + _step(k, change), begin + (end - begin) * k / settings.max_steps)
-
-    return problem, estimate(problem, max_steps=settings.max_steps, progress=progress)
 
 
 def _structured(
@@ -257,21 +235,14 @@ def _structured(
     if settings.structure != CHOSEN:
         chosen = up_to(settings.structure, parameters.names)
         return *restricted(parameters, start, chosen), [], 0.0
-    window, done = settings.window or WINDOW, [0]
+    rungs = len({rung_of(name) for name in parameters.names})
+    done = [0]
 
-    def predicted(
-        free: Sequence[str], fit: Sequence[Record], held_out: Sequence[Record], words: str
-    ) -> list[Prediction]:
-        if not free:
-            return predict(parameters, start.mean, held_out, window, settings.step)
-        some, known = restricted(parameters, start, free)
-        share = 0.7 * done[0] / (2 * len(LADDER))
-        problem, solution = _estimated(some, known, fit, anchors, settings, told, (share, share + 0.05), f"{words}: ")
+    def waits(words: str) -> None:
+        told(words, 0.7 * done[0] / (2 * rungs))
         done[0] += 1
-        offsets = _offsets(problem, solution)
-        return predict(some, solution.unknowns.theta, held_out, window, settings.step, offsets)
 
-    chosen, ladder = climbed(parameters.names, records, predicted)
+    chosen, ladder = climbed(parameters.names, CrossValidation(parameters, start, records, anchors, settings, waits))
     return *restricted(parameters, start, chosen), ladder, 0.7
 
 
@@ -364,12 +335,3 @@ def _listed(records: Sequence[Record], use: str) -> list[dict[str, Any]]:
         }
         for r in records
     ]
-
-
-def _offsets(problem: Problem, solution: Solution) -> dict[str, np.ndarray]:
-    out, start = {}, 0
-    for name in problem.segments.levers:
-        size = len(SIGNALS[name][0])
-        out[name] = solution.unknowns.offsets[start : start + size]
-        start += size
-    return out

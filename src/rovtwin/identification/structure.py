@@ -35,10 +35,11 @@ BLOCKS = 4  # of each log, where it is long enough
 SHORTEST = 8.0  # block [s]
 MARGIN = 0.01  # least decrease of the logarithm of the prediction error
 LENGTHWISE = frozenset({0, 2, 4})  # surge, heave, pitch: what a symmetric hull does not couple with the others
-WINDOW = 5.0  # that a prediction runs before it starts from the readings again, where nobody says [s]
 
-Predicted = Callable[[Sequence[str], Sequence[Record], Sequence[Record], str], list[Prediction]]
-"""Free parameters, records to fit, records to predict, and words for who waits -> predictions of the latter."""
+Progress = Callable[[str], None]
+"""Called with words for who waits."""
+Predicted = Callable[[Sequence[str], str], list[Prediction]]
+"""Free parameters, and words for who waits -> predictions of all blocks, each by what was fitted to others."""
 
 
 @dataclass(frozen=True)
@@ -99,19 +100,14 @@ def up_to(name: str, free: Sequence[str]) -> list[str]:
     return [p for p in free if rungs.index(rung_of(p)) <= rungs.index(name)]
 
 
-def climbed(free: Sequence[str], records: Sequence[Record], predicted: Predicted) -> tuple[list[str], list[Rung]]:
+def climbed(free: Sequence[str], predicted: Predicted) -> tuple[list[str], list[Rung]]:
     """The parameters that are worth their freedom, and how the ladder was climbed.
 
     Args:
         free: All that may be free.
-        records: Tests to fit.
-        predicted: Fits and predicts.
-
-    Raises:
-        IdentificationError: The tests are too short to be divided.
+        predicted: Fits and predicts, always the same blocks in the same order.
     """
-    halves = folds(records)
-    errors = _errors(predicted, [], halves, "starting values")
+    errors = _errors(predicted([], "starting values"))
     kept: list[str] = []
     rungs: list[Rung] = []
     for name in LADDER:
@@ -119,7 +115,7 @@ def climbed(free: Sequence[str], records: Sequence[Record], predicted: Predicted
         if not added:
             continue
         tried = [p for p in free if p in kept or p in added]
-        now = _errors(predicted, tried, halves, name)
+        now = _errors(predicted(tried, name))
         change, std = _better(now, errors)
         # Something has to be free, also where the starting values predict as well.
         keep = not kept or change < -max(std, MARGIN)
@@ -163,22 +159,19 @@ def lines_about(rungs: Sequence[Rung]) -> list[str]:
     return said
 
 
-def _errors(
-    predicted: Predicted, free: Sequence[str], halves: Sequence[tuple[list[Record], list[Record]]], name: str
-) -> dict[tuple[str, str], float]:
+def _errors(predictions: Sequence[Prediction]) -> dict[tuple[int, str], float]:
     """Logarithm of the rms prediction error, by block and component."""
     found = {}
-    for k, (fit, held_out) in enumerate(halves):
-        for i, one in enumerate(predicted(free, fit, held_out, f"structure '{name}', part {k + 1} of {len(halves)}")):
-            for component in judged(one):
-                rms = one.scores[component].rms
-                found[f"{k}.{i}", component] = float(np.log(rms)) if np.isfinite(rms) and rms > 0.0 else np.inf
+    for i, one in enumerate(predictions):
+        for component in judged(one):
+            rms = one.scores[component].rms
+            found[i, component] = float(np.log(rms)) if np.isfinite(rms) and rms > 0.0 else np.inf
     return found
 
 
-def _better(now: dict[tuple[str, str], float], before: dict[tuple[str, str], float]) -> tuple[float, float]:
+def _better(now: dict[tuple[int, str], float], before: dict[tuple[int, str], float]) -> tuple[float, float]:
     """Mean change over the blocks, each the mean of its components, and its standard error."""
-    blocks: dict[str, list[float]] = {}
+    blocks: dict[int, list[float]] = {}
     for key in before.keys() & now.keys():
         blocks.setdefault(key[0], []).append(now[key] - before[key])
     means = np.array([np.mean(changes) for changes in blocks.values()])

@@ -58,6 +58,7 @@ def estimate(
     problem: Problem,
     max_steps: int = 60,
     progress: Callable[[int, float], None] | None = None,
+    begin: tuple[Unknowns, Noise] | None = None,
 ) -> Solution:
     """Levenberg-Marquardt steps; after each accepted one the noise is estimated anew.
 
@@ -65,11 +66,12 @@ def estimate(
         problem: Readings, prior and static evidence.
         max_steps: Of Gauss-Newton.
         progress: Called with the number of steps and the largest change in standard deviations.
+        begin: Where to begin; None: where forces balance.
 
     Raises:
         IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
     """
-    here, noise = problem.start()
+    here, noise = problem.start() if begin is None else begin
     damping, change, steps, settled, idle = 1.0, np.inf, 0, False, 0
     variances = Variances(problem)
     fresh, going = True, None

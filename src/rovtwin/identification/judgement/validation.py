@@ -87,11 +87,50 @@ def predict(
         step: Of the integration [s].
         offsets: Constant errors of the sensors by signal, taken off the readings for the start.
     """
-    found: dict[int, Prediction] = {}
-    for places in _alike(records):
-        some = [records[i] for i in places]
-        found |= zip(places, _predict_alike(parameters, theta, some, window, step, offsets or {}), strict=True)
-    return [found[i] for i in range(len(records))]
+    return Predictor(parameters, records, window, step)(theta, offsets)
+
+
+class Predictor:
+    """Predictions of the same records with one theta after the other: compiled once.
+
+    Arguments are those of `predict`.
+    """
+
+    def __init__(self, parameters: Parameters, records: Sequence[Record], window: float | None, step: float):
+        self.records, self.window = records, window
+        self.configuration = np.asarray(parameters.model.thrusters.configuration)
+        self.groups = []
+        for places in _alike(records):
+            some = [records[i] for i in places]
+            # Simulated in one go: one program, where each length of a record would need its own.
+            steps = max(whole_steps(r, step) for r in some) if window is None else round(window / step)
+            segments = cut(some, Grid(step, steps, 50.0))
+            self.groups.append((places, segments, Shooting(parameters, segments)))
+
+    def __call__(self, theta: np.ndarray, offsets: dict[str, np.ndarray] | None = None) -> list[Prediction]:
+        found: dict[int, Prediction] = {}
+        for places, segments, shooting in self.groups:
+            found |= zip(places, self._alike(places, segments, shooting, theta, offsets or {}), strict=True)
+        return [found[i] for i in range(len(self.records))]
+
+    def _alike(
+        self,
+        places: list[int],
+        segments: Segments,
+        shooting: Shooting,
+        theta: np.ndarray,
+        offsets: dict[str, np.ndarray],
+    ) -> list[Prediction]:
+        nodes = _run(shooting, segments, theta, offsets)
+        zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
+        residual, _ = shooting.residuals(as_array(theta), as_array(zero), nodes, segments.arrays)
+        gaps = {name: np.asarray(gap) for name, gap in residual.items()}
+        bounds = [*segments.first, segments.count]
+        some = [self.records[i] for i in places]
+        return [
+            _judged_by(record, segments, slice(a, b), gaps, self.window, pushed_axes(self.configuration, record))
+            for record, a, b in zip(some, bounds, bounds[1:], strict=False)
+        ]
 
 
 def _alike(records: Sequence[Record]) -> list[list[int]]:
@@ -101,30 +140,6 @@ def _alike(records: Sequence[Record]) -> list[list[int]]:
         sensors = sorted((name, np.asarray(signal.lever).tolist()) for name, signal in record.signals.items())
         groups.setdefault(repr(sensors), []).append(i)
     return list(groups.values())
-
-
-def _predict_alike(
-    parameters: Parameters,
-    theta: np.ndarray,
-    records: Sequence[Record],
-    window: float | None,
-    step: float,
-    offsets: dict[str, np.ndarray],
-) -> list[Prediction]:
-    """Simulated in one go: one program, where each length of a record would need its own."""
-    steps = max(whole_steps(record, step) for record in records) if window is None else round(window / step)
-    segments = cut(records, Grid(step, steps, 50.0))
-    shooting = Shooting(parameters, segments)
-    nodes = _run(shooting, segments, theta, offsets)
-    zero = np.concatenate([offsets.get(name, np.zeros(len(SIGNALS[name][0]))) for name in segments.levers])
-    residual, _ = shooting.residuals(as_array(theta), as_array(zero), nodes, segments.arrays)
-    gaps = {name: np.asarray(gap) for name, gap in residual.items()}
-    bounds = [*segments.first, segments.count]
-    configuration = np.asarray(parameters.model.thrusters.configuration)
-    return [
-        _judged_by(record, segments, slice(a, b), gaps, window, pushed_axes(configuration, record))
-        for record, a, b in zip(records, bounds, bounds[1:], strict=False)
-    ]
 
 
 def _judged_by(

@@ -1,0 +1,41 @@
+"""The problem of a joint estimate from records and options."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rovtwin.identification.joint.anchors import static_evidence
+from rovtwin.identification.joint.estimate import Solution
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.logs.record import SIGNALS, Record
+
+
+def problem_of(
+    parameters: Parameters,
+    start: Gaussian,
+    records: Sequence[Record],
+    anchors: Sequence[Mapping[str, Any]],
+    settings: Options,
+    shooting: Shooting | None = None,
+) -> Problem:
+    """Readings of the records, prior and static evidence; `shooting` is that of an earlier problem of these records."""
+    if shooting is None:
+        grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
+        shooting = Shooting(parameters, cut(records, grid))
+    return Problem(shooting, start, static_evidence(parameters, anchors), measured_starts=settings.starts == "measured")
+
+
+def offsets_of(problem: Problem, solution: Solution) -> dict[str, np.ndarray]:
+    """Constant errors of the sensors as estimated, by signal."""
+    out, start = {}, 0
+    for name in problem.segments.levers:
+        size = len(SIGNALS[name][0])
+        out[name] = solution.unknowns.offsets[start : start + size]
+        start += size
+    return out
