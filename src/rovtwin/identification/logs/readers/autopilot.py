@@ -70,6 +70,14 @@ def raw_of(flight: Flight) -> Raw:
     )
 
 
+def board_deg(parameters: dict[str, float]) -> list[float]:
+    """Roll, pitch and yaw of the autopilot's board in b [deg]: its attitude is the vehicle's, its IMU's axes are not.
+
+    On a vehicle at rest gravity in the IMU and the attitude differ by AHRS_TRIM_X and AHRS_TRIM_Y, to 0.01 deg.
+    """
+    return [float(np.degrees(parameters.get(f"AHRS_TRIM_{axis}", 0.0))) for axis in "XYZ"]
+
+
 def armed_changes(t: np.ndarray, armed: np.ndarray) -> list[tuple[float, bool]]:
     """When a state that is told again and again changed [s], as `stretches` takes it.
 
@@ -92,6 +100,6 @@ def _increasing(table: Table) -> tuple[np.ndarray, np.ndarray]:
 
 
 def listed(names: object, most: int = 40) -> str:
-    """Names of what a log has, for messages."""
-    known = sorted(str(name) for name in names)  # type: ignore[attr-defined]
+    """Names of what a log has, for messages; tables that were made of others have a space in theirs."""
+    known = sorted(name for name in map(str, names) if " " not in name)  # type: ignore[attr-defined]
     return ", ".join(known[:most]) + (f" and {len(known) - most} more" if len(known) > most else "") or "none"

@@ -1,4 +1,4 @@
-"""ArduPilot's on-board logs (.BIN), through pymavlink: every message becomes a table, ArduSub's are known.
+"""ArduPilot's on-board logs (.BIN): every message becomes a table, those of ArduSub are known.
 
 Units are those of the messages after ArduPilot's own multipliers: deg, rad/s, m/s2, m. Body vectors are FRD and angles
 those of FRD in NED; BARO.Alt and CTUN.BAlt are metres up, negative under water. A message of several sensors is a table
@@ -7,24 +7,22 @@ of each: `IMU` the first, `IMU[1]` the next.
 Reference: ArduPilot, "Onboard message log messages for Sub", and the units that each log itself holds (FMTU).
 """
 
-import contextlib
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, listed, raw_of
+from rovtwin.identification.logs.readers.autopilot import Flight, board_deg, listed, raw_of
+from rovtwin.identification.logs.readers.dataflash_file import Message, read_messages
 from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
 from rovtwin.identification.logs.readers.places import place_table, speed_table
-from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
+from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.vehicle import Vehicle
 
 OUTPUTS = "RCOU"
-ARMED, DISARMED = 10, 11  # of EV.Id
 LOCKED = 3  # GPS.Status of a fix in three dimensions
+ALONE = 60e6  # [us] from all others; such a time is damaged
 
 # Of the first table that is there: columns and what else is to be said.
 _SIGNALS: dict[str, list[tuple[str, list[str], dict[str, Any]]]] = {
@@ -45,12 +43,15 @@ def read_dataflash(path: Path, vehicle: Vehicle) -> Raw:
     """Tables of all messages, the signals that ArduSub logs, and commands from its servo outputs.
 
     Raises:
-        IdentificationError: No dataflash log, or pymavlink is missing.
+        IdentificationError: No dataflash log.
     """
-    require("pymavlink", "mavlink", f"{path}: an ArduPilot log")
-    messages, notes = _messages(path)
+    messages, lost, size = read_messages(path)
     parameters = _parameters(messages)
     tables = _tables(messages)
+    notes = []
+    if lost:
+        last = max((float(t.t[-1]) for t in tables.values() if t.t is not None and len(t.t)), default=0.0)
+        notes.append(f"{path}: cut off or damaged: read to {last:.1f} s, {lost} of {size} bytes are in no message")
     _derive(tables)
     signals = _signals(tables, parameters, notes)
     commands, why = None, ""
@@ -60,104 +61,56 @@ def read_dataflash(path: Path, vehicle: Vehicle) -> Raw:
     except NoCommands as error:
         why = str(error)
     gravity = parameters.get("BARO_SPEC_GRAV")
-    density = 1000.0 * gravity if gravity else None
+    density = round(1000.0 * gravity, 3) if gravity else None
     flight = Flight(path, tables, signals, commands, why, _armed(messages), density, tuple(notes))
     return raw_of(flight)
 
 
-def _messages(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Messages by name as structured arrays, multipliers not yet applied, and how much was read.
-
-    Raises:
-        IdentificationError: The file cannot be opened, or has no messages.
-    """
-    from pymavlink.DFReader import DFReader_binary
-
-    try:
-        size = path.stat().st_size
-        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            log: Any = DFReader_binary(str(path), zero_time_base=True)
-    except Exception as error:  # a damaged log makes the library raise anything
-        raise IdentificationError(f"{path}: cannot be read as an ArduPilot dataflash log ({error})") from None
-    data, found, read = np.frombuffer(log.data_map, np.uint8), {}, 0
-    for number, fmt in log.formats.items():
-        at = np.array(log.offsets[number], dtype=np.int64)
-        at = at[at + fmt.len <= size]
-        kind = _dtype(fmt)
-        if len(at) and kind.itemsize == fmt.len - 3:
-            read += fmt.len * len(at)
-            body = data[at[:, None] + np.arange(3, fmt.len)]
-            found[fmt.name] = _scaled(np.ascontiguousarray(body).view(kind)[:, 0], fmt)
-    if "PARM" not in found and not any("TimeUS" in (m.dtype.names or ()) for m in found.values()):
-        raise IdentificationError(f"{path}: found no messages, expected a dataflash log (.BIN) of ArduPilot")
-    notes = []
-    if read < size:
-        last = max(float(m["TimeUS"].max()) for m in found.values() if "TimeUS" in (m.dtype.names or ())) * 1e-6
-        notes.append(f"{path}: cut off or damaged: read to {last:.1f} s, {size - read} of {size} bytes are no messages")
-    return found, notes
-
-
-def _dtype(fmt: Any) -> np.dtype:
-    """Of one message, from its letters."""
-    from pymavlink.DFReader import FORMAT_TO_STRUCT
-
-    codes = [FORMAT_TO_STRUCT[letter][0] for letter in fmt.msg_fmts]
-    kinds = [f"S{code[:-1]}" if code.endswith("s") else f"<{code}" for code in codes]
-    return np.dtype(list(zip(fmt.columns, kinds, strict=False)))
-
-
-def _scaled(rows: np.ndarray, fmt: Any) -> np.ndarray:
-    """Numbers times the multipliers of their letters, as floats; text stays, instances are told in the dtype."""
-    multipliers = dict(zip(fmt.columns, fmt.msg_mults, strict=False))
-    kinds = [
-        (name, rows.dtype[name] if rows.dtype[name].kind == "S" else np.dtype(float)) for name in rows.dtype.names or ()
-    ]
-    scaled = np.empty(len(rows), np.dtype(kinds, metadata={"instance": fmt.instance_field}))
-    for name, kind in kinds:
-        scaled[name] = rows[name] if kind.kind == "S" else rows[name] * (multipliers[name] or 1.0)
-    return scaled
-
-
-def _parameters(messages: dict[str, np.ndarray]) -> dict[str, float]:
+def _parameters(messages: dict[str, Message]) -> dict[str, float]:
     """The last value of each."""
     if "PARM" not in messages:
         return {}
-    rows = messages["PARM"]
+    rows = messages["PARM"].rows
+    if not {"Name", "Value"} <= set(rows.dtype.names or ()):
+        return {}
     return {name.decode("ascii", "replace"): float(v) for name, v in zip(rows["Name"], rows["Value"], strict=True)}
 
 
-def _tables(messages: dict[str, np.ndarray]) -> dict[str, Table]:
+def _tables(messages: dict[str, Message]) -> dict[str, Table]:
     """Messages that have a time, their numbers; one table for each instance."""
     tables = {}
-    for name, rows in messages.items():
+    for name, message in messages.items():
+        rows = message.rows
         columns = [c for c in rows.dtype.names or () if rows.dtype[c].kind != "S"]
-        if "TimeUS" not in columns:
+        if "TimeUS" not in columns or len(columns) < 2:
             continue
         columns.remove("TimeUS")
-        instance = (rows.dtype.metadata or {}).get("instance")
-        of = rows[instance] if instance in columns else np.zeros(len(rows))
+        rows = rows[_at_a_time(rows["TimeUS"])]
+        of = np.zeros(len(rows)) if message.instance is None else np.asarray(rows[message.instance], dtype=float)
         for i, number in enumerate(np.unique(of)):
             mine = rows[of == number]
-            values = np.stack([mine[c] for c in columns], axis=1) if columns else np.empty((len(mine), 0))
+            values = np.stack([mine[c] for c in columns], axis=1)
             tables[name if i == 0 else f"{name}[{number:g}]"] = Table(values, tuple(columns), 1e-6 * mine["TimeUS"])
     return tables
 
 
-def _column(table: Table, name: str) -> np.ndarray:
-    return table.values[:, table.columns.index(name)]
+def _at_a_time(t: np.ndarray) -> np.ndarray:
+    """Which times [us] lie where most do: a damaged message may be of any."""
+    low, high = np.percentile(t, [5, 95])
+    return (t >= 2 * low - high - ALONE) & (t <= 2 * high - low + ALONE)
 
 
 def _derive(tables: dict[str, Table]) -> None:
     """Add tables that are made of others: velocity of a DVL or visual odometry, places of a GPS in metres."""
     visual = tables.get("VISO")
     if visual is not None and visual.t is not None and {"dt", "PosDX", "PosDY", "PosDZ"} <= set(visual.columns):
-        moved = np.stack([_column(visual, f"PosD{axis}") for axis in "XYZ"], axis=1)
-        tables["VISO velocity"] = speed_table(visual.t, _column(visual, "dt"), moved)
+        moved = np.stack([visual.column(f"PosD{axis}") for axis in "XYZ"], axis=1)
+        tables["VISO velocity"] = speed_table(visual.t, visual.column("dt"), moved)
     gps = tables.get("GPS")
     if gps is not None and gps.t is not None and {"Status", "Lat", "Lng"} <= set(gps.columns):
-        fixed = _column(gps, "Status") >= LOCKED
+        fixed = gps.column("Status") >= LOCKED
         if fixed.sum() > 5:
-            tables["GPS place"] = place_table(gps.t[fixed], _column(gps, "Lat")[fixed], _column(gps, "Lng")[fixed])
+            tables["GPS place"] = place_table(gps.t[fixed], gps.column("Lat")[fixed], gps.column("Lng")[fixed])
 
 
 def _signals(tables: dict[str, Table], parameters: dict[str, float], notes: list[str]) -> dict[str, SignalSpec]:
@@ -167,12 +120,15 @@ def _signals(tables: dict[str, Table], parameters: dict[str, float], notes: list
             if table in tables and set(columns) <= set(tables[table].columns):
                 found[name] = spec(table=table, columns=columns, **more)
                 break
+    for name in ("gyro", "accelerometer"):
+        if name in found:
+            found[name] = found[name].model_copy(update={"mounting_deg": board_deg(parameters)})
     if "velocity" in found:
         lever = [parameters.get(f"VISO_POS_{axis}", 0.0) for axis in "XYZ"]
         found["velocity"] = found["velocity"].model_copy(update={"lever": lever})
     accuracy = tables.get("GPA")
     if "horizontal" in found and accuracy is not None and "HAcc" in accuracy.columns:
-        sigma = float(np.median(_column(accuracy, "HAcc")))
+        sigma = float(np.median(accuracy.column("HAcc")))
         found["horizontal"] = found["horizontal"].model_copy(update={"sigma": sigma} if sigma > 0 else {})
     depth = _depth(tables, parameters)
     if depth is not None:
@@ -200,16 +156,15 @@ def _commands(tables: dict[str, Table], parameters: dict[str, float], vehicle: V
     outputs = [int(c[1:]) for c in table.columns if c.startswith("C") and c[1:].isdigit()]
     configuration = np.asarray(vehicle.model().thrusters.configuration, dtype=float)
     found, notes = drives(parameters, configuration, vehicle.thruster_names, outputs)
-    u = [command(_column(table, f"C{drive.output}"), drive.sign) for drive in found.values()]
+    u = [command(table.column(f"C{drive.output}"), drive.sign) for drive in found.values()]
     return Table(np.stack(u, axis=1), tuple(found), table.t), notes
 
 
-def _armed(messages: dict[str, np.ndarray]) -> list[tuple[float, bool]]:
+def _armed(messages: dict[str, Message]) -> list[tuple[float, bool]]:
     """When it was armed and disarmed [s], of ARM, else of EV."""
-    if "ARM" in messages:
-        rows = messages["ARM"]
-        return [(1e-6 * t, bool(state)) for t, state in zip(rows["TimeUS"], rows["ArmState"], strict=True)]
-    if "EV" not in messages:
-        return []
-    events = zip(messages["EV"]["TimeUS"], messages["EV"]["Id"], strict=True)
-    return [(1e-6 * t, number == ARMED) for t, number in events if number in (ARMED, DISARMED)]
+    for name, column, states in (("ARM", "ArmState", {1: True, 0: False}), ("EV", "Id", {10: True, 11: False})):
+        if name in messages and {"TimeUS", column} <= set(messages[name].rows.dtype.names or ()):
+            rows = messages[name].rows
+            told = zip(rows["TimeUS"], rows[column], strict=True)
+            return [(1e-6 * float(t), states[int(value)]) for t, value in told if int(value) in states]
+    return []

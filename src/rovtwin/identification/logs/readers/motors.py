@@ -81,7 +81,7 @@ def drives(
     missing = [n for n in output_of.values() if n not in outputs]
     if missing:
         raise NoCommands(f"motors are on outputs {_listed(output_of.values())}, but output {missing[0]} is not logged")
-    motor_of, cosine = matched(np.array(factors, dtype=float), configuration)
+    motor_of, cosine = matched(_wrenches(factors), configuration)
     worst = int(np.argmin(np.abs(cosine)))
     if abs(cosine[worst]) < FITS:
         raise NoCommands(
@@ -97,26 +97,33 @@ def drives(
     return found, [*notes, f"thrusters of frame {frame}: {said}"]
 
 
-def matched(factors: np.ndarray, configuration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motor of each thruster, from 0, and the cosine between them, shapes (n,).
+def matched(wrenches: np.ndarray, configuration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The motor of each thruster, from 0, and the cosine between what they push, shapes (n,).
 
     Args:
-        factors: Of ArduSub's motors, in the order of FRAMES, shape (n, 6).
-        configuration: Wrench of unit forces, shape (6, n); moments are measured by the largest of them.
+        wrenches: Of the autopilot's motors at positive output, b, of any size, shape (n, 6).
+        configuration: Wrench of the thrusters' unit forces, shape (6, n).
     """
-    wrench = factors[:, [4, 5, 3, 0, 1, 2]] * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0]
-    column = configuration.T / np.array([1.0, 1.0, 1.0, *[max(np.abs(configuration[3:]).max(), 1e-9)] * 3])
-    wrench = wrench / np.linalg.norm(wrench, axis=1, keepdims=True)
-    column = column / np.linalg.norm(column, axis=1, keepdims=True)
-    cosine = column @ wrench.T
+    cosine = _unit(configuration.T) @ _unit(wrenches).T
     rows, motor = linear_sum_assignment(-np.abs(cosine))
     return motor, cosine[rows, motor]
+
+
+def _unit(wrenches: np.ndarray) -> np.ndarray:
+    """Wrenches made unit vectors, moments measured by the largest of them, shape (n, 6)."""
+    scaled = wrenches / np.array([1.0, 1.0, 1.0, *[max(np.abs(wrenches[:, 3:]).max(), 1e-9)] * 3])
+    return scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-9)
 
 
 def command(pulse: np.ndarray, sign: float) -> np.ndarray:
     """u of pulse widths [us]; 1100 to 1900 is -1 to 1, and no pulse is off."""
     on = (pulse >= LOWEST) & (pulse <= HIGHEST)
     return np.where(on, np.clip(sign * (pulse - NEUTRAL) / RANGE, -1.0, 1.0), 0.0)
+
+
+def _wrenches(factors: list[tuple[float, ...]]) -> np.ndarray:
+    """Of motors at positive output, FRD, shape (n, 6)."""
+    return np.array(factors, dtype=float)[:, [4, 5, 3, 0, 1, 2]] * [1.0, 1.0, -1.0, 1.0, 1.0, 1.0]
 
 
 def _frame(parameters: dict[str, float], names: list[str]) -> tuple[str, list[tuple[float, ...]], list[str]]:
@@ -129,7 +136,8 @@ def _frame(parameters: dict[str, float], names: list[str]) -> tuple[str, list[tu
     number = int(parameters["FRAME_CONFIG"])
     if number not in FRAMES:
         raise NoCommands(f"its FRAME_CONFIG is {number}, a frame of its own, whose motors nobody else knows")
-    return *FRAMES[number], []
+    name, factors = FRAMES[number]
+    return name, factors, []
 
 
 def _outputs(parameters: dict[str, float], motors: int, notes: list[str]) -> dict[int, int]:

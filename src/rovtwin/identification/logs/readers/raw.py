@@ -41,6 +41,10 @@ class Table:
             return self.t
         return self.values[:, self.index(0 if column is None else column, where)]
 
+    def column(self, name: str) -> np.ndarray:
+        """One that is known to be there, shape (n,)."""
+        return self.values[:, self.columns.index(name)]
+
     def pick(self, columns: list[Column], where: str) -> np.ndarray:
         """Shape (n, len(columns))."""
         return self.values[:, [self.index(column, where) for column in columns]]

@@ -18,7 +18,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, listed, raw_of
+from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, board_deg, listed, raw_of
 from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
 from rovtwin.identification.logs.readers.places import place_table, speed_table
 from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
@@ -93,8 +93,8 @@ def read_tlog(path: Path, vehicle: Vehicle) -> Raw:
     except NoCommands as error:
         why = str(error)
     gravity = heard.parameters.get("BARO_SPEC_GRAV")
-    density = 1000.0 * gravity if gravity else None
-    signals = _signals(tables, notes)
+    density = round(1000.0 * gravity, 3) if gravity else None
+    signals = _signals(tables, heard.parameters, notes)
     return raw_of(Flight(path, tables, signals, commands, why, armed, density, tuple(notes)))
 
 
@@ -196,11 +196,7 @@ def _own_clock(block: np.ndarray, columns: tuple[str, ...]) -> np.ndarray | None
 def _armed(tables: dict[str, Table]) -> list[tuple[float, bool]]:
     table = tables["HEARTBEAT"]
     assert table.t is not None
-    return armed_changes(table.t, (_column(table, "base_mode").astype(int) & ARMED) > 0)
-
-
-def _column(table: Table, name: str) -> np.ndarray:
-    return table.values[:, table.columns.index(name)]
+    return armed_changes(table.t, (table.column("base_mode").astype(int) & ARMED) > 0)
 
 
 def _derive(tables: dict[str, Table], parameters: dict[str, float]) -> None:
@@ -210,26 +206,27 @@ def _derive(tables: dict[str, Table], parameters: dict[str, float]) -> None:
     zero = parameters.get(f"BARO{number}_GND_PRESS")
     if pressure is not None and zero:
         density = 1000.0 * (parameters.get("BARO_SPEC_GRAV") or 1.0)
-        depth = (_column(pressure, "press_abs") - zero) / (density * 9.81)
+        depth = (pressure.column("press_abs") - zero) / (density * 9.81)
         tables["pressure depth"] = Table(depth[:, None], ("depth",), pressure.t)
     moved = tables.get("VISION_POSITION_DELTA")
     if moved is not None and moved.t is not None:
-        step = np.stack([_column(moved, f"position_delta.{i}") for i in range(3)], axis=1)
-        tables["VISION velocity"] = speed_table(moved.t, 1e-6 * _column(moved, "time_delta_usec"), step)
+        step = np.stack([moved.column(f"position_delta.{i}") for i in range(3)], axis=1)
+        tables["VISION velocity"] = speed_table(moved.t, 1e-6 * moved.column("time_delta_usec"), step)
     gps = tables.get("GPS_RAW_INT")
     if gps is not None and gps.t is not None:
-        fixed = _column(gps, "fix_type") >= LOCKED
+        fixed = gps.column("fix_type") >= LOCKED
         if fixed.sum() > 5:
-            tables["GPS place"] = place_table(gps.t[fixed], _column(gps, "lat")[fixed], _column(gps, "lon")[fixed])
+            tables["GPS place"] = place_table(gps.t[fixed], gps.column("lat")[fixed], gps.column("lon")[fixed])
 
 
-def _signals(tables: dict[str, Table], notes: list[str]) -> dict[str, SignalSpec]:
+def _signals(tables: dict[str, Table], parameters: dict[str, float], notes: list[str]) -> dict[str, SignalSpec]:
     found = {}
     for name, ways in _SIGNALS.items():
         for table, columns in ways:
             # An IMU that is not there is sent as zeros.
-            if table in tables and any(_column(tables[table], column).any() for column in columns):
+            if table in tables and any(tables[table].column(column).any() for column in columns):
                 more = {"repeats": "drop"} if name == "horizontal" else {}
+                more |= {"mounting_deg": board_deg(parameters)} if table.endswith(("IMU", "IMU2")) else {}
                 found[name] = spec(table=table, columns=columns, **more)
                 break
     if "pressure depth" in tables:
@@ -249,9 +246,9 @@ def _commands(tables: dict[str, Table], parameters: dict[str, float], vehicle: V
         raise NoCommands(f"no {OUTPUTS} messages; it has {listed(tables)}")
     table = tables[OUTPUTS]
     assert table.t is not None
-    first = _column(table, "port") == 0
+    first = table.column("port") == 0
     outputs = [n for n in range(1, 17) if f"servo{n}_raw" in table.columns]
     configuration = np.asarray(vehicle.model().thrusters.configuration, dtype=float)
     found, notes = drives(parameters, configuration, vehicle.thruster_names, outputs)
-    u = [command(_column(table, f"servo{drive.output}_raw")[first], drive.sign) for drive in found.values()]
+    u = [command(table.column(f"servo{drive.output}_raw")[first], drive.sign) for drive in found.values()]
     return Table(np.stack(u, axis=1), tuple(found), table.t[first]), notes

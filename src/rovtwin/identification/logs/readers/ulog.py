@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import SignalSpec
 from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, listed, raw_of
-from rovtwin.identification.logs.readers.motors import FITS, NoCommands, command
+from rovtwin.identification.logs.readers.motors import FITS, NoCommands, command, matched
 from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
 from rovtwin.vehicle import Vehicle
 
@@ -84,19 +83,15 @@ def _tables(log: Any) -> dict[str, Table]:
     return tables
 
 
-def _column(table: Table, name: str) -> np.ndarray:
-    return table.values[:, table.columns.index(name)]
-
-
 def _add_velocity(tables: dict[str, Table]) -> None:
     """Velocity of a DVL or visual odometry that was given in b."""
     table = tables.get("vehicle_visual_odometry")
     wanted = [f"velocity[{i}]" for i in range(3)] if table and "velocity[0]" in table.columns else ["vx", "vy", "vz"]
     if table is None or table.t is None or not {*wanted, "velocity_frame"} <= set(table.columns):
         return
-    there = _column(table, "velocity_frame") == BODY_FRD
+    there = table.column("velocity_frame") == BODY_FRD
     if there.any():
-        values = np.stack([_column(table, name)[there] for name in wanted], axis=1)
+        values = np.stack([table.column(name)[there] for name in wanted], axis=1)
         tables["odometry velocity"] = Table(values, ("u", "v", "w"), table.t[there])
 
 
@@ -114,7 +109,7 @@ def _armed(tables: dict[str, Table]) -> list[tuple[float, bool]]:
     table = tables.get("vehicle_status")
     if table is None or table.t is None or "arming_state" not in table.columns:
         return []
-    return armed_changes(table.t, _column(table, "arming_state") == ARMED)
+    return armed_changes(table.t, table.column("arming_state") == ARMED)
 
 
 def _commands(tables: dict[str, Table], parameters: dict[str, float], vehicle: Vehicle) -> tuple[Table, list[str]]:
@@ -123,14 +118,12 @@ def _commands(tables: dict[str, Table], parameters: dict[str, float], vehicle: V
     if "actuator_motors" in tables:
         table = tables["actuator_motors"]
         # NaN is a motor that is off.
-        u = {r: np.nan_to_num(_column(table, f"control[{r}]")) for r, _ in rotors if f"control[{r}]" in table.columns}
+        u = {r: np.nan_to_num(table.column(f"control[{r}]")) for r, _ in rotors if f"control[{r}]" in table.columns}
     elif "actuator_outputs" in tables:
         table = tables["actuator_outputs"]
         outputs = _outputs(parameters, [r for r, _ in rotors])
         u = {
-            r: command(_column(table, f"output[{n}]"), 1.0)
-            for r, n in outputs.items()
-            if f"output[{n}]" in table.columns
+            r: command(table.column(f"output[{n}]"), 1.0) for r, n in outputs.items() if f"output[{n}]" in table.columns
         }
     else:
         raise NoCommands(f"no actuator_motors or actuator_outputs; it has {listed(tables)}")
@@ -155,13 +148,8 @@ def _rotors(parameters: dict[str, float], vehicle: Vehicle) -> tuple[list[tuple[
             f"it has {count} rotors (CA_ROTOR_COUNT), the vehicle has {len(names)} thrusters ({', '.join(names)}). "
             "Give the vehicle that was driven, or write 'commands' by hand"
         )
-    rotor = np.array([_wrench(parameters, i) for i in range(count)])
-    configuration = np.asarray(vehicle.model().thrusters.configuration, dtype=float).T
-    scale = np.array([1.0, 1.0, 1.0, *[max(np.abs(configuration[:, 3:]).max(), 1e-9)] * 3])
-    a, b = (x / scale / np.linalg.norm(x / scale, axis=1, keepdims=True) for x in (configuration, rotor))
-    cosine = a @ b.T
-    rows, chosen = linear_sum_assignment(-np.abs(cosine))
-    fit = cosine[rows, chosen]
+    configuration = np.asarray(vehicle.model().thrusters.configuration, dtype=float)
+    chosen, fit = matched(np.array([_wrench(parameters, i) for i in range(count)]), configuration)
     worst = int(np.argmin(np.abs(fit)))
     if abs(fit[worst]) < FITS:
         raise NoCommands(f"no rotor (CA_ROTORn_*) pushes like the vehicle's thruster {names[worst]}")
