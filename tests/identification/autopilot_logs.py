@@ -81,7 +81,7 @@ def write_tlog(path, parameters=PARAMETERS, armed=((2.0, 9.0),), every=1, withou
     """Telemetry as a ground station keeps it: the vehicle's own messages among those of others."""
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-    vehicle, station = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None, 255, 190)
+    vehicle, station, doppler = (mavlink.MAVLink(None, *who) for who in ((1, 1), (255, 190), (1, 197)))
     data, out = bytearray(), pulses()
 
     def add(t, message, by=vehicle):
@@ -102,7 +102,10 @@ def write_tlog(path, parameters=PARAMETERS, armed=((2.0, 9.0),), every=1, withou
         add(t, mavlink.MAVLink_scaled_pressure2_message(ms, pressure, 0, 1500))
         if i % every == 0:
             add(t, mavlink.MAVLink_servo_output_raw_message(us, 0, *(int(p) for p in out[i])))
-        add(t, mavlink.MAVLink_vision_position_delta_message(us, 100000, [0, 0, 0], [0.05, 0.01, -0.02], 100))
+        moved = mavlink.MAVLink_vision_position_delta_message(
+            us + 5_000_000, 100000, [0, 0, 0], [0.05, 0.01, -0.02], 100
+        )
+        add(t, moved, doppler)  # by a clock of its own
     path.write_bytes(data)
     return path
 

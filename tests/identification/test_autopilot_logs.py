@@ -53,7 +53,9 @@ def check_motion(record, atol=2e-4):
     np.testing.assert_allclose(matrices_from_euler(attitude.value), expected, atol=atol)
     np.testing.assert_allclose(gyro.value, np.stack([np.interp(gyro.t + origin, T, x) for x in RATE.T], 1), atol=atol)
     np.testing.assert_allclose(depth.value[:, 0], np.interp(depth.t + origin, T, DEPTH), atol=1e-3)
-    np.testing.assert_allclose(record.signals["velocity"].value - [0.5, 0.1, -0.2], 0.0, atol=1e-5)
+    velocity = record.signals["velocity"]
+    np.testing.assert_allclose(velocity.value - [0.5, 0.1, -0.2], 0.0, atol=1e-5)
+    np.testing.assert_allclose((velocity.t + origin) % 0.1, 0.05, atol=1e-3)  # in the middle of each step
     np.testing.assert_allclose(record.signals["accelerometer"].value.mean(axis=0), [0, 0, -9.81], atol=0.01)
     assert record.water_density == 1024
 

@@ -1,5 +1,6 @@
 """What logs of autopilots have in common: servo outputs become commands, and only what can be believed is used."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -99,7 +100,7 @@ def _increasing(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return t[later], values[later]
 
 
-def listed(names: object, most: int = 40) -> str:
+def listed(names: Iterable[str], most: int = 40) -> str:
     """Names of what a log has, for messages; tables that were made of others have a space in theirs."""
-    known = sorted(name for name in map(str, names) if " " not in name)  # type: ignore[attr-defined]
+    known = sorted(name for name in names if " " not in name)
     return ", ".join(known[:most]) + (f" and {len(known) - most} more" if len(known) > most else "") or "none"

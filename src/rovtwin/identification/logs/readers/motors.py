@@ -10,6 +10,7 @@ Reference: ArduPilot, libraries/AP_Motors/AP_Motors6DOF.cpp (factors of the fram
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,7 +89,7 @@ def drives(
             f"no motor of its frame {frame} pushes like the vehicle's thruster {names[worst]}. Give the vehicle that "
             "was driven, or write 'commands' by hand"
         )
-    notes += _unsaid(parameters, len(factors))
+    notes += _unsaid(parameters, output_of)
     found = {}
     for name, motor, along in zip(names, motor_of, cosine, strict=True):
         direction = np.sign(parameters.get(f"MOT_{motor + 1}_DIRECTION", 1.0)) or 1.0
@@ -156,14 +157,17 @@ def _outputs(parameters: dict[str, float], motors: int, notes: list[str]) -> dic
     return dict(sorted(found.items()))
 
 
-def _unsaid(parameters: dict[str, float], motors: int) -> list[str]:
+def _unsaid(parameters: dict[str, float], output_of: dict[int, int]) -> list[str]:
     """Notes on settings that are missing, or that a pulse of 1100 to 1900 us does not fit."""
     notes = []
-    unknown = [n for n in range(1, motors + 1) if f"MOT_{n}_DIRECTION" not in parameters]
+    unknown = [n for n in output_of if f"MOT_{n}_DIRECTION" not in parameters]
     if unknown:
         notes.append(
             f"MOT_n_DIRECTION of motors {_listed(unknown)} is not in the log: 1 taken; a check finds wrong signs"
         )
+    reversed_ = [n for n in output_of.values() if parameters.get(f"SERVO{n}_REVERSED")]
+    if reversed_:
+        notes.append(f"SERVOn_REVERSED of outputs {_listed(reversed_)} left out: ArduSub does not turn motors' pulses")
     low, high = parameters.get("MOT_PWM_MIN", 0.0) or 1100.0, parameters.get("MOT_PWM_MAX", 0.0) or 1900.0
     if (low, high) != (1100.0, 1900.0):
         notes.append(f"pulses go from {low:g} to {high:g} us, not 1100 to 1900: commands are (pulse - 1500) / 400")
@@ -174,5 +178,5 @@ def _function(motor: int) -> int:
     return next(function for function, number in FUNCTIONS.items() if number == motor)
 
 
-def _listed(numbers: object) -> str:
-    return ", ".join(str(n) for n in numbers)  # type: ignore[attr-defined]
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(str(n) for n in numbers)

@@ -52,7 +52,15 @@ _HEIGHTS = [("VFR_HUD", "alt"), ("GLOBAL_POSITION_INT", "relative_alt")]
 
 @dataclass
 class _Heard:
-    """What one component said: rows of numbers by message, with their time of arrival; parameters; when armed."""
+    """What one component said.
+
+    Attributes:
+        rows: Numbers of each message by its name, the time of arrival [s] first.
+        columns: Their names, without that time.
+        scales: What they are multiplied by to be SI.
+        parameters: By name.
+        flies: Whether it is an autopilot.
+    """
 
     rows: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
     columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -69,20 +77,7 @@ def read_tlog(path: Path, vehicle: Vehicle) -> Raw:
     """
     require("pymavlink", "mavlink", f"{path}: a telemetry log")
     said, notes = _listen(path)
-    autopilots = {who: heard for who, heard in said.items() if heard.flies}
-    if not autopilots:
-        kinds = {name for heard in said.values() for name in heard.rows}
-        raise IdentificationError(f"{path}: found no heartbeat of an autopilot; it has {listed(kinds)}")
-    who = max(autopilots, key=lambda w: sum(len(rows) for rows in autopilots[w].rows.values()))
-    if len(autopilots) > 1:
-        others = ", ".join(f"{system}/{part}" for system, part in autopilots if (system, part) != who)
-        notes.append(f"{path}: autopilot {who[0]}/{who[1]} taken, not {others}")
-    heard = autopilots[who]
-    for (system, _), other in said.items():
-        for name in _FROM_OTHERS:
-            if system == who[0] and other is not heard and name in other.rows and name not in heard.rows:
-                heard.rows[name], heard.columns[name] = other.rows[name], other.columns[name]
-                heard.scales[name] = other.scales[name]
+    heard = _autopilot(said, path, notes)
     tables = _tables(heard, path, notes)
     armed = _armed(tables)
     _derive(tables, heard.parameters)
@@ -96,6 +91,26 @@ def read_tlog(path: Path, vehicle: Vehicle) -> Raw:
     density = round(1000.0 * gravity, 3) if gravity else None
     signals = _signals(tables, heard.parameters, notes)
     return raw_of(Flight(path, tables, signals, commands, why, armed, density, tuple(notes)))
+
+
+def _autopilot(said: dict[tuple[int, int], _Heard], path: Path, notes: list[str]) -> _Heard:
+    """The autopilot that said most, with what other computers of its vehicle told it."""
+    autopilots = {who: heard for who, heard in said.items() if heard.flies}
+    if not autopilots:
+        kinds = {name for heard in said.values() for name in heard.rows}
+        raise IdentificationError(f"{path}: found no heartbeat of an autopilot; it has {listed(kinds)}")
+    who = max(autopilots, key=lambda w: sum(len(rows) for rows in autopilots[w].rows.values()))
+    if len(autopilots) > 1:
+        others = ", ".join(f"{system}/{part}" for system, part in autopilots if (system, part) != who)
+        notes.append(f"{path}: autopilot {who[0]}/{who[1]} taken, not {others}")
+    heard = autopilots[who]
+    for (system, _), other in said.items():
+        for name in _FROM_OTHERS:
+            if system == who[0] and other is not heard and name in other.rows and name not in heard.rows:
+                heard.rows[name], heard.scales[name] = other.rows[name], other.scales[name]
+                # Their clock is not the autopilot's: times are those of arrival.
+                heard.columns[name] = tuple(f"sender_{c}" if c in _CLOCKS else c for c in other.columns[name])
+    return heard
 
 
 def _listen(path: Path) -> tuple[dict[tuple[int, int], _Heard], list[str]]:
