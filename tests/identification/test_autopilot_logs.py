@@ -17,6 +17,7 @@ from tests.identification.autopilot_logs import (
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.checks.check import check_record
+from rovtwin.identification.logs.evidence_file import LogSpec
 from rovtwin.identification.logs.log_spec import SourceSpec
 from rovtwin.identification.logs.motion import body_rates, on_grid, rotation_on_grid
 from rovtwin.identification.logs.readers import read_record, read_records
@@ -157,6 +158,15 @@ def test_commands_that_cannot_be_had_say_why(tmp_path, heavy, case):
     assert {"attitude", "gyro", "depth"} <= set(raw.signals)
 
 
+def test_a_frame_of_ones_own_is_mapped_by_hand(tmp_path, heavy):
+    path = write_dataflash(tmp_path / "log.BIN", parameters=without(FRAME_CONFIG=7.0))
+    order = MOTORS["bluerov2_heavy"][1]
+    commands = {"from": "RCOU", "columns": [f"C{n}" for n in range(1, 9)], "unit": "pwm", "thrusters": order}
+    record = read_record(path, heavy, LogSpec.model_validate({"file": path.name, "commands": commands}))
+    by_motor = record.command_at(np.array([4.0]))[0][[heavy.thruster_names.index(name) for name in order]]
+    np.testing.assert_allclose(by_motor, [0.5, 0.5, 0.5, 0.5, 0, 0, 0, 0], atol=1e-9)
+
+
 def test_what_the_log_does_not_say_is_assumed_and_said(tmp_path, heavy):
     path = write_dataflash(tmp_path / "log.BIN", parameters={})
     notes = " ".join(read_record(path, heavy).notes)
@@ -206,6 +216,25 @@ def test_damaged_dataflash_logs_are_read_as_far_as_they_go(tmp_path, heavy):
     data[-3000:-2500] = rng.bytes(500)
     (tmp_path / "holes.BIN").write_bytes(data)
     assert read_record(tmp_path / "holes.BIN", heavy).duration > 4
+
+
+@pytest.mark.parametrize("kind", ["BIN", "tlog", "ulg"])
+def test_whatever_is_damaged_is_read_or_refused(tmp_path, heavy, kind):
+    for module in {"tlog": ["pymavlink"], "ulg": ["pyulog"]}.get(kind, []):
+        pytest.importorskip(module)
+    path, rng = tmp_path / f"log.{kind}", np.random.default_rng(5)
+    made = {"BIN": write_dataflash, "tlog": write_tlog, "ulg": lambda p: px4(p, heavy, np.full((len(T), 12), 0.3))}
+    whole, read = made[kind](path).read_bytes(), 0
+    for _ in range(20):
+        data = bytearray(whole)
+        for place in rng.integers(len(data), size=rng.integers(1, 40)):
+            data[place] = rng.integers(256)
+        path.write_bytes(data[: rng.integers(1, len(data))] if rng.random() < 0.3 else data)
+        try:
+            read += len(read_records(path, heavy))
+        except IdentificationError as refused:
+            assert "found no" in str(refused) or "cannot be read" in str(refused)
+    assert read
 
 
 def test_a_cut_telemetry_log_is_read_as_far_as_it_goes(tmp_path, heavy):

@@ -187,7 +187,8 @@ def _commands(raw: Raw, spec: CommandSpec, thrusters: list[str]) -> tuple[np.nda
     t, values = table.clock(spec.time, where) + spec.time_offset, table.pick(columns, where)
     t, values, notes = _believable(t, values, None, where)
     if spec.unit == "pwm":
-        values = (values - PWM_NEUTRAL) / PWM_RANGE
+        # No pulse at all, as before an autopilot starts its outputs, is off.
+        values = np.where(values == 0.0, 0.0, (values - PWM_NEUTRAL) / PWM_RANGE)
     elif spec.unit == "percent":
         values = values / 100.0
     gains = _gains(spec, len(columns), thrusters, where)

@@ -12,6 +12,8 @@ from rovtwin.identification.logs.readers.turning import stretches
 
 COMMANDS = "thrusters"  # table of the commands that were made of a log's outputs
 
+ALONE = 60.0  # [s] from all others; such a time is damaged
+
 
 @dataclass(frozen=True, eq=False)
 class Flight:
@@ -69,6 +71,12 @@ def raw_of(flight: Flight) -> Raw:
         command_interval=interval,
         no_commands=why,
     )
+
+
+def at_a_time(t: np.ndarray) -> np.ndarray:
+    """Which times [s] lie where most do, shape (n,), n >= 1: a damaged message may be of any."""
+    low, high = np.percentile(t, [5, 95])
+    return (t >= 2 * low - high - ALONE) & (t <= 2 * high - low + ALONE)
 
 
 def board_deg(parameters: dict[str, float]) -> list[float]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, board_deg, listed, raw_of
+from rovtwin.identification.logs.readers.autopilot import Flight, at_a_time, board_deg, listed, raw_of
 from rovtwin.identification.logs.readers.dataflash_file import Message, read_messages
 from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
 from rovtwin.identification.logs.readers.places import place_table, speed_table
@@ -22,7 +22,6 @@ from rovtwin.vehicle import Vehicle
 
 OUTPUTS = "RCOU"
 LOCKED = 3  # GPS.Status of a fix in three dimensions
-ALONE = 60e6  # [us] from all others; such a time is damaged
 
 # Of the first table that is there: columns and what else is to be said.
 _SIGNALS: dict[str, list[tuple[str, list[str], dict[str, Any]]]] = {
@@ -85,19 +84,13 @@ def _tables(messages: dict[str, Message]) -> dict[str, Table]:
         if "TimeUS" not in columns or len(columns) < 2:
             continue
         columns.remove("TimeUS")
-        rows = rows[_at_a_time(rows["TimeUS"])]
+        rows = rows[at_a_time(1e-6 * rows["TimeUS"])]
         of = np.zeros(len(rows)) if message.instance is None else np.asarray(rows[message.instance], dtype=float)
         for i, number in enumerate(np.unique(of)):
             mine = rows[of == number]
             values = np.stack([mine[c] for c in columns], axis=1)
             tables[name if i == 0 else f"{name}[{number:g}]"] = Table(values, tuple(columns), 1e-6 * mine["TimeUS"])
     return tables
-
-
-def _at_a_time(t: np.ndarray) -> np.ndarray:
-    """Which times [us] lie where most do: a damaged message may be of any."""
-    low, high = np.percentile(t, [5, 95])
-    return (t >= 2 * low - high - ALONE) & (t <= 2 * high - low + ALONE)
 
 
 def _derive(tables: dict[str, Table]) -> None:

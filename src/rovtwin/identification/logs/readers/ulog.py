@@ -7,6 +7,8 @@ where each rotor sits and pushes, says which of the vehicle's thrusters it is.
 Reference: PX4 user guide, "Control allocation" (CA_ROTORn_*, output functions 101 to 112) and "uORB message reference".
 """
 
+import contextlib
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -15,13 +17,14 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, listed, raw_of
+from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, at_a_time, listed, raw_of
 from rovtwin.identification.logs.readers.motors import FITS, NoCommands, command, matched
 from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
 from rovtwin.vehicle import Vehicle
 
 ARMED = 2  # vehicle_status.arming_state
 MOTOR1 = 101  # output function of the first rotor
+LATE = 5.0  # [s]; a sample is published sooner
 BODY_FRD = 3  # vehicle_odometry.velocity_frame
 
 _SIGNALS: dict[str, list[tuple[str, list[str], dict[str, Any]]]] = {
@@ -46,7 +49,8 @@ def read_ulog(path: Path, vehicle: Vehicle) -> Raw:
     from pyulog import ULog
 
     try:
-        log: Any = ULog(str(path), disable_str_exceptions=True)
+        with contextlib.redirect_stdout(io.StringIO()):  # it warns there of what is damaged
+            log: Any = ULog(str(path), disable_str_exceptions=True)
     except Exception as error:  # a damaged log makes the library raise anything
         raise IdentificationError(f"{path}: cannot be read as a PX4 log ({type(error).__name__}: {error})") from None
     tables = _tables(log)
@@ -54,13 +58,14 @@ def read_ulog(path: Path, vehicle: Vehicle) -> Raw:
         raise IdentificationError(f"{path}: found no messages, expected a PX4 log (.ulg)")
     notes = []
     if log.file_corruption:
-        notes.append(f"{path}: cut off or damaged: read to {1e-6 * log.last_timestamp:.1f} s")
+        last = max(float(table.t.max()) for table in tables.values() if table.t is not None)
+        notes.append(f"{path}: cut off or damaged: read to {last:.1f} s")
     if log.dropouts:
         lost = sum(dropout.duration for dropout in log.dropouts) * 1e-3
         notes.append(f"{path}: {len(log.dropouts)} dropouts while logging, {lost:.2f} s in all")
     _add_velocity(tables)
     commands, why = None, ""
-    parameters = {name: float(value) for name, value in log.initial_parameters.items()}
+    parameters = {n: float(v) for n, v in log.initial_parameters.items() if isinstance(v, (int, float))}
     try:
         commands, said = _commands(tables, parameters, vehicle)
         notes += said
@@ -74,12 +79,16 @@ def _tables(log: Any) -> dict[str, Table]:
     tables = {}
     for data in log.data_list:
         columns = tuple(name for name in data.data if name != "timestamp" and data.data[name].dtype.kind in "fiub")
-        t = 1e-6 * data.data.get("timestamp_sample", data.data["timestamp"]).astype(float)
-        if not t.any():
-            t = 1e-6 * data.data["timestamp"].astype(float)
-        if columns and len(t):
-            values = np.stack([data.data[name].astype(float) for name in columns], axis=1)
-            tables[data.name if data.multi_id == 0 else f"{data.name}[{data.multi_id}]"] = Table(values, columns, t)
+        if "timestamp" not in data.data or not columns or not len(data.data["timestamp"]):
+            continue
+        t = 1e-6 * data.data["timestamp"].astype(float)
+        sampled = 1e-6 * data.data.get("timestamp_sample", data.data["timestamp"]).astype(float)
+        # Some topics leave the time of the sample empty.
+        t = np.where(np.abs(t - sampled) < LATE, sampled, t)
+        keep = at_a_time(t)
+        with np.errstate(invalid="ignore"):  # of damaged numbers
+            values = np.stack([data.data[name][keep].astype(float) for name in columns], axis=1)
+        tables[data.name if data.multi_id == 0 else f"{data.name}[{data.multi_id}]"] = Table(values, columns, t[keep])
     return tables
 
 
