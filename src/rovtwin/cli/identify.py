@@ -67,6 +67,9 @@ def identify(
 
     From logs of rovtwin itself: [bold]rovtwin identify double_blueye runs/*/log.mcap -o identified.yaml[/bold]
 
+    From the log of an ArduSub vehicle (.BIN, .tlog) or of PX4 (.ulg): [bold]rovtwin identify bluerov2_heavy
+    00000042.BIN -o identified.yaml[/bold]
+
     Positions from the vehicle's own camera: [bold]rovtwin identify double_blueye runs/pool/log.mcap --track
     aruco[/bold]
 

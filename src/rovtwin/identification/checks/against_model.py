@@ -36,8 +36,14 @@ def check_response(model: Model, motion: Motion) -> list[Finding]:
     """What does not fit between commands and motion; nothing where the motion is too small to tell.
 
     Without both an attitude and a measured rate, restoring moments are taken for thrust now and then: only warnings.
+    Nor is more than a warning to be had from commands that were read more rarely than LATE.
     """
     found = _check_response(model, motion)
+    if (motion.record.command_interval or 0.0) > LATE:
+        return [
+            replace(f, severity="warning", fix=f"{f.fix} Commands were read so rarely that this may be wrong.")
+            for f in found
+        ]
     if motion.rotation is not None and {"gyro", "velocity"} & set(motion.record.signals):
         return found
     return [replace(f, severity="warning", fix=f"{f.fix} With so few signals this may be wrong.") for f in found]

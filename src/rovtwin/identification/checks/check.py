@@ -20,6 +20,7 @@ from rovtwin.vehicle.model import Model
 FASTEST_TURN, FASTEST = 35.0, 15.0  # [rad/s] full scale of an ROV's gyro, 2000 deg/s; [m/s] no ROV does
 SPIN = 12.0  # [rad/s] of an attitude between two readings
 SHORTEST = 2.0  # [s]
+RARE = 0.15  # [s]; commands that are read less often are judged against how fast thrusters follow
 AXIS_NAMES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
@@ -72,7 +73,21 @@ def check_commands(record: Record, model: Model) -> list[Finding]:
     for axis in np.flatnonzero(still & (np.abs(T).sum(axis=1) > 1e-9)):
         said = "not excited: its own parameters cannot be known from this record."
         found.append(Finding("note", "unexcited", AXIS_NAMES[axis], said, "Fly a test that pushes there too."))
-    return found + _flat_tops(record, weight)
+    return found + _rarely_read(record, model) + _flat_tops(record, weight)
+
+
+def _rarely_read(record: Record, model: Model) -> list[Finding]:
+    """Commands that were read more rarely than thrusters follow them: what happened in between is not known."""
+    interval, follows = record.command_interval, float(np.max(np.asarray(model.thrusters.time_constant)))
+    if interval is None or interval <= max(RARE, 2.0 * follows):
+        return []
+    said = (
+        f"read every {interval:.2g} s, while thrusters follow them within {follows:.2g} s: pushes in between are not "
+        "known. Pushes held for several readings still tell thrust, drag and restoring; added mass, inertia, lags and "
+        "short or fed-back pushes cannot be told from this record."
+    )
+    fix = "Use the autopilot's own log of the same dive, or ask it for servo outputs 10 times a second or more."
+    return [Finding("warning", "rare", "commands", said, fix)]
 
 
 def _swings(record: Record) -> bool:

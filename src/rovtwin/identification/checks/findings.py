@@ -14,7 +14,7 @@ class Finding:
     Attributes:
         severity: error: the record must not be used so; warning: look at it; note: good to know.
         what: Its kind: no_excitation, unexcited, beyond, clipped, degrees, millimetres, units, sign, swapped, clock,
-            z_up, gap, wrap, disagree, release.
+            z_up, gap, wrap, disagree, release, rare.
         where: Signal, axis or thruster.
         message: What was found and what was expected.
         fix: What to write or do.

@@ -12,7 +12,7 @@ from rovtwin.core.config import Degrees3, NonNegative, Number, Strict, Vector3, 
 from rovtwin.identification.logs.record import SIGNALS
 
 Column = int | str
-Format = Literal["auto", "rovtwin", "csv", "npz", "qtm", "c3d", "rosbag", "blueye"]
+Format = Literal["auto", "rovtwin", "csv", "npz", "qtm", "c3d", "rosbag", "blueye", "dataflash", "tlog", "ulog"]
 Estimate = Literal["estimate"]
 
 # To SI, by which kind of quantity a unit belongs to.

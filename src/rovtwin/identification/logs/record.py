@@ -63,6 +63,7 @@ class Record:
         tether_length: Paid out during the test [m], or None where nobody said.
         ballast: Known pieces added for this test.
         scale_std: How well the scale of its positions is known, one standard deviation as a share; common to all.
+        command_interval: Where commands were read now and then, not whenever they changed: how often [s]; else None.
         current: Water velocity over ground, n [m/s], if the water moved steadily.
         source: File it came from, for messages.
         notes: What was left out or put right while reading, one line each.
@@ -77,6 +78,7 @@ class Record:
     tether_length: float | None = None
     ballast: tuple[Ballast, ...] = ()
     scale_std: float = 0.0
+    command_interval: float | None = None
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     source: str = "record"
     notes: tuple[str, ...] = ()

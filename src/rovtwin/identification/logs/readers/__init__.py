@@ -1,4 +1,4 @@
-"""From recordings to Records: rovtwin logs, CSV, npz, Qualisys, C3D, rosbag 1 and 2, Blueye.
+"""From recordings to Records: rovtwin logs, CSV, npz, Qualisys, C3D, rosbag 1 and 2, Blueye, ArduPilot, PX4.
 
 Each format's module turns its file into tables; `assemble` makes signals and commands of them as `log_spec` says;
 `timing`

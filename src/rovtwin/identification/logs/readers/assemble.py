@@ -29,6 +29,7 @@ class Part:
         signals: By a name of SIGNALS.
         source: For messages.
         notes: What was left out.
+        no_commands: Why there are none, where the format says it.
     """
 
     t_command: np.ndarray | None
@@ -36,6 +37,7 @@ class Part:
     signals: dict[str, Signal]
     source: str
     notes: tuple[str, ...]
+    no_commands: str = ""
 
     def on_clock(self, offset: float, drift: float) -> "Part":
         """The same with t (1 + drift) + offset for t."""
@@ -74,7 +76,7 @@ def part_of(raw: Raw, source: SourceSpec, thrusters: list[str], density: float |
     if commands is not None:
         t, u, said = _commands(raw, commands, thrusters)
         notes += said
-    return Part(t, u, signals, str(raw.path), tuple(notes))
+    return Part(t, u, signals, str(raw.path), tuple(notes), raw.no_commands)
 
 
 def _merged(known: Spec | None, given: Spec | None) -> Spec | None:
@@ -185,7 +187,8 @@ def _commands(raw: Raw, spec: CommandSpec, thrusters: list[str]) -> tuple[np.nda
     t, values = table.clock(spec.time, where) + spec.time_offset, table.pick(columns, where)
     t, values, notes = _believable(t, values, None, where)
     if spec.unit == "pwm":
-        values = (values - PWM_NEUTRAL) / PWM_RANGE
+        # No pulse at all, as before an autopilot starts its outputs, is off.
+        values = np.where(values == 0.0, 0.0, (values - PWM_NEUTRAL) / PWM_RANGE)
     elif spec.unit == "percent":
         values = values / 100.0
     gains = _gains(spec, len(columns), thrusters, where)

@@ -41,6 +41,10 @@ class Table:
             return self.t
         return self.values[:, self.index(0 if column is None else column, where)]
 
+    def column(self, name: str) -> np.ndarray:
+        """One that is known to be there, shape (n,)."""
+        return self.values[:, self.columns.index(name)]
+
     def pick(self, columns: list[Column], where: str) -> np.ndarray:
         """Shape (n, len(columns))."""
         return self.values[:, [self.index(column, where) for column in columns]]
@@ -59,7 +63,10 @@ class Raw:
         tether_length: Paid out, where the file says it [m].
         scale_std: Of its positions, a share: how well their scale is known.
         notes: What was left out while reading.
-        touched: From and to [s], by the file's clock: somebody held the vehicle, which no model knows of.
+        touched: From and to [s], by the file's clock: somebody held the vehicle, which no model knows of, or what its
+            thrusters did is not known.
+        command_interval: Of commands that were read now and then, not whenever they changed [s]; else None.
+        no_commands: Why the format, which otherwise knows its commands, has none here.
     """
 
     path: Path
@@ -71,6 +78,8 @@ class Raw:
     scale_std: float = 0.0
     notes: tuple[str, ...] = ()
     touched: tuple[tuple[float, float], ...] = ()
+    command_interval: float | None = None
+    no_commands: str = ""
 
     def table(self, name: str | None, where: str) -> Table:
         """The table of that name; without a name the only one."""

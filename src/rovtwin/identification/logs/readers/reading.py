@@ -11,11 +11,14 @@ from rovtwin.identification.logs.log_spec import SourceSpec
 from rovtwin.identification.logs.readers.assemble import Part, part_of
 from rovtwin.identification.logs.readers.blueye import read_blueye
 from rovtwin.identification.logs.readers.c3d import read_c3d
+from rovtwin.identification.logs.readers.dataflash import read_dataflash
 from rovtwin.identification.logs.readers.qtm import read_qtm
 from rovtwin.identification.logs.readers.raw import Raw
 from rovtwin.identification.logs.readers.ros import read_rosbag
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.identification.logs.readers.tables import read_csv, read_npz
+from rovtwin.identification.logs.readers.tlog import read_tlog
+from rovtwin.identification.logs.readers.ulog import read_ulog
 from rovtwin.identification.logs.record import Ballast, Record, Signal
 from rovtwin.identification.logs.response import commanded_motion
 from rovtwin.identification.logs.timing import ClockFit, align
@@ -31,6 +34,9 @@ SUFFIXES = {
     ".bag": "rosbag",
     ".db3": "rosbag",
     ".bez": "blueye",
+    ".bin": "dataflash",
+    ".tlog": "tlog",
+    ".ulg": "ulog",
 }
 
 # A model that is not identified yet follows the motion less closely than another sensor.
@@ -90,6 +96,9 @@ def read_raw(path: Path, source: SourceSpec, vehicle: Vehicle) -> Raw:
         "c3d": lambda: read_c3d(path, source.body, source.markers),
         "rosbag": lambda: read_rosbag(path, vehicle.thruster_names),
         "blueye": lambda: read_blueye(path),
+        "dataflash": lambda: read_dataflash(path, vehicle),
+        "tlog": lambda: read_tlog(path, vehicle),
+        "ulog": lambda: read_ulog(path, vehicle),
     }
     return readers[kind]()
 
@@ -135,7 +144,10 @@ def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Rec
     origin = merged.first
     name = spec.name or _name_of(located[0])
     record = _record(name, merged.on_clock(-origin, 0.0), spec, origin, density, length)
-    record = replace(record, scale_std=max(raw.scale_std for raw in raws))
+    intervals = [raw.command_interval for raw in raws if raw.command_interval is not None]
+    record = replace(
+        record, scale_std=max(raw.scale_std for raw in raws), command_interval=max(intervals, default=None)
+    )
     return record, [(a - origin, b - origin) for a, b in raws[0].touched]
 
 
@@ -178,8 +190,9 @@ def _joined(parts: list[Part]) -> Part:
     source = ", ".join(part.source for part in parts)
     notes = tuple(note for part in parts for note in part.notes)
     if not commanding:
+        why = "".join(f" ({part.no_commands})" for part in parts if part.no_commands)
         raise IdentificationError(
-            f"{source}: found no commands; give 'commands', or list the file that has them under 'files'"
+            f"{source}: found no commands{why}; give 'commands', or list the file that has them under 'files'"
         )
     if len(commanding) > 1:
         raise IdentificationError(f"{commanding[1].source}: commands are in {commanding[0].source} already; keep one")
