@@ -119,6 +119,7 @@ def identify(
         # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
         data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
         out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
+    held = result.save(out.with_suffix(".nc"), overwrite=True)  # also of what is not to be relied on, as the report
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         files = {"file": str(out) if written else None, "report": None if page is None else str(page)}
@@ -126,7 +127,8 @@ def identify(
     else:
         _print(screen, result)
         told = f"written: {out}" if written else f"not written: {out}; to have it all the same, add --keep"
-        screen.print(f"\n{told}" + (f"   report: {page}" if page else ""), markup=False)
+        told += f"   result: {held}" + (f"   report: {page}" if page else "")
+        screen.print(f"\n{told}", markup=False)
     raise typer.Exit(FAILED if result.doubts else DONE)
 
 
