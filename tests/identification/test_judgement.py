@@ -161,6 +161,15 @@ def test_a_result_that_is_not_to_be_relied_on_is_written_with_keep_only(old, tmp
     assert load_vehicle(tmp_path / "out.yaml").doubts == [DOUBT]
 
 
+def test_the_result_replaces_no_file_of_another_kind(old, tmp_path):
+    (tmp_path / "kept.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    (tmp_path / "new.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    (tmp_path / "out.nc").write_bytes(b"CDF of a log")
+    said = identify_command(tmp_path)
+    assert isinstance(said.exception, IdentificationError) and "choose another name with -o" in str(said.exception)
+    assert (tmp_path / "out.nc").read_bytes() == b"CDF of a log" and not (tmp_path / "out.yaml").exists()
+
+
 def test_it_is_said_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch):
     path = str(doubtful / "kept.yaml")
     for command in ("check", "show"):

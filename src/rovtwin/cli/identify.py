@@ -70,6 +70,7 @@ def identify(
     from rovtwin.identification.identify import identify as estimate
     from rovtwin.identification.joint.overlay import to_yaml
     from rovtwin.identification.logs.evidence_file import read_evidence
+    from rovtwin.identification.result.store import require_replaceable
     from rovtwin.scenario.belongings import MESHES, kept_beside
     from rovtwin.vehicle import load_vehicle
 
@@ -84,6 +85,7 @@ def identify(
         raise ConfigError(f"{out}: expected the name of a file to write, in a folder that is there")
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{out}: expected a name that ends in .yaml; the report goes into a folder of that name")
+    require_replaceable(out.with_suffix(".nc"))
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)

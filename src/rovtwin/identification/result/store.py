@@ -78,6 +78,29 @@ def load(path: Path) -> dict[str, Any]:
         ) from error
 
 
+def require_replaceable(path: Path) -> None:
+    """Before minutes are spent: what a result is about to replace is an identification, or nothing.
+
+    Raises:
+        IdentificationError: Another file has that name.
+    """
+    import netCDF4
+
+    if not path.exists():
+        return
+    try:
+        _require_file(path)
+        with netCDF4.Dataset(path, "r") as file:
+            ours = "format" in file.ncattrs() and file.getncattr("format") == FORMAT
+    except (IdentificationError, OSError):
+        ours = False
+    if not ours:
+        raise IdentificationError(
+            f"{path}: found a file that is no saved identification, expected nothing or one: the result is written "
+            "there. Move it, or choose another name with -o"
+        )
+
+
 def _require_file(path: Path) -> None:
     if not path.is_file():
         around = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
