@@ -22,6 +22,7 @@ RULES: dict[str, set[str]] = {
     "core": set(),
     "vehicle": {"core"},
     **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
+    "identification": {"core", "vehicle", "report"},  # a result draws itself; report knows of no sibling
     "scenario": BELOW_SCENARIO,
     "campaign": BELOW_SCENARIO | {"scenario"},
     "console": BELOW_SCENARIO | {"scenario"},

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rovtwin.core.log import Log
+    from rovtwin.identification.identify import identify
+    from rovtwin.identification.result import Identification
     from rovtwin.scenario.files import load_scenario
     from rovtwin.scenario.flight import fly
     from rovtwin.vehicle.model import Model
@@ -22,8 +24,20 @@ _WHERE = {
     "load_scenario": "rovtwin.scenario",
     "fly": "rovtwin.scenario",
     "Log": "rovtwin.core.log",
+    "identify": "rovtwin.identification.identify",
+    "Identification": "rovtwin.identification.result",
 }
-__all__ = ["Log", "Model", "Vehicle", "__version__", "fly", "load_scenario", "load_vehicle"]
+__all__ = [
+    "Identification",
+    "Log",
+    "Model",
+    "Vehicle",
+    "__version__",
+    "fly",
+    "identify",
+    "load_scenario",
+    "load_vehicle",
+]
 
 
 def __getattr__(name: str) -> Any:

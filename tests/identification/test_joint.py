@@ -25,6 +25,7 @@ from rovtwin.identification.joint.segments import cut
 from rovtwin.identification.judgement.reliance import doubts_about
 from rovtwin.identification.judgement.remarks import about_scale, about_solution
 from rovtwin.identification.judgement.validation import predict
+from rovtwin.identification.result import Identification
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION = 30.0
@@ -116,6 +117,19 @@ def test_the_file_loads_and_is_the_estimate(found, tmp_path):
     np.testing.assert_allclose(again.model().thrusters.exponent, found.model().thrusters.exponent, rtol=1e-6)
     same = identify(again, [], old=again, free=found.parameters.names)
     np.testing.assert_allclose(same.covariance, found.covariance, rtol=1e-5, atol=1e-10)
+
+
+def test_what_was_saved_predicts_what_the_run_did(found, tmp_path):
+    again = Identification.load(found.save(tmp_path / "identified.nc"))
+    assert any(np.any(offset) for offset in again.offsets.values())
+    for name in ("theta", "covariance"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+    np.testing.assert_array_equal(again.solution.unknowns.offsets, found.solution.unknowns.offsets)
+    np.testing.assert_array_equal(again.residuals["gyro.p"].normalised, found.residuals["gyro.p"].normalised)
+    (prediction,) = again.predict(found.problem.segments.records)
+    for name, series in prediction.readings.items():
+        for one, of_the_run in zip(series, found.fitted[0].readings[name], strict=True):
+            np.testing.assert_array_equal(one, of_the_run)
 
 
 def test_a_file_whose_parts_were_changed_is_refused(found):

@@ -3,6 +3,7 @@
 import json
 import logging
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
 from rovtwin.identification.judgement.verdict import _in_words
+from rovtwin.identification.result import Identification
 from rovtwin.scenario.composition import _say_doubts, compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.identified import fingerprint
 
 
 @pytest.mark.parametrize(
@@ -107,6 +110,11 @@ def test_meshes_travel_with_the_file(old, tmp_path):
     moved = (tmp_path / "out").rename(tmp_path / "elsewhere")
     assert str(tmp_path) not in (moved / "found.yaml").read_text()
     assert load_vehicle(moved / "found.yaml").file.parts[-1].visuals[0].mesh == str(moved / "found/meshes/sonar.stl")
+    assert f"result: {tmp_path / 'out' / 'found.nc'}" in said.output.replace("\n", "")
+    assert str(tmp_path).encode() not in (moved / "found.nc").read_bytes()
+    held = Identification.load(moved / "found.nc").vehicle
+    assert fingerprint(held.file) == fingerprint(load_vehicle(moved / "found.yaml").file)
+    assert Path(held.file.parts[-1].visuals[0].mesh).read_text() == "solid sonar\nendsolid\n"
 
 
 DOUBT = "the estimate has not settled, so no width means anything"
@@ -148,8 +156,18 @@ def test_a_result_that_is_not_to_be_relied_on_is_written_with_keep_only(old, tmp
     assert said.exit_code == 1 and not (tmp_path / "out.yaml").exists()
     told = json.loads(said.stdout)
     assert (told["reliable"], told["doubts"], told["file"]) == (False, [DOUBT], None)
+    assert Identification.load(tmp_path / "out.nc").doubts == [DOUBT], "to look into, as the report"
     assert identify_command(tmp_path, "--keep").exit_code == 1
     assert load_vehicle(tmp_path / "out.yaml").doubts == [DOUBT]
+
+
+def test_the_result_replaces_no_file_of_another_kind(old, tmp_path):
+    (tmp_path / "kept.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    (tmp_path / "new.yaml").write_text(to_yaml(old.to_dict(), "rovtwin identify"))
+    (tmp_path / "out.nc").write_bytes(b"CDF of a log")
+    said = identify_command(tmp_path)
+    assert isinstance(said.exception, IdentificationError) and "choose another name with -o" in str(said.exception)
+    assert (tmp_path / "out.nc").read_bytes() == b"CDF of a log" and not (tmp_path / "out.yaml").exists()
 
 
 def test_it_is_said_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch):

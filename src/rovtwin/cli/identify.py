@@ -81,6 +81,7 @@ def identify(
     from rovtwin.identification.identify import identify as estimate
     from rovtwin.identification.joint.overlay import to_yaml
     from rovtwin.identification.logs.evidence_file import read_evidence
+    from rovtwin.identification.result.store import require_replaceable
     from rovtwin.scenario.belongings import MESHES, kept_beside
     from rovtwin.vehicle import load_vehicle
 
@@ -95,6 +96,7 @@ def identify(
         raise ConfigError(f"{out}: expected the name of a file to write, in a folder that is there")
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{out}: expected a name that ends in .yaml; the report goes into a folder of that name")
+    require_replaceable(out.with_suffix(".nc"))
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
     wanted = load_vehicle(name, identified=prior is None)
@@ -131,6 +133,7 @@ def identify(
         # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
         data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
         out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
+    held = result.save(out.with_suffix(".nc"), overwrite=True)  # also of what is not to be relied on, as the report
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         files = {"file": str(out) if written else None, "report": None if page is None else str(page)}
@@ -138,7 +141,8 @@ def identify(
     else:
         _print(screen, result)
         told = f"written: {out}" if written else f"not written: {out}; to have it all the same, add --keep"
-        screen.print(f"\n{told}" + (f"   report: {page}" if page else ""), markup=False)
+        told += f"   result: {held}" + (f"   report: {page}" if page else "")
+        screen.print(f"\n{told}", markup=False)
     raise typer.Exit(FAILED if result.doubts else DONE)
 
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,14 +11,12 @@ from rovtwin.identification.cross_validation import CrossValidation
 from rovtwin.identification.joint.build import offsets_of, problem_of
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.estimate import Solution, estimate
+from rovtwin.identification.joint.estimate import estimate
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.overlay import identified_file
 from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
@@ -30,104 +27,17 @@ from rovtwin.identification.judgement.remarks import (
     about_thrust,
     about_water,
 )
-from rovtwin.identification.judgement.tested import Range, tested_ranges
+from rovtwin.identification.judgement.tested import tested_ranges
 from rovtwin.identification.judgement.validation import Prediction, predict
-from rovtwin.identification.judgement.verdict import Blind, blind_directions, verdicts
-from rovtwin.identification.judgement.whiteness import Residuals, residual_analysis
+from rovtwin.identification.judgement.verdict import blind_directions, verdicts
+from rovtwin.identification.judgement.whiteness import residual_analysis
 from rovtwin.identification.logs.record import Record
+from rovtwin.identification.result import Identification
 from rovtwin.identification.structure import ALL, CHOSEN, Rung, climbed, lines_about, restricted, rung_of, up_to
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.model import Model
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how far it is, 0 to 1."""
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """The result.
-
-    Attributes:
-        vehicle: What was identified.
-        parameters: The free ones; `values` gives them in their units.
-        prior: What was known before.
-        theta: The estimate, shape (n,).
-        covariance: Of theta, shape (n, n).
-        verdicts: `learnt`, `partly` or `prior only`, per parameter.
-        blind: Combinations that the tests cannot tell.
-        findings: Remarks for people, one line each.
-        records: Names, durations and use of the tests.
-        solution: Of the solver; None where there were no tests.
-        fitted: Predictions of the fitted tests.
-        held_out: Predictions of the tests that were never fitted, or of the parts of them that were not.
-        residuals: By signal component.
-        problem: For further analysis; None where there were no tests.
-        seconds: Taken.
-        tested: Ranges of speeds by direction, and of commands by `thrusters.GROUP`, that the fitted tests covered.
-        doubts: Why the result as a whole is not to be relied on, one reason each; empty where it is.
-        ladder: How the structure was chosen; empty where it was not.
-    """
-
-    vehicle: Vehicle
-    parameters: Parameters
-    prior: Gaussian
-    theta: np.ndarray
-    covariance: np.ndarray
-    verdicts: list[str]
-    blind: list[Blind]
-    findings: list[str]
-    records: list[dict[str, Any]]
-    solution: Solution | None
-    fitted: list[Prediction]
-    held_out: list[Prediction]
-    residuals: dict[str, Residuals]
-    problem: Problem | None = field(repr=False, default=None)
-    seconds: float = 0.0
-    tested: dict[str, Range] = field(default_factory=dict)
-    doubts: list[str] = field(default_factory=list)
-    ladder: list[Rung] = field(default_factory=list)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Estimates in their units, by name."""
-        return dict(zip(self.parameters.names, self.parameters.values(self.theta).tolist(), strict=True))
-
-    @property
-    def std(self) -> np.ndarray:
-        """Standard deviation of theta: relative for what is positive, shape (n,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def interval(self, name: str, z: float = 1.96) -> tuple[float, float]:
-        """Ends of the 95 % interval of a parameter, in its unit."""
-        i = self.parameters.names.index(name)
-        p = self.parameters.free[i]
-        return float(p.value(self.theta[i] - z * self.std[i])), float(p.value(self.theta[i] + z * self.std[i]))
-
-    def model(self) -> Model:
-        """The model at the estimate."""
-        return self.parameters.model_at(self.theta)[0]
-
-    def sampled(self, count: int, seed: int = 0) -> np.ndarray:
-        """Draws of theta from the estimate's distribution, shape (count, n)."""
-        rng = np.random.default_rng(seed)
-        L = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.theta)))
-        return self.theta + rng.standard_normal((count, len(self.theta))) @ L.T
-
-    def file(self) -> dict[str, Any]:
-        """The vehicle file with its `identified:` block, as plain data."""
-        evidence = [f"{r['name']} ({r['use']}, {r['duration']:.0f} s)" for r in self.records]
-        return identified_file(
-            self.vehicle,
-            self.parameters,
-            self.theta,
-            self.covariance,
-            self.prior,
-            self.verdicts,
-            evidence,
-            [b.text for b in self.blind] + self.findings,
-            self.tested,
-            self.doubts,
-        )
 
 
 def identify(
@@ -169,19 +79,23 @@ def identify(
     parameters, start = parameters_and_prior(vehicle, records, free, prior, old, settings)
     findings = about_parts(vehicle, old)
     summary = _listed(records, "fit") + _listed(validate, "held out")
+    if not records and settings.structure != ALL:
+        raise IdentificationError(
+            f"structure: found '{settings.structure}', but no tests by which to choose: give a log"
+        )
     if not records and not anchors:
         nothing = ["prior only"] * len(parameters)
         mean, C = start.mean, start.covariance
         _, held_out = _predicted(parameters, mean, (), validate, settings)
         return Identification(
             vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], held_out, {},
-            seconds=time.perf_counter() - begin, doubts=doubts_of_prior(old),
+            seconds=time.perf_counter() - begin, doubts=doubts_of_prior(old), options=settings,
         )  # fmt: skip
     if not records:
         raise IdentificationError(f"{vehicle.name}: anchors alone: found no test log; give at least one")
     told("preparing", 0.0)
     if not settings.accelerometer:
-        records, validate = _without(records, "accelerometer"), _without(validate, "accelerometer")
+        records, validate = ([r.without("accelerometer") for r in some] for some in (records, validate))
     parameters, start, ladder, begun = _structured(parameters, start, records, anchors, old, settings, told)
     problem = problem_of(parameters, start, records, anchors, settings)
     solution = estimate(
@@ -207,7 +121,7 @@ def identify(
     return Identification(
         vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
         solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
-        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), ladder,
+        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), offsets, settings, ladder,
     )  # fmt: skip
 
 
@@ -311,14 +225,6 @@ def parameters_and_prior(
     if old is not None:
         start = prior_from(old, parameters, start, change, said or ())
     return parameters, start
-
-
-def _without(records: Sequence[Record], name: str) -> list[Record]:
-    """The same tests without a signal; one that has no other keeps it."""
-    return [
-        replace(r, signals={k: s for k, s in r.signals.items() if k != name}) if set(r.signals) - {name} else r
-        for r in records
-    ]
 
 
 def _listed(records: Sequence[Record], use: str) -> list[dict[str, Any]]:

@@ -176,5 +176,6 @@ def _residuals(result: Any, folder: Path) -> Section | None:
         figures.whiteness_figure(result.residuals), folder, "whiteness", "Whiteness of the residuals",
         "Autocorrelation of what the fit leaves. Where model and noise are right, 19 of 20 bars end within the band.",
     )  # fmt: skip
-    return Section("residuals", "Noise and residuals",
-                   items=[white, tables.residual_table(result), tables.disturbance_table(result)])  # fmt: skip
+    # What was declared of the sensors is in the problem, which a result from a file no longer has.
+    noise = [] if result.problem is None else [tables.residual_table(result), tables.disturbance_table(result)]
+    return Section("residuals", "Noise and residuals", items=[white, *noise])

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin import __version__
 from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves
 from rovtwin.report.identification_tests import component_name, how, scaled, unit_of
 from rovtwin.report.identification_words import excitation, in_families, is_coupling, naive
@@ -256,7 +255,7 @@ def provenance_table(result: Any) -> Table:
     rows = [
         ["vehicle", f"{result.vehicle.name} ({result.vehicle.where})"],
         ["fingerprint of its parts", fingerprint(result.vehicle.file)],
-        ["rovtwin", __version__],
+        ["rovtwin", result.version],
         ["time taken", f"{result.seconds:.0f} s"],
     ]
     if result.solution is not None:

@@ -108,6 +108,11 @@ class Record:
         row = np.searchsorted(self.t_command, t + 1e-9, side="right") - 1
         return self.command[np.clip(row, 0, len(self.t_command) - 1)]
 
+    def without(self, name: str) -> "Record":
+        """The same test without a signal; one that has no other keeps it."""
+        kept = {key: signal for key, signal in self.signals.items() if key != name}
+        return replace(self, signals=kept or self.signals)
+
     def cut(self, start: float, end: float) -> "Record":
         """The part of the test between two times; the command that holds at its start is kept."""
         if not self.start <= start < end <= self.end + 1e-9:

@@ -1,0 +1,241 @@
+"""What a saved identification holds: arrays by place, and words; and the identification made of them again."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import as_array, jax
+from rovtwin.identification.joint.estimate import Solution
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.nodes import Nodes
+from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.parameters import Parameter, Parameters
+from rovtwin.identification.joint.problem import Noise, Unknowns
+from rovtwin.identification.judgement.validation import Prediction, Score
+from rovtwin.identification.judgement.verdict import Blind
+from rovtwin.identification.judgement.whiteness import Residuals
+from rovtwin.vehicle import Vehicle, vehicle_from_dict
+from rovtwin.vehicle.files import with_meshes
+from rovtwin.vehicle.model import Model
+
+if TYPE_CHECKING:
+    from rovtwin.identification.result.identification import Identification
+
+_TOLD = ("findings", "seconds", "doubts", "version")  # fields that are words as they are
+_SOLVED = ("converged", "steps", "cost", "stretches")  # of the solution
+_SOLVED_ARRAYS = ("information", "offset_std", "widening")
+_SERIES = ("t", "measured", "predicted")
+_folders: list[tempfile.TemporaryDirectory[str]] = []  # mesh files of what was loaded, for as long as the process runs
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """Arrays by `group/name`, of numbers, truths or text, and the rest as data for JSON."""
+
+    arrays: dict[str, np.ndarray]
+    words: dict[str, Any]
+
+
+def packed(result: Identification) -> Packed:
+    """All of a result but its `problem`."""
+    free = result.parameters.free
+    arrays = {
+        "parameter": _texts(p.name for p in free),
+        "unit": _texts(p.unit for p in free),
+        "verdict": _texts(result.verdicts),
+        **{key: np.array([getattr(p, key) for p in free]) for key in ("base", "positive", "bound")},
+        "theta": result.theta,
+        "covariance": result.covariance,
+        "prior_theta": result.prior.mean,
+        "prior_covariance": result.prior.covariance,
+    }
+    arrays |= {f"model/{name}": np.asarray(leaf) for name, leaf in _leaves(result.parameters.model).items()}
+    vehicle, meshes = _vehicle_packed(result.vehicle)
+    words = {key: getattr(result, key) for key in _TOLD} | {
+        "vehicle": vehicle,
+        "groups": {group: list(rows) for group, rows in result.parameters.groups.items()},
+        "blind": [asdict(b) for b in result.blind],
+        # Without folders: a file that is passed on says nothing of the machine it was made on.
+        "records": [r | {"source": Path(r["source"]).name} for r in result.records],
+        "tested": result.tested,
+        "offsets": result.offsets,
+        "options": result.options.model_dump(mode="json"),
+        "solution": None,
+    }
+    arrays |= meshes
+    if result.solution is not None:
+        words["solution"] = {key: getattr(result.solution, key) for key in _SOLVED}
+        arrays |= _solution_packed(result.solution)
+    for group in ("fitted", "held_out"):
+        words[group] = [_prediction_packed(p, f"{group}/{k}/", arrays) for k, p in enumerate(getattr(result, group))]
+    words["residuals"] = {
+        name: _residuals_packed(r, f"residuals/{name}/", arrays) for name, r in result.residuals.items()
+    }
+    return Packed(arrays, words)
+
+
+def unpacked(held: Packed, where: str) -> dict[str, Any]:
+    """Fields of the result; `where` names its file.
+
+    Raises:
+        IdentificationError: The model has other arrays than in this version of rovtwin.
+        ConfigError: The vehicle is none that this version of rovtwin can use.
+    """
+    a, words = held.arrays, held.words
+    vehicle = _vehicle_unpacked(words["vehicle"], a, where)
+    columns = [a[key].tolist() for key in ("parameter", "unit", "base", "positive", "bound")]
+    free = tuple(Parameter(*row) for row in zip(*columns, strict=True))
+    groups = {group: tuple(rows) for group, rows in words["groups"].items()}
+    theta, covariance = a["theta"], a["covariance"]
+    offsets = {name: np.array(value) for name, value in words["offsets"].items()}
+    solved = words["solution"]
+    return {key: words[key] for key in _TOLD} | {
+        "vehicle": vehicle,
+        "parameters": Parameters(_model_unpacked(vehicle, a, where), free, groups),
+        "prior": Gaussian(a["prior_theta"], a["prior_covariance"]),
+        "theta": theta,
+        "covariance": covariance,
+        "verdicts": a["verdict"].tolist(),
+        "blind": [Blind(**b | {key: tuple(b[key]) for key in ("names", "weights")}) for b in words["blind"]],
+        "records": words["records"],
+        "tested": {name: tuple(ends) for name, ends in words["tested"].items()},
+        "offsets": offsets,
+        "options": Options.read(words["options"]),
+        "solution": None if solved is None else _solution_unpacked(solved, a, theta, covariance, offsets),
+        **{
+            group: [_prediction_unpacked(p, f"{group}/{k}/", a) for k, p in enumerate(words[group])]
+            for group in ("fitted", "held_out")
+        },
+        "residuals": {name: _residuals_unpacked(r, f"residuals/{name}/", a) for name, r in words["residuals"].items()},
+    }
+
+
+def _texts(words: Any) -> np.ndarray:
+    return np.array(list(words), dtype=object)
+
+
+def _leaves(model: Model) -> dict[str, Any]:
+    """Arrays of a model by the way to them, `thrusters.exponent`."""
+    return {jax.tree_util.keystr(path).lstrip("."): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(model)}
+
+
+def _model_unpacked(vehicle: Vehicle, arrays: Mapping[str, np.ndarray], where: str) -> Model:
+    """The starting model: of the vehicle's kind, with the arrays that were kept."""
+    pattern = vehicle.model()
+    names = _leaves(pattern)
+    kept = {place.removeprefix("model/") for place in arrays if place.startswith("model/")}
+    if differing := sorted(kept ^ names.keys()):
+        raise IdentificationError(
+            f"{where}: model: found arrays {', '.join(sorted(kept))}, expected those of this rovtwin, which differ in "
+            f"{', '.join(differing)}; read the file with the rovtwin that wrote it, or run rovtwin identify again"
+        )
+    leaves = [as_array(arrays[f"model/{name}"], np.asarray(leaf).dtype) for name, leaf in names.items()]
+    return jax.tree.unflatten(jax.tree.structure(pattern), leaves)
+
+
+def _vehicle_packed(vehicle: Vehicle) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The vehicle's data, and its mesh files by the numbers that these have in it.
+
+    Raises:
+        IdentificationError: A mesh file is no longer there.
+    """
+    meshes: dict[str, str] = {}
+    data = with_meshes(vehicle.to_dict(), lambda file: meshes.setdefault(file, f"{len(meshes)}{Path(file).suffix}"))
+    contents = {}
+    for file, name in meshes.items():
+        try:
+            contents[f"meshes/{name}"] = np.frombuffer(Path(file).read_bytes(), np.uint8)
+        except OSError as error:
+            raise IdentificationError(
+                f"{vehicle.where}: mesh: found no file {file} ({error.strerror}), expected it where it was when the "
+                "vehicle was read; put it back"
+            ) from None
+    about = {"where": vehicle.where, "water_density": vehicle.water_density, "pairs_apart": vehicle.pairs_apart}
+    return about | {"data": data}, contents
+
+
+def _vehicle_unpacked(said: Mapping[str, Any], arrays: Mapping[str, np.ndarray], where: str) -> Vehicle:
+    """The vehicle; its mesh files go to a folder of their own, since they are read from files."""
+    data = said["data"]
+    meshes = {place.removeprefix("meshes/"): value for place, value in arrays.items() if place.startswith("meshes/")}
+    if meshes:
+        _folders.append(tempfile.TemporaryDirectory(prefix="rovtwin_"))
+        folder = Path(_folders[-1].name)
+        for name, content in meshes.items():
+            (folder / name).write_bytes(content.tobytes())
+        data = with_meshes(data, lambda name: str(folder / name))
+    vehicle = vehicle_from_dict(data, said["where"])
+    return Vehicle(vehicle.file, said["where"], said["water_density"], said["pairs_apart"])
+
+
+def _solution_packed(solution: Solution) -> dict[str, np.ndarray]:
+    """Without theta, covariance and offsets, which are the result's."""
+    found = {name: getattr(solution, name) for name in _SOLVED_ARRAYS}
+    found |= {"sigma": solution.noise.sigma, "defect": solution.noise.defect}
+    found |= {f"nodes_{name}": value for name, value in solution.unknowns.nodes._asdict().items()}
+    return {f"solution/{name}": np.asarray(value) for name, value in found.items()}
+
+
+def _solution_unpacked(
+    said: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    offsets: Mapping[str, np.ndarray],
+) -> Solution:
+    kept = {place.removeprefix("solution/"): x for place, x in arrays.items() if place.startswith("solution/")}
+    nodes = Nodes(*(kept[f"nodes_{name}"] for name in Nodes._fields))
+    every = np.concatenate(list(offsets.values())) if offsets else np.zeros(0)
+    return Solution(
+        unknowns=Unknowns(theta, every, nodes),
+        noise=Noise(kept["sigma"], kept["defect"]),
+        covariance=covariance,
+        **{name: kept[name] for name in _SOLVED_ARRAYS},
+        **said,
+    )
+
+
+def _prediction_packed(prediction: Prediction, place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Its words; its series go to `arrays`."""
+    for signal, series in prediction.readings.items():
+        arrays |= {f"{place}{signal}/{name}": np.asarray(x) for name, x in zip(_SERIES, series, strict=True)}
+    return {
+        "record": prediction.record,
+        "window": prediction.window,
+        "signals": list(prediction.readings),
+        "scores": {component: asdict(score) for component, score in prediction.scores.items()},
+        "excited": prediction.excited,
+    }
+
+
+def _prediction_unpacked(said: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Prediction:
+    def series(signal: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        t, measured, predicted = (arrays[f"{place}{signal}/{name}"] for name in _SERIES)
+        return t, measured, predicted
+
+    return Prediction(
+        said["record"],
+        said["window"],
+        {signal: series(signal) for signal in said["signals"]},
+        {component: Score(**score) for component, score in said["scores"].items()},
+        said["excited"],
+    )
+
+
+def _residuals_packed(residuals: Residuals, place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Its words; its series go to `arrays`."""
+    held = {f.name: getattr(residuals, f.name) for f in fields(residuals)}
+    arrays |= {place + name: value for name, value in held.items() if isinstance(value, np.ndarray)}
+    return {name: value for name, value in held.items() if not isinstance(value, np.ndarray)}
+
+
+def _residuals_unpacked(said: Mapping[str, Any], place: str, arrays: Mapping[str, np.ndarray]) -> Residuals:
+    series: dict[str, Any] = {f.name: arrays[place + f.name] for f in fields(Residuals) if f.name not in said}
+    return Residuals(**said, **series)
