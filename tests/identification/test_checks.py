@@ -7,17 +7,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.conftest import shared_folder
 from tests.identification.flown import EXCITATIONS, SENSORS, fly, model_of
 
 import rovtwin.cli
 from rovtwin.identification.checks import against_model
+from rovtwin.identification.checks.among_signals import check_motion, pairs
 from rovtwin.identification.checks.check import check_commands, check_record
 from rovtwin.identification.logs.evidence_file import read_evidence
+from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.identification.logs.readers.assemble import flung
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.identification.logs.rotations import matrices_from_euler
+from rovtwin.identification.logs.rotations import euler_from_matrices, matrices_from_euler
 from rovtwin.vehicle import load_vehicle
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -249,6 +252,57 @@ def test_the_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
     assert stopped.value.code == 1
     assert said["usable"] is False
     assert [f["what"] for f in said["records"][0]["findings"] if f["severity"] == "error"] == ["degrees"]
+
+
+def spinning(turn, attitude_rate, gain=1.0):
+    """Somersaults back and forth at up to `turn` [rad/s], attitude and gyro exact but for their noise."""
+    t, rng = np.arange(0.0, 60.0, 0.01), np.random.default_rng(5)
+    p, q, r = (
+        turn * np.sin(2 * np.pi * f * t + k) * size for k, (f, size) in enumerate([(0.12, 1), (0.1, 1), (0.2, 0.3)])
+    )
+    omega = np.stack([p, q, r], axis=1)
+    steps = Rotation.from_rotvec(0.01 * omega)
+    turned, R = [Rotation.identity()], Rotation.identity()
+    for step in steps[:-1]:
+        R = R * step
+        turned.append(R)
+    rows = np.arange(0, len(t), round(100 / attitude_rate))
+    euler = euler_from_matrices(Rotation.concatenate([turned[i] for i in rows]).as_matrix())
+    signals = {
+        "gyro": Signal(t + 0.005, gain * omega + rng.normal(0, 0.01, omega.shape)),
+        "attitude": Signal(t[rows], euler + rng.normal(0, 0.003, euler.shape)),
+    }
+    return Record("somersaults", t[::10], rng.uniform(-1, 1, (len(t[::10]), 6)), signals, end=60.0)
+
+
+@pytest.mark.parametrize("attitude_rate", [5, 10, 50])
+def test_fast_rotations_that_are_right_are_not_called_wrong(attitude_rate):
+    """A mean of rotations shrinks with the turn within its kernel; both signals go through the same one."""
+    record = spinning(6.0 if attitude_rate > 5 else 4.0, attitude_rate)
+    (pair,) = pairs(Motion.of(record))
+    good = np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
+    ratio = pair.a[good].std(axis=0) / pair.b[good].std(axis=0)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.1)
+    assert not [str(f) for f in check_motion(Motion.of(record)) if f.severity == "error"]
+
+
+@pytest.mark.parametrize(("gain", "what"), [(1.8, "disagree"), (1 / 1.8, "disagree"), (57.3, "degrees")])
+def test_a_gyro_of_another_size_is_found_in_fast_rotations_too(gain, what):
+    found = check_motion(Motion.of(spinning(6.0, 10, gain)))
+    assert [(f.what, f.where) for f in found if f.severity == "error"] == [(what, "gyro")]
+    assert what == "degrees" or f"{gain:.2f} times" in found[0].message
+
+
+@pytest.mark.parametrize("log", ["pitch_roll_1", "pitch_roll_2", "all_2", "all_3", "yaw_1", "yaw_4"])
+def test_real_rotations_thinned_to_few_readings_raise_no_alarm(log):
+    """Somersaults of 6 rad/s, their attitude at 5 to 20 Hz as many vehicles log it."""
+    path = shared_folder("data", "bluerov_liu") / f"{log}.npz"
+    states = np.load(path)["sensor_fusion_states"]
+    for every in (10, 20, 40):
+        signals = {"gyro": Signal(states[:, 0], states[:, 4:7])}
+        signals["attitude"] = Signal(states[::every, 0], states[::every, 1:4])
+        record = Record(log, states[:1, 0], np.zeros((1, 6)), signals, end=float(states[-1, 0]))
+        assert not [str(f) for f in check_motion(Motion.of(record)) if f.severity == "error"], every
 
 
 def test_flung_readings_are_only_those():

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from rovtwin.identification.checks.findings import Finding
-from rovtwin.identification.logs.motion import STEP, WIDTH, Motion
+from rovtwin.identification.logs.motion import STEP, Motion, widened
 from rovtwin.identification.logs.record import SIGNALS
 
 LONGEST_LAG, SMALLEST_LAG = 3.0, 0.15  # [s] searched; [s] that counts
@@ -31,26 +31,36 @@ class Pair:
 
 
 def pairs(motion: Motion) -> list[Pair]:
-    """What can be compared in this record."""
+    """What can be compared in this record, each two signals through the same kernel."""
     found = []
-    gyro, from_attitude = motion.values("gyro"), motion.rate_of_attitude
+    alike = motion.alike("gyro", "attitude")
+    gyro, from_attitude = alike.values("gyro"), alike.rate_of_attitude
     if gyro is not None and from_attitude is not None:
-        noise = (_noise(motion, "gyro", False), _noise(motion, "attitude", True))
+        noise = (_noise(alike, "gyro", False), _noise(alike, "attitude", True))
         found.append(Pair(("gyro", "attitude"), SIGNALS["gyro"][0], gyro[0], from_attitude, noise))
-    velocity, from_position = motion.values("velocity"), motion.rate_of_position
+    alike = motion.alike("velocity", "position", "attitude")
+    velocity, from_position = alike.values("velocity"), alike.rate_of_position
     if velocity is not None and from_position is not None:
-        noise = (_noise(motion, "velocity", False), _noise(motion, "position", True))
-        position = motion.values("position")
+        noise = (_noise(alike, "velocity", False), _noise(alike, "position", True))
+        position = alike.values("position")
         assert position is not None
         names, axes = ("velocity", "position"), SIGNALS["velocity"][0]
         found.append(Pair(names, axes, velocity[0], from_position, noise, position[1]))
-    depth, position = motion.values("depth"), motion.values("position")
+    return found + _pairs_of_depth(motion)
+
+
+def _pairs_of_depth(motion: Motion) -> list[Pair]:
+    found = []
+    alike = motion.alike("depth", "position")
+    depth, position = alike.values("depth"), alike.values("position")
     if depth is not None and position is not None:
-        noise = (_noise(motion, "depth", True), _noise(motion, "position", True)[2:])
+        noise = (_noise(alike, "depth", True), _noise(alike, "position", True)[2:])
         found.append(Pair(("depth", "position"), ("down",), depth[1], position[1][:, 2:], noise))
-    if depth is not None and position is None and velocity is not None and motion.rotation is not None:
-        down = np.einsum("ni,ni->n", motion.rotation[:, 2], velocity[0])[:, None]
-        noise = (_noise(motion, "depth", True), np.array([_noise(motion, "velocity", False).max()]))
+    alike = motion.alike("depth", "velocity", "attitude")
+    depth, velocity, rotation = alike.values("depth"), alike.values("velocity"), alike.rotation
+    if depth is not None and position is None and velocity is not None and rotation is not None:
+        down = np.einsum("ni,ni->n", rotation[:, 2], velocity[0])[:, None]
+        noise = (_noise(alike, "depth", True), np.array([_noise(alike, "velocity", False).max()]))
         found.append(Pair(("depth", "velocity"), ("down",), depth[1], down, noise))
     return found
 
@@ -65,7 +75,7 @@ def _noise(motion: Motion, name: str, of_rate: bool) -> np.ndarray:
         left = (left + np.pi) % (2 * np.pi) - np.pi
     spread = 1.4826 * np.nanmedian(np.abs(left), axis=0)
     interval = float(np.median(np.diff(signal.t)))
-    width = max(WIDTH, 1.5 * interval)
+    width = widened(signal.t, motion.width)
     per_value = np.sqrt(interval / (2 * np.sqrt(np.pi) * width))
     return spread * (per_value / (np.sqrt(2) * width) if of_rate else per_value)
 
