@@ -3,6 +3,7 @@
 import json
 import logging
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +13,15 @@ from typer.testing import CliRunner
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import identify
+from rovtwin.identification.joint.apart import Apart
 from rovtwin.identification.joint.catalogue import catalogue, choose
+from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.overlay import to_yaml
+from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
-from rovtwin.identification.judgement.verdict import _in_words
+from rovtwin.identification.judgement.verdict import _in_words, verdicts
 from rovtwin.scenario.composition import _say_doubts, compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -221,3 +226,72 @@ def test_only_what_thrusters_pushed_along_is_excited():
     pushed = pushed_axes(B, log)
     assert pushed[0] and not pushed[1] and not pushed[2]
     assert pushed_axes(B, replace(log, command=0.0 * log.command)).all()
+
+
+@pytest.fixture(scope="module")
+def surge():
+    """Three parameters with a prior of 0.4: the first came out far off and narrow, the second far off and wide."""
+    parameters = choose(
+        catalogue(load_vehicle("double_blueye")), ["added_mass.surge", "added_mass.sway", "*_damping.yaw"]
+    )
+    n = len(parameters)
+    prior = Gaussian(np.zeros(n), 0.16 * np.eye(n))
+    theta, std = np.zeros(n), np.full(n, 0.05)
+    theta[0], theta[1], std[1] = 1.2, -0.9, 0.3
+    return parameters, prior, theta, np.diag(std**2)
+
+
+def test_what_lies_outside_the_prior_is_named_with_both_values(surge):
+    parameters, prior, theta, C = surge
+    (said,) = about_prior(parameters, prior, theta, C)
+    base = parameters.free[0].base
+    assert f"added_mass.surge {base * np.exp(1.2):.3g} kg (" in said
+    assert f"against {base:.3g} kg ({base * np.exp(-0.784):.3g} to {base * np.exp(0.784):.3g})" in said
+    assert "added_mass.sway" in said and "yaw" not in said
+    assert about_prior(parameters, prior, 0.5 * theta, C) == []
+
+
+def test_a_narrow_estimate_outside_its_prior_is_contradicted_and_a_wide_one_is_not(surge):
+    parameters, prior, theta, C = surge
+    against = contradicted(prior, theta, C, None)
+    assert against == {0}
+    solution = SimpleNamespace(covariance=C)
+    assert verdicts(prior, solution, against)[:3] == ["contradicted", "partly", "learnt"]
+
+
+def test_logs_that_disagree_by_themselves_contradict_each_other(surge):
+    parameters, prior, _, C = surge
+    n = len(parameters)
+    theta = np.zeros((2, n))
+    theta[1, 2] = 0.6
+    apart = Apart(("run_1", "run_2"), theta, np.full((2, n), 0.1), np.full((2, 2, n), 0.14))
+    assert contradicted(prior, np.zeros(n), C, apart) == {2}
+    (said,) = about_logs_apart(parameters, apart)
+    assert parameters.names[2] in said and "by run_1" in said and "by run_2" in said
+    assert about_logs_apart(parameters, replace(apart, theta=0.3 * theta)) == []
+
+
+def test_equal_thrusters_that_come_out_unequal_are_named():
+    vehicle = load_vehicle("bluerov2")
+    groups = {"front": (0, 1), "rear": (2, 3), "up": (4, 5)}
+    parameters = choose(catalogue(vehicle, groups), ["thrusters.rear.force_ahead", "thrusters.up.force_ahead"])
+    t = parameters.model.thrusters
+    assert float(t.force_ahead[0]) == float(t.force_ahead[4]), "of one kind in this vehicle"
+    (said,) = about_equal_thrusters(parameters, np.log([0.8, 0.36]), 1e-4 * np.eye(2))
+    assert "1 : 0.8 : 0.36 (front, rear, up; force ahead" in said
+    assert about_equal_thrusters(parameters, np.log([0.8, 0.36]), np.eye(2)) == [], "nobody knows them that well"
+    assert about_equal_thrusters(parameters, np.log([0.95, 1.05]), 1e-4 * np.eye(2)) == []
+
+
+def test_values_that_no_vehicle_has_are_named():
+    vehicle = load_vehicle("double_blueye")
+    everything = catalogue(vehicle)
+    wanted = {"added_mass.surge": 500.0, "thrusters.surge.exponent": 5.0}
+    parameters = choose(everything, wanted)
+    (said,) = about_odd_values(parameters, parameters.thetas(wanted), {})
+    assert "added mass in surge is" in said and "times the displaced mass" in said
+    assert "thrusters.surge.exponent is 5" in said
+    assert about_odd_values(everything, np.zeros(len(everything)), {"surge": (-0.2, 0.3)}) == []
+    pushing = replace(parameters, model=parameters.model.replace(linear_damping_ahead=-np.eye(6)))
+    (said,) = about_odd_values(pushing, pushing.thetas({}), {"yaw": (-0.1, 0.001)})
+    assert "damping in yaw is negative at 0.001 rad/s" in said

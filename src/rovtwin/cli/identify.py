@@ -352,7 +352,7 @@ def _print(screen: Console, result: "Identification") -> None:
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
     )
-    styles = {"learnt": "green", "partly": "yellow", "prior only": "red"}
+    styles = {"learnt": "green", "partly": "yellow", "prior only": "red", "contradicted": "bold red"}
     learnt = {p.name: said for p, said in zip(result.parameters.free, result.verdicts, strict=True)}
     for i, p in enumerate(result.parameters.free):
         if is_coupling(p.name):
@@ -371,7 +371,7 @@ def _print(screen: Console, result: "Identification") -> None:
     for line in groups_in_words(result.parameters.groups, result.vehicle.thruster_names):
         screen.print(line, markup=False, soft_wrap=True)
     for name, why in zip(result.parameters.names, excitation(result), strict=True):
-        if learnt[name] != "learnt" and not is_coupling(name):
+        if learnt[name] in ("partly", "prior only") and not is_coupling(name):
             screen.print(f"{learnt[name]}: {name}: {why}; it takes {what_teaches(name)}", markup=False, soft_wrap=True)
     if couplings := [name for name in learnt if is_coupling(name)]:
         known = in_families(couplings, [name for name in couplings if learnt[name] == "learnt"]) or "none"

@@ -22,6 +22,8 @@ from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
     about_parts,
@@ -53,7 +55,7 @@ class Identification:
         prior: What was known before.
         theta: The estimate, shape (n,).
         covariance: Of theta, shape (n, n).
-        verdicts: `learnt`, `partly` or `prior only`, per parameter.
+        verdicts: `learnt`, `partly`, `prior only` or `contradicted`, per parameter.
         blind: Combinations that the tests cannot tell.
         findings: Remarks for people, one line each.
         records: Names, durations and use of the tests.
@@ -201,14 +203,18 @@ def identify(
     residuals = residual_analysis(problem, solution)
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
+    C = solution.covariance
+    against = contradicted(start, theta, C, solution.apart)
+    findings += about_prior(parameters, start, theta, C) + about_logs_apart(parameters, solution.apart)
+    findings += about_equal_thrusters(parameters, theta, C) + about_odd_values(parameters, theta, tested)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
     findings += about_thrust(parameters) + about_scale(parameters, records, solution, response)
     findings += about_solution(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
     )
     return Identification(
-        vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
-        solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
+        vehicle, parameters, start, theta, C, verdicts(start, solution, against), blind, findings, summary, solution,
+        fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
         doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old),
     )  # fmt: skip
 
