@@ -37,14 +37,26 @@ SUFFIXES = {
 COMMANDS_AGREE = 0.4
 
 
+Unread = Callable[[str, Path, IdentificationError], None]
+"""Told the name of a log, where it lies, and why it cannot be read."""
+
+
 @dataclass(frozen=True, eq=False)
 class Test:
-    """A Record and what it is for: fitted, or only predicted."""
+    """A Record and what it is for: fitted, or only predicted.
+
+    Attributes:
+        record: What is used.
+        use: fit or validate.
+        whole: What it is a part of; None where it is all of it. Checks look at the whole: clocks and signs are those
+            of a log, and a part of it may be too short to tell them.
+    """
 
     __test__ = False  # not one of pytest's
 
     record: Record
     use: Use
+    whole: Record | None = None
 
 
 def detect(path: Path) -> str:
@@ -227,12 +239,28 @@ def _cut(record: Record, spec: LogSpec, last: float) -> Record:
     return record.cut(start, end)
 
 
-def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
-    """Every test of an evidence file in its order; a log with `fit_share` gives two, the first part and the rest."""
+def read_tests(evidence: Evidence, vehicle: Vehicle, unread: Unread | None = None) -> list[Test]:
+    """Every test of an evidence file in its order; a log with `fit_share` gives two, the first part and the rest.
+
+    Args:
+        evidence: The file.
+        vehicle: The one that was tested.
+        unread: Told of a log that is never fitted, is there and cannot be read; without it such a log is refused.
+
+    Raises:
+        IdentificationError: What was found, what was expected, the fix.
+    """
     tests = []
     for spec in evidence.file.logs:
         path = evidence.path.parent if spec.files else evidence.locate(spec.file)
-        for record in read_records(path, vehicle, spec):
+        try:
+            records = read_records(path, vehicle, spec)
+        except IdentificationError as error:
+            if unread is None or spec.use == "fit" or not path.exists():
+                raise
+            unread(spec.name or _name_of(path), path, error)
+            continue
+        for record in records:
             tests += _for_use(record, spec)
     return tests
 
@@ -240,12 +268,17 @@ def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
 def _for_use(record: Record, spec: LogSpec) -> list[Test]:
     if spec.fit_share is None:
         return [Test(record, spec.use)]
-    split = record.start + spec.fit_share * record.duration
-    first, rest = record.cut(record.start, split), record.cut(split, record.end)
     return [
-        Test(replace(first, name=f"{record.name} (fitted part)"), "fit"),
-        Test(replace(rest, name=f"{record.name} (held out)"), "validate"),
+        replace(test, record=replace(test.record, name=f"{record.name} ({part})"))
+        for test, part in zip(split(record, spec.fit_share), ("fitted part", "held out"), strict=True)
     ]
+
+
+def split(record: Record, share: float) -> list[Test]:
+    """The first share of a record to be fitted, and the rest to be predicted."""
+    at = record.start + share * record.duration
+    first, rest = record.cut(record.start, at), record.cut(at, record.end)
+    return [Test(first, "fit", record), Test(rest, "validate", record)]
 
 
 def _name_of(file: Path) -> str:
@@ -255,4 +288,4 @@ def _name_of(file: Path) -> str:
     return f"{folder}_{more}".rstrip("_") if what == "log" and folder else file.stem
 
 
-__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]
+__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests", "split"]
