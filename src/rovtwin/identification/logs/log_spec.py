@@ -40,7 +40,9 @@ class SignalSpec(Strict):
 
     table: str | None = Field(None, alias="from", description="array, topic or body in the file; not for plain CSV")
     columns: list[Column] | None = Field(None, description="by name, or by number from 0; else those of a known format")
-    time: Column | None = Field(None, description="column of the time; else the table's own clock, or its first column")
+    time: Column | None = Field(
+        None, description="column, or array, of the time; else the table's own, or its first column"
+    )
     unit: str | None = Field(None, description="mm, deg, deg/s, g, mbar ..; else SI")
     frame: Literal["frd", "flu", "ned", "enu", "nwu", "down", "up"] | None = Field(
         None, description="body: frd or flu; world: ned, enu or nwu (z up); attitude: ned (FRD), enu or nwu (FLU)"
@@ -63,7 +65,9 @@ class CommandSpec(Strict):
 
     table: str | None = Field(None, alias="from", description="array, topic or channel in the file; not for plain CSV")
     columns: list[Column] | None = Field(None, description="by name, or by number from 0")
-    time: Column | None = Field(None, description="column of the time; else the table's own clock, or its first column")
+    time: Column | None = Field(
+        None, description="column, or array, of the time; else the table's own, or its first column"
+    )
     unit: Literal["normalised", "percent", "pwm"] = Field("normalised", description="pwm: (value - 1500) / 400")
     thrusters: list[str] | None = Field(None, description="thruster of each column; else the order of the vehicle")
     mix: dict[str, list[Number]] | None = Field(

@@ -12,7 +12,7 @@ from rovtwin.identification.logs.readers.assemble import Part, part_of
 from rovtwin.identification.logs.readers.blueye import read_blueye
 from rovtwin.identification.logs.readers.c3d import read_c3d
 from rovtwin.identification.logs.readers.qtm import read_qtm
-from rovtwin.identification.logs.readers.raw import Raw
+from rovtwin.identification.logs.readers.raw import Raw, no_commands
 from rovtwin.identification.logs.readers.ros import read_rosbag
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.identification.logs.readers.tables import read_csv, read_npz
@@ -143,7 +143,10 @@ def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Rec
     if length is None:
         length = next((raw.tether_length for raw in raws if raw.tether_length is not None), None)
     parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
-    merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
+    parts = _on_one_clock(parts, spec.sources, vehicle)
+    if all(part.t_command is None for part in parts):
+        raise no_commands(raws, vehicle.thruster_names)
+    merged = _joined(parts)
     origin = merged.first
     name = spec.name or _name_of(located[0])
     record = _record(name, merged.on_clock(-origin, 0.0), spec, origin, density, length)
@@ -189,10 +192,6 @@ def _joined(parts: list[Part]) -> Part:
     commanding = [part for part in parts if part.t_command is not None]
     source = ", ".join(part.source for part in parts)
     notes = tuple(note for part in parts for note in part.notes)
-    if not commanding:
-        raise IdentificationError(
-            f"{source}: found no commands; give 'commands', or list the file that has them under 'files'"
-        )
     if len(commanding) > 1:
         raise IdentificationError(f"{commanding[1].source}: commands are in {commanding[0].source} already; keep one")
     return Part(commanding[0].t_command, commanding[0].command, signals, source, notes)
