@@ -1,6 +1,7 @@
 """Mistakes planted into clean records: each is found and called by its name; clean and real records raise no alarm."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -233,6 +234,80 @@ def test_real_mistakes_of_the_tank_are_found():
     assert "-0.3" in found.fix
 
 
+def each_late(record, **late):
+    """Every named signal's times are that much too large [s]."""
+    return replace(record, signals={n: replace(s, t=s.t + late.get(n, 0.0)) for n, s in record.signals.items()})
+
+
+@pytest.mark.parametrize(
+    "late",
+    [{"gyro": 1.0}, {"attitude": 1.0}, {"velocity": 1.0}, {"position": -1.0}, {"gyro": 0.5}, {"attitude": 0.4}]
+    + [{"gyro": 0.8, "position": -0.8}, {"gyro": 0.6, "velocity": 1.2}],
+)
+def test_a_signal_that_is_late_is_told_from_the_one_it_is_compared_with(late):
+    """The commands tell which of two it is; what to write is that signal's own, and nobody else's."""
+    record = only(fly("bluerov2", "multisine", 3), "gyro", "attitude", "velocity", "position")
+    found = [f for f in check_record(each_late(record, **late), model_of("bluerov2")) if f.severity == "error"]
+    assert {f.where for f in found} == set(late), [str(f) for f in found]
+    for f in found:
+        wanted = re.search(rf"signals\.{f.where}\.time_offset: (-?[\d.]+)", f.fix)
+        assert wanted and float(wanted[1]) == pytest.approx(-late[f.where], abs=0.1), str(f)
+
+
+@pytest.mark.parametrize("late", [-1.0, 0.5, 1.0])
+def test_signals_that_are_all_late_are_mended_at_the_commands(late):
+    record = fly("bluerov2", "multisine", 3)
+    shifted = all_late(record, late)
+    (found,) = [f for f in check_record(shifted, model_of("bluerov2")) if f.severity == "error"]
+    assert (found.what, found.where) == ("clock", "commands")
+    assert "the same for position, attitude, gyro, velocity and depth" in found.message
+    assert "no time_offset at a signal" in found.fix and "clock: estimate" in found.fix
+    offset = float(re.search(r"commands.time_offset: (-?[\d.]+)", found.fix)[1])
+    assert offset == pytest.approx(late, abs=0.11)
+    mended = replace(shifted, t_command=shifted.t_command + offset)
+    for part in (mended, mended.cut(mended.start + 40.0, mended.end - 2.0)):
+        assert not [str(f) for f in check_record(part, model_of("bluerov2")) if f.severity == "error"]
+
+
+def in_rows(record, step=0.15):
+    """The record as one table has it: everything at the same times."""
+    t = np.arange(0.5, 59.0, step)
+    signals = {
+        n: replace(s, t=t, value=np.stack([np.interp(t, s.t, c) for c in np.unwrap(s.value, axis=0).T], axis=1))
+        for n, s in record.signals.items()
+    }
+    euler = signals["attitude"]
+    signals["attitude"] = replace(euler, value=(euler.value + np.pi) % (2 * np.pi) - np.pi)
+    return replace(record, t_command=t, command=record.command_at(t), signals=signals)
+
+
+@pytest.mark.parametrize("rows", [3, -4])
+def test_commands_paired_with_the_wrong_rows_are_named_with_the_rows(rows):
+    table = in_rows(fly("bluerov2", "multisine", 3))
+    assert not [str(f) for f in check_record(table, model_of("bluerov2")) if f.severity == "error"]
+    slipped = replace(table, command=np.roll(table.command, rows, axis=0))
+    (found,) = [f for f in check_record(slipped, model_of("bluerov2")) if f.severity == "error"]
+    assert f"the commands are {abs(rows)} samples {'later' if rows > 0 else 'earlier'} than all others" in found.message
+
+
+def test_a_column_that_slipped_by_rows_is_named_with_the_rows():
+    table = in_rows(fly("bluerov2", "multisine", 3))
+    gyro = table.signals["gyro"]
+    late = replace(gyro, value=np.roll(gyro.value, 4, axis=0))
+    (found,) = [
+        f
+        for f in check_record(replace(table, signals=table.signals | {"gyro": late}), model_of("bluerov2"))
+        if f.severity == "error"
+    ]
+    assert found.where == "gyro" and "Its columns are 4 samples later than the others" in found.message
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5, 6, 7, 8])
+def test_without_a_velocity_a_right_clock_is_not_called_wrong(seed):
+    record = only(fly("bluerov2", "multisine", seed), "gyro", "attitude", "depth")
+    assert not [str(f) for f in check_record(record, model_of("bluerov2")) if f.severity == "error"]
+
+
 def test_the_command_says_what_is_wrong(tmp_path, monkeypatch, capsys):
     record = fly("bluerov2", "multisine", 3)
     vehicle, gyro = load_vehicle("bluerov2"), record.signals["gyro"]
@@ -283,12 +358,12 @@ def test_fast_rotations_that_are_right_are_not_called_wrong(attitude_rate):
     good = np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
     ratio = pair.a[good].std(axis=0) / pair.b[good].std(axis=0)
     np.testing.assert_allclose(ratio, 1.0, atol=0.1)
-    assert not [str(f) for f in check_motion(Motion.of(record)) if f.severity == "error"]
+    assert not [str(f) for f in check_motion(model_of("bluerov2"), Motion.of(record)) if f.severity == "error"]
 
 
 @pytest.mark.parametrize(("gain", "what"), [(1.8, "disagree"), (1 / 1.8, "disagree"), (57.3, "degrees")])
 def test_a_gyro_of_another_size_is_found_in_fast_rotations_too(gain, what):
-    found = check_motion(Motion.of(spinning(6.0, 10, gain)))
+    found = check_motion(model_of("bluerov2"), Motion.of(spinning(6.0, 10, gain)))
     assert [(f.what, f.where) for f in found if f.severity == "error"] == [(what, "gyro")]
     assert what == "degrees" or f"{gain:.2f} times" in found[0].message
 
@@ -302,7 +377,9 @@ def test_real_rotations_thinned_to_few_readings_raise_no_alarm(log):
         signals = {"gyro": Signal(states[:, 0], states[:, 4:7])}
         signals["attitude"] = Signal(states[::every, 0], states[::every, 1:4])
         record = Record(log, states[:1, 0], np.zeros((1, 6)), signals, end=float(states[-1, 0]))
-        assert not [str(f) for f in check_motion(Motion.of(record)) if f.severity == "error"], every
+        assert not [str(f) for f in check_motion(model_of("bluerov2"), Motion.of(record)) if f.severity == "error"], (
+            every
+        )
 
 
 def test_flung_readings_are_only_those():
@@ -329,7 +406,7 @@ def test_a_release_is_no_mistake():
 def test_a_lag_of_one_axis_is_no_clock(monkeypatch):
     """A Pioneer, which nothing turns, had its clock doubted for what its yaw did: 1.4 s late in pitch, 2 s in yaw."""
     monkeypatch.setattr(against_model, "thruster_forces", lambda model, motion, lag: lag)
-    motion = SimpleNamespace(rotation=np.eye(3))
+    motion = SimpleNamespace(rotation=np.eye(3), velocity=np.zeros((1, 3)), record=fly("bluerov2", "multisine", 3))
 
     def late(*best):
         """Each axis is explained to 90 % at its own lag, and to 10 % more than 0.3 s from it."""

@@ -1,13 +1,18 @@
-"""Signals against each other: gyro with attitude, velocity with position, depth with the rest. No model is needed."""
+"""Signals against each other: gyro with attitude, velocity with position, depth with the rest.
+
+No model is needed but to tell which of two signals is late.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from rovtwin.identification.checks.clocks import Lag, check_clocks
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import STEP, Motion, widened
-from rovtwin.identification.logs.record import SIGNALS
+from rovtwin.identification.logs.record import SIGNALS, Record
+from rovtwin.vehicle.model import Model
 
 LONGEST_LAG, SMALLEST_LAG = 3.0, 0.15  # [s] searched; [s] that counts
 ALIKE, UNLIKE = 0.8, 0.4  # correlations
@@ -19,7 +24,7 @@ SLIPS = {57.3: "degrees", 1000.0: "millimetres", 100.0: "units", 9.81: "units"}
 class Pair:
     """The same quantities from two signals: `names`, values a and b, shape (m, k), and how noisy each is, shape (k,).
 
-    `in_world` is what b would be in n, where a mistake of a's frame would leave it.
+    `in_world` is what b would be in n, where a mistake of a's frame would leave it; `from_body` is a in n.
     """
 
     names: tuple[str, str]
@@ -28,6 +33,7 @@ class Pair:
     b: np.ndarray
     noise: tuple[np.ndarray, np.ndarray]
     in_world: np.ndarray | None = None
+    from_body: np.ndarray | None = None
 
 
 def pairs(motion: Motion) -> list[Pair]:
@@ -43,9 +49,10 @@ def pairs(motion: Motion) -> list[Pair]:
     if velocity is not None and from_position is not None:
         noise = (_noise(alike, "velocity", False), _noise(alike, "position", True))
         position = alike.values("position")
-        assert position is not None
+        assert position is not None and alike.rotation is not None
+        turned = np.einsum("nij,nj->ni", alike.rotation, velocity[0])
         names, axes = ("velocity", "position"), SIGNALS["velocity"][0]
-        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1]))
+        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1], turned))
     return found + _pairs_of_depth(motion)
 
 
@@ -80,20 +87,44 @@ def _noise(motion: Motion, name: str, of_rate: bool) -> np.ndarray:
     return spread * (per_value / (np.sqrt(2) * width) if of_rate else per_value)
 
 
-def check_motion(motion: Motion) -> list[Finding]:
-    """Clock, axes, signs, units and agreement of every pair."""
-    return [finding for pair in pairs(motion) for finding in _check(pair)]
+def check_motion(model: Model, motion: Motion) -> list[Finding]:
+    """Clock, axes, signs, units and agreement of every pair; which of two is late, the commands tell."""
+    found, late = [], False
+    for pair in pairs(motion):
+        good = _both(pair)
+        if good.sum() < 100:
+            continue
+        if lag_of(pair):
+            late = True
+        else:
+            found += _check(pair, good)
+    return found + (check_clocks(model, motion.record, lags_of) if late else [])
 
 
-def _check(pair: Pair) -> list[Finding]:
-    good = np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
-    if good.sum() < 100:
-        return []
-    lag, gained = best_lag(pair.a, pair.b)
-    if abs(lag) > SMALLEST_LAG and gained > 0.1:
-        first, second = pair.names
-        said = f"{first} is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} {second}: clocks differ."
-        return [Finding("error", "clock", first, said, f"Write time_offset: {-lag:.2f} there.")]
+def lags_of(record: Record) -> list[Lag]:
+    """Of pairs that disagree in time."""
+    seen = [pair for pair in pairs(Motion.of(record)) if _both(pair).sum() >= 100]
+    return [Lag(*pair.names, lag) for pair in seen if (lag := lag_of(pair))]
+
+
+def lag_of(pair: Pair) -> float:
+    """By how much the first is late against the second [s]; 0 where that is little, or they agree no better so.
+
+    Velocity and position are compared through the attitude, which is on the clock of one of them: in b as if on that of
+    the position, in n as if on that of the velocity; whichever agrees better is believed.
+    """
+    found = [best_lag(pair.a, pair.b)]
+    if pair.in_world is not None and pair.from_body is not None:
+        found.append(best_lag(pair.from_body, pair.in_world))
+    lag, gained, _ = max(found, key=lambda f: f[2])
+    return lag if abs(lag) > SMALLEST_LAG and gained > 0.1 else 0.0
+
+
+def _both(pair: Pair) -> np.ndarray:
+    return np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
+
+
+def _check(pair: Pair, good: np.ndarray) -> list[Finding]:
     a, b = pair.a[good] - pair.a[good].mean(axis=0), pair.b[good] - pair.b[good].mean(axis=0)
     if pair.in_world is not None and _agreement(a, pair.in_world[good]) > 0.8 > _agreement(a, b) + 0.1:
         said = "velocity is the rate of position in n; expected it in b, forward, right, down."
@@ -109,8 +140,8 @@ def _agreement(a: np.ndarray, b: np.ndarray) -> float:
     return 1.0 - float(((a - b + b.mean(axis=0)) ** 2).sum() / max((a**2).sum(), 1e-12))
 
 
-def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """By how much a is late against b [s], whatever their axes and signs, and how much better they agree there.
+def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
+    """By how much a is late against b [s], whatever axes and signs, how much better they agree there, and how well.
 
     Agreement at a lag is the share of a's power that the columns of b explain together.
     """
@@ -125,7 +156,8 @@ def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         explained = np.einsum("ij,ij->j", cross, np.linalg.solve(gram, cross))
         agreement.append(explained.sum() / max((late**2).sum(), 1e-12))
     best = int(np.argmax(agreement))
-    return float(steps[best] * STEP), float(agreement[best] - agreement[int(np.argmin(np.abs(steps)))])
+    most = float(agreement[best])
+    return float(steps[best] * STEP), most - float(agreement[int(np.argmin(np.abs(steps)))]), most
 
 
 def _swapped(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:

@@ -57,7 +57,7 @@ class SignalSpec(Strict):
     mounting_deg: Degrees3 = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw of the sensor's axes in b")
     zero: Number = Field(0.0, description="what the sensor reads at zero, in its unit: the air pressure for a depth")
     repeats: Literal["keep", "drop"] = Field("keep", description="drop: a row equal to the last one is no new reading")
-    time_offset: Number = Field(0.0, description="added to its times [s]")
+    time_offset: Number = Field(0.0, description="added to its times [s]: negative where they are logged too late")
 
 
 class CommandSpec(Strict):
@@ -73,7 +73,7 @@ class CommandSpec(Strict):
     mix: dict[str, list[Number]] | None = Field(
         None, description="where columns are the pilot's axes: of each thruster, the gain from every column"
     )
-    time_offset: Number = Field(0.0, description="added to its times [s]")
+    time_offset: Number = Field(0.0, description="added to its times [s]: negative where they are logged too late")
 
     @model_validator(mode="after")
     def _one_way(self) -> "CommandSpec":

@@ -34,7 +34,7 @@ def on_grid(t: np.ndarray, value: np.ndarray, grid: np.ndarray, width: float = W
         width: Standard deviation of the kernel [s]; widened where readings are rarer.
     """
     step = float(grid[1] - grid[0])
-    interval = float(np.median(np.diff(t))) if len(t) > 1 else step
+    interval = max(float(np.median(np.diff(t))), 1e-6) if len(t) > 1 else step
     width = widened(t, width)
     reach = np.arange(-int(4 * width / step), int(4 * width / step) + 1) * step
     kernel = np.exp(-0.5 * (reach / width) ** 2)
