@@ -3,10 +3,13 @@
 import json
 import logging
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.conftest import shared_folder
+from tests.identification.flown import fly
 from tests.identification.synthetic import record, steps_command
 from typer.testing import CliRunner
 
@@ -18,10 +21,13 @@ from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.gain import about_gain, gain_by_shape
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
 from rovtwin.identification.judgement.verdict import _in_words, verdicts
+from rovtwin.identification.logs.evidence_file import read_evidence
+from rovtwin.identification.logs.readers import read_tests
 from rovtwin.scenario.composition import _say_doubts, compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -295,3 +301,53 @@ def test_values_that_no_vehicle_has_are_named():
     pushing = replace(parameters, model=parameters.model.replace(linear_damping_ahead=-np.eye(6)))
     (said,) = about_odd_values(pushing, pushing.thetas({}), {"yaw": (-0.1, 0.001)})
     assert "damping in yaw is negative at 0.001 rad/s" in said
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def forces():
+    """All forces of a vehicle with a table of thrust, whose dead band is part of its shape."""
+    parameters = choose(catalogue(load_vehicle("bluerov2_heavy")), ["thrusters.*.force_*", "added_mass.*"])
+    return parameters, Gaussian(np.zeros(len(parameters)), 0.07 * np.eye(len(parameters)))
+
+
+def out_at(parameters, **factors):
+    """theta with the forces of each group at a factor."""
+    group = [n.split(".")[1] if ".force_" in n else "" for n in parameters.names]
+    return np.log([factors.get(g, 1.0) for g in group])
+
+
+def test_forces_at_a_common_factor_put_the_gain_of_the_commands_in_doubt(forces):
+    parameters, prior = forces
+    driven = fly("bluerov2_heavy", "multisine", 3)
+    halved = replace(driven, command=0.5 * driven.command)
+    (said,) = about_gain(parameters, prior, out_at(parameters, horizontal=2.6, vertical=1.8), [halved])
+    assert "forces of all thrusters came out at 2.2 times" in said and "horizontal 2.6, vertical 1.8" in said
+    assert "best with commands 2 times as large" in said
+    for check in ("'mix'", "PWM", "battery"):
+        assert check in said
+    (less,) = about_gain(parameters, prior, out_at(parameters, horizontal=0.5, vertical=0.55), [driven])
+    assert "0.52 times what was known before" in less and "best as it is" in less
+
+
+@pytest.mark.parametrize(
+    "factors", [{"horizontal": 2.6}, {"horizontal": 1.4, "vertical": 1.3}, {"horizontal": 3, "vertical": 0.9}]
+)
+def test_forces_that_differ_or_fit_are_no_gain(forces, factors):
+    parameters, prior = forces
+    assert about_gain(parameters, prior, out_at(parameters, **factors), []) == []
+    some = choose(parameters, ["thrusters.horizontal.*"])
+    half = Gaussian(np.zeros(len(some)), np.eye(len(some)))
+    assert about_gain(some, half, np.log(np.full(len(some), 2.6)), []) == [], "the others were taken as exact"
+
+
+def test_the_gain_of_the_tank_is_told_by_the_dead_band():
+    """Its evidence file says half; the shape of force against command says all of it."""
+    shared_folder("data", "bluerov2_heavy_tank")
+    evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")
+    vehicle = load_vehicle("bluerov2_heavy")
+    runs = [test.whole for test in read_tests(evidence, vehicle) if test.use == "fit" and test.whole is not None]
+    stated = evidence.file.logs[0].commands.mix["front_port"][0]
+    assert stated * gain_by_shape(vehicle.model(), runs) == pytest.approx(1.0)

@@ -23,6 +23,7 @@ from rovtwin.identification.joint.scale import scale_response, with_scale
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.gain import about_gain
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
@@ -207,6 +208,7 @@ def identify(
     against = contradicted(start, theta, C, solution.apart)
     findings += about_prior(parameters, start, theta, C) + about_logs_apart(parameters, solution.apart)
     findings += about_equal_thrusters(parameters, theta, C) + about_odd_values(parameters, theta, tested)
+    findings += about_gain(parameters, start, theta, records)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
     findings += about_thrust(parameters) + about_scale(parameters, records, solution, response)
     findings += about_solution(
