@@ -276,8 +276,22 @@ def as_object(result: "Identification") -> dict[str, Any]:
         "predictions": scores,
         "converged": result.solution is None or result.solution.converged,
         "reliable": not result.doubts,
+        "standing": _standing(result),
         "doubts": result.doubts,
         "seconds": result.seconds,
+    }
+
+
+def _standing(result: "Identification") -> dict[str, Any]:
+    standing = result.standing
+    return {
+        "grade": standing.grade,
+        "learnt": standing.learnt,
+        "contradicted": standing.contradicted,
+        "parameters": standing.count,
+        "held_out_error": None if standing.error != standing.error else standing.error,
+        "held_out_better": standing.better,
+        "held_out_judged": standing.judged,
     }
 
 
@@ -325,8 +339,10 @@ def _print(screen: Console, result: "Identification") -> None:
             screen.print(f"\n{heading}", style="bold")
             for line in lines:
                 screen.print(f"- {line}", markup=False)
-    if result.doubts:
-        screen.print(f"\nNot to be relied on: {'; '.join(result.doubts)}", style="bold red", markup=False)
+    standing = result.standing
+    heading = standing.heading(f"{standing.learnt} of {standing.count} parameters learnt", result.doubts)
+    style = "bold" if not result.doubts else "bold yellow" if standing.predicts else "bold red"
+    screen.print(f"\n{heading}", style=style, markup=False)
     screen.print(f"\n{result.seconds:.0f} s", style="dim")
 
 

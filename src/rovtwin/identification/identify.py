@@ -25,7 +25,7 @@ from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
 from rovtwin.identification.judgement.gain import about_gain
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
-from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
+from rovtwin.identification.judgement.reliance import Standing, doubts_about, doubts_of_prior, standing
 from rovtwin.identification.judgement.remarks import (
     about_parts,
     about_scale,
@@ -97,6 +97,12 @@ class Identification:
     def std(self) -> np.ndarray:
         """Standard deviation of theta: relative for what is positive, shape (n,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def standing(self) -> Standing:
+        """What it is worth, in figures: what was learnt, and held-out predictions against those without a model."""
+        settled = self.solution is None or self.solution.converged
+        return standing(self.verdicts, self.held_out, self.doubts, settled)
 
     def interval(self, name: str, z: float = 1.96) -> tuple[float, float]:
         """Ends of the 95 % interval of a parameter, in its unit."""

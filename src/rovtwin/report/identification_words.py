@@ -36,11 +36,13 @@ def verdict(result: Any, curves: Curves) -> Verdict:
     if len(result.findings) > _SHOWN:
         more = len(result.findings) - _SHOWN
         sentences.append(f"{more} more finding{'s are' if more > 1 else ' is'} listed below.")
+    standing = result.standing
+    headline = standing.heading(learnt, result.doubts)
     if result.doubts:
-        told = f"By their widths alone, {learnt}."
-        return Verdict(False, f"Not to be relied on: {'; '.join(result.doubts)}", [told, *sentences], [])
+        # A model that predicts is worth having, whatever is said against its widths.
+        return Verdict(None if standing.predicts else False, headline, sentences, [])
     good = None if result.findings or count["learnt"] < n / 2 else True
-    return Verdict(good, learnt, sentences, [])
+    return Verdict(good, headline, sentences, [])
 
 
 def _minutes(result: Any) -> str:
