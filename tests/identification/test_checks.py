@@ -242,7 +242,8 @@ def each_late(record, **late):
 @pytest.mark.parametrize(
     "late",
     [{"gyro": 1.0}, {"attitude": 1.0}, {"velocity": 1.0}, {"position": -1.0}, {"gyro": 0.5}, {"attitude": 0.4}]
-    + [{"gyro": 0.8, "position": -0.8}, {"gyro": 0.6, "velocity": 1.2}],
+    + [{"gyro": 0.8, "position": -0.8}, {"gyro": 0.6, "velocity": 1.2}]
+    + [{"gyro": 1.0, "attitude": 1.0}, {"velocity": -0.6, "position": -0.6}],
 )
 def test_a_signal_that_is_late_is_told_from_the_one_it_is_compared_with(late):
     """The commands tell which of two it is; what to write is that signal's own, and nobody else's."""

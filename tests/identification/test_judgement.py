@@ -145,7 +145,8 @@ def test_what_is_not_to_be_relied_on_is_no_prior_unless_asked_for(doubtful):
     assert "kept.yaml: found an identification that is not to be relied on" in str(said.exception)
     assert "--keep" in str(said.exception)
     kept = identify_command(doubtful, "--keep")
-    assert kept.exit_code == 1 and "Not to be relied on: its prior kept.yaml" in " ".join(kept.output.split())
+    told = " ".join(kept.output.split())
+    assert kept.exit_code == 1 and "Not to be relied on: 0 of " in told and "Against it: its prior kept.yaml" in told
     assert load_vehicle(doubtful / "out.yaml").doubts == [f"its prior kept.yaml: {DOUBT}"]
 
 
@@ -284,7 +285,7 @@ def test_equal_thrusters_that_come_out_unequal_are_named():
     t = parameters.model.thrusters
     assert float(t.force_ahead[0]) == float(t.force_ahead[4]), "of one kind in this vehicle"
     (said,) = about_equal_thrusters(parameters, np.log([0.8, 0.36]), 1e-4 * np.eye(2))
-    assert "1 : 0.8 : 0.36 (front, rear, up; force ahead" in said
+    assert "1 : 0.8 : 0.36 (front as in the file, rear, up; force ahead" in said
     assert about_equal_thrusters(parameters, np.log([0.8, 0.36]), np.eye(2)) == [], "nobody knows them that well"
     assert about_equal_thrusters(parameters, np.log([0.95, 1.05]), 1e-4 * np.eye(2)) == []
 

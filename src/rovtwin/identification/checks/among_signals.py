@@ -24,7 +24,8 @@ SLIPS = {57.3: "degrees", 1000.0: "millimetres", 100.0: "units", 9.81: "units"}
 class Pair:
     """The same quantities from two signals: `names`, values a and b, shape (m, k), and how noisy each is, shape (k,).
 
-    `in_world` is what b would be in n, where a mistake of a's frame would leave it; `from_body` is a in n.
+    `in_world` is what b would be in n, where a mistake of a's frame would leave it; `from_body` is a in n, and
+    `rotation` is R_nb, through which they are compared, shape (m, 3, 3).
     """
 
     names: tuple[str, str]
@@ -34,6 +35,7 @@ class Pair:
     noise: tuple[np.ndarray, np.ndarray]
     in_world: np.ndarray | None = None
     from_body: np.ndarray | None = None
+    rotation: np.ndarray | None = None
 
 
 def pairs(motion: Motion) -> list[Pair]:
@@ -52,7 +54,7 @@ def pairs(motion: Motion) -> list[Pair]:
         assert position is not None and alike.rotation is not None
         turned = np.einsum("nij,nj->ni", alike.rotation, velocity[0])
         names, axes = ("velocity", "position"), SIGNALS["velocity"][0]
-        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1], turned))
+        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1], turned, alike.rotation))
     return found + _pairs_of_depth(motion)
 
 
@@ -104,20 +106,45 @@ def check_motion(model: Model, motion: Motion) -> list[Finding]:
 def lags_of(record: Record) -> list[Lag]:
     """Of pairs that disagree in time."""
     seen = [pair for pair in pairs(Motion.of(record)) if _both(pair).sum() >= 100]
-    return [Lag(*pair.names, lag) for pair in seen if (lag := lag_of(pair))]
+    return [lag for pair in seen if (lag := lag_of(pair))]
 
 
-def lag_of(pair: Pair) -> float:
-    """By how much the first is late against the second [s]; 0 where that is little, or they agree no better so.
+def lag_of(pair: Pair) -> Lag | None:
+    """Which of a pair is late against the other; None where neither is, or they agree no better so.
 
-    Velocity and position are compared through the attitude, which is on the clock of one of them: in b as if on that of
-    the position, in n as if on that of the velocity; whichever agrees better is believed.
+    Velocity and position are compared through the attitude. Whichever of three agrees best is believed: in b, as if
+    the attitude were on the clock of the position; in n, as if on that of the velocity; or both agree, and it is late.
     """
-    found = [best_lag(pair.a, pair.b)]
-    if pair.in_world is not None and pair.from_body is not None:
-        found.append(best_lag(pair.from_body, pair.in_world))
-    lag, gained, _ = max(found, key=lambda f: f[2])
-    return lag if abs(lag) > SMALLEST_LAG and gained > 0.1 else 0.0
+    first, second = pair.names
+    tried = [(first, second, *best_lag(pair.a, pair.b))]
+    if pair.in_world is not None and pair.from_body is not None and pair.rotation is not None:
+        tried.append((first, second, *best_lag(pair.from_body, pair.in_world)))
+        lag, gained, agreement = _rotation_late(pair.a, pair.in_world, pair.rotation)
+        tried.append(("attitude", first, lag, gained, agreement))
+    late, against, lag, gained, _ = max(tried, key=lambda way: way[4])
+    return Lag(late, against, lag) if abs(lag) > SMALLEST_LAG and gained > 0.1 else None
+
+
+def _rotation_late(a: np.ndarray, in_world: np.ndarray, R: np.ndarray) -> tuple[float, float, float]:
+    """By how much R_nb is late against a in b and the same in n [s]; how much better they agree then, and how well."""
+    agreement, steps = [], _steps(len(a))
+    for step in steps:
+        late, now = (
+            (slice(step, None), slice(None, len(a) - step)) if step >= 0 else (slice(None, step), slice(-step, None))
+        )
+        turned = np.einsum("nji,nj->ni", R[late], in_world[now])
+        good = np.isfinite(turned).all(axis=1) & np.isfinite(a[now]).all(axis=1)
+        x, y = a[now][good] - a[now][good].mean(axis=0), turned[good] - turned[good].mean(axis=0)
+        alike = float((x * y).sum()) / max(float(np.sqrt((x**2).sum() * (y**2).sum())), 1e-12)
+        agreement.append(max(alike, 0.0) ** 2)
+    best = int(np.argmax(agreement))
+    return float(steps[best] * STEP), agreement[best] - agreement[int(np.argmin(np.abs(steps)))], agreement[best]
+
+
+def _steps(length: int) -> np.ndarray:
+    """Lags that are tried, in steps of the grid."""
+    steps = np.arange(-int(LONGEST_LAG / STEP), int(LONGEST_LAG / STEP) + 1, 2)
+    return steps[np.abs(steps) < length // 3]
 
 
 def _both(pair: Pair) -> np.ndarray:
@@ -146,9 +173,7 @@ def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
     Agreement at a lag is the share of a's power that the columns of b explain together.
     """
     a, b = (np.where(np.isfinite(x), x - np.nanmean(x, axis=0), 0.0) for x in (a, b))
-    steps = np.arange(-int(LONGEST_LAG / STEP), int(LONGEST_LAG / STEP) + 1, 2)
-    steps = steps[np.abs(steps) < len(a) // 3]
-    agreement = []
+    agreement, steps = [], _steps(len(a))
     for step in steps:
         late, early = (a[step:], b[: len(b) - step]) if step >= 0 else (a[:step], b[-step:])
         gram = early.T @ early + 1e-9 * np.trace(early.T @ early) * np.eye(b.shape[1]) + 1e-12 * np.eye(b.shape[1])

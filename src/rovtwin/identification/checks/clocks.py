@@ -47,17 +47,32 @@ def check_clocks(model: Model, record: Record, lags: Callable[[Record], list[Lag
         record: With its clocks as they are.
         lags: Of pairs of signals of a record that see the same motion; only those that are not zero.
     """
-    tried = []
-    for turning in _ways(_lags_within(record, _TURNING, lags(record)), behind_commands(model, record, slice(3, 6))):
-        aligned = _shifted(record, turning)
-        moving = _lags_within(aligned, _MOVING, lags(aligned))
-        for other in _ways(moving, None):
-            late = turning | other
-            wrong = sum(abs(by) > _SMALLEST for by in late.values())
-            tried.append((_explained(model, _shifted(record, late)) - _SIMPLER * wrong, late))
+    found, tried = lags(record), []
+    if any({lag.first, lag.second} == {"attitude", "velocity"} for lag in found):
+        # How late the attitude is against what moves is known, and so of all signals against all others.
+        every = _lags_within(record, (*_TURNING, *_MOVING), [*found, *_agreed(found)])
+        tried = [_judged(model, record, late) for late in _ways(every, None)]
+    else:
+        for turning in _ways(_lags_within(record, _TURNING, found), behind_commands(model, record, slice(3, 6))):
+            aligned = _shifted(record, turning)
+            moving = _lags_within(aligned, _MOVING, lags(aligned))
+            tried += [_judged(model, record, turning | other) for other in _ways(moving, None)]
     late = max(tried, key=lambda way: way[0])[1]
     wrong = {name: by for name, by in late.items() if abs(by) > _SMALLEST}
-    return [_finding(record, name, by, len(wrong) == len(late)) for name, by in wrong.items()]
+    return [_finding(record, name, wrong, len(wrong) == len(late)) for name in wrong]
+
+
+def _agreed(lags: list[Lag]) -> list[Lag]:
+    """Pairs that are not said to disagree."""
+    apart = {frozenset((lag.first, lag.second)) for lag in lags}
+    same = (("velocity", "position"), ("depth", "velocity"), ("depth", "position"), ("gyro", "attitude"))
+    return [Lag(*pair, 0.0) for pair in same if frozenset(pair) not in apart]
+
+
+def _judged(model: Model, record: Record, late: dict[str, float]) -> tuple[float, dict[str, float]]:
+    """A way to put clocks right, and how good it is: what commands explain then, less what it costs in wrong clocks."""
+    wrong = sum(abs(by) > _SMALLEST for by in late.values())
+    return _explained(model, _shifted(record, late)) - _SIMPLER * wrong, late
 
 
 def _shifted(record: Record, late: dict[str, float]) -> Record:
@@ -96,7 +111,8 @@ def _explained(model: Model, record: Record) -> float:
     return float(regression.against(thruster_forces(model, motion)).explainable.mean())
 
 
-def _finding(record: Record, name: str, by: float, alone: bool) -> Finding:
+def _finding(record: Record, name: str, wrong: dict[str, float], alone: bool) -> Finding:
+    by = wrong[name]
     way = "behind" if by > 0 else "ahead of"
     said = (
         f"{name} is {abs(by):.2f} s {way} the commands{'' if alone else ' and the other signals'}: its clock differs."
@@ -105,6 +121,11 @@ def _finding(record: Record, name: str, by: float, alone: bool) -> Finding:
     if rows:
         said += f" Its columns are {abs(rows)} samples {'later' if rows > 0 else 'earlier'} than the others."
     fix = f"Write signals.{name}.time_offset: {-by:.2f}, which is added to its times and no other signal's."
+    same = [other for other in wrong if other != name and abs(wrong[other] - by) < _SMALLEST]
+    if same:
+        fix += (
+            f" {', '.join(same)}: the same; where they are a file of their own, clock: estimate there does it for all."
+        )
     return Finding("error", "clock", name, said, fix)
 
 

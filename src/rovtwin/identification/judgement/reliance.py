@@ -73,7 +73,7 @@ class Standing:
         if not self.doubted:
             return told
         grade = "Predicts, but not to be relied on beyond that" if self.predicts else "Not to be relied on"
-        return f"{grade}: {told}. {'; '.join(doubts)}"
+        return f"{grade}: {told}. Against it: {'; '.join(doubts)}"
 
 
 def standing(verdicts: Sequence[str], held_out: Sequence[Prediction], doubts: Sequence[str], settled: bool) -> Standing:
