@@ -148,7 +148,7 @@ def _steps(length: int) -> np.ndarray:
 
 
 def _both(pair: Pair) -> np.ndarray:
-    return np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
+    return np.asarray(np.isfinite(np.column_stack([pair.a, pair.b])).all(axis=1))
 
 
 def _check(pair: Pair, good: np.ndarray) -> list[Finding]:
