@@ -7,11 +7,11 @@ import jax
 import numpy as np
 import pytest
 from tests.identification.calibration import flown
-from tests.identification.synthetic import steps_command
+from tests.identification.synthetic import record, steps_command
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.joint.agreement import _parts, stretches
+from rovtwin.identification.joint.agreement import parts, stretches
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import _not_astray, estimate
@@ -159,7 +159,7 @@ def test_a_new_part_gives_a_prediction_with_wider_intervals(found, vehicle):
     assert result.std[result.parameters.names.index("restoring.net_buoyancy")] > 0.19 * 9.81
 
 
-def test_other_thrusters_are_no_change_of_parts(found):
+def test_other_thrusters_are_no_change_ofparts(found):
     old = vehicle_from_dict(found.file(), "identified.yaml")
     with pytest.raises(IdentificationError, match="same vehicle with other parts"):
         identify(load_vehicle("bluerov2"), [], old=old)
@@ -274,7 +274,7 @@ def at_the_maximum(found):
 
 def test_stretches_add_up_to_what_the_readings_tell(at_the_maximum):
     problem, noise, blocks, arrow = at_the_maximum
-    _, information = _parts(blocks, noise, arrow)
+    _, information = parts(blocks, noise, arrow)
     n, factored = len(problem.prior.mean), arrow.factor()
     own = np.zeros_like(factored.corner)  # of prior and offsets, and of starts, which belong to no stretch
     own[:n, :n] = problem.information
@@ -316,3 +316,28 @@ def test_a_test_of_three_segments_is_not_divided(found):
         found.parameters, found.prior, replace(found.solution, stretches=0), found.residuals, [], [], [], False
     )
     assert any("too short to be divided" in finding for finding in said)
+
+
+@pytest.mark.slow
+def test_what_a_log_says_by_itself_is_what_it_gives_alone(vehicle):
+    """To first order, from one fit of both; the second was flown with a fifth more added mass in surge."""
+    free = ["added_mass.surge", "added_mass.yaw", "quadratic_damping.surge", "quadratic_damping.yaw"]
+    parameters = choose(catalogue(vehicle), free)
+    heavier = parameters.model_at(parameters.thetas({"added_mass.surge": 1.2 * parameters.free[0].base}))[0]
+    flights = [(vehicle.model(), 1), (heavier, 2)]
+    logs = [replace(record(m, *steps_command(vehicle, k, 20.0), 20.0, seed=k), name=f"log_{k}") for m, k in flights]
+    both = identify(vehicle, logs, free=free)
+    assert both.solution is not None and both.solution.apart is not None
+    apart = both.solution.apart
+    for k, log in enumerate(logs):
+        alone = identify(vehicle, [log], free=free)
+        np.testing.assert_allclose(apart.theta[k, :2], alone.theta[:2], atol=0.02)
+        np.testing.assert_allclose(apart.theta[k], alone.theta, atol=0.15)
+        assert alone.solution is not None and alone.solution.apart is None
+    assert apart.disagreeing()[0] == (0, 1)
+    assert both.verdicts[0] == "contradicted"
+    assert any("logs disagree beyond their widths" in f and "added_mass.surge" in f for f in both.findings)
+    same = [logs[0], replace(record(vehicle.model(), *steps_command(vehicle, 4, 20.0), 20.0, seed=4), name="log_4")]
+    agreed = identify(vehicle, same, free=free)
+    assert agreed.solution is not None and agreed.solution.apart is not None
+    assert agreed.solution.apart.disagreeing() == {} and "contradicted" not in agreed.verdicts

@@ -4,20 +4,30 @@ import json
 import logging
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.conftest import shared_folder
+from tests.identification.flown import fly
 from tests.identification.synthetic import record, steps_command
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import identify
+from rovtwin.identification.joint.apart import Apart
 from rovtwin.identification.joint.catalogue import catalogue, choose
+from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.overlay import to_yaml
+from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.gain import about_gain, gain_by_shape
+from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
-from rovtwin.identification.judgement.verdict import _in_words
+from rovtwin.identification.judgement.verdict import _in_words, verdicts
+from rovtwin.identification.logs.evidence_file import read_evidence
+from rovtwin.identification.logs.readers import read_tests
 from rovtwin.identification.result import Identification
 from rovtwin.scenario.composition import _say_doubts, compose
 from rovtwin.scenario.files import load_scenario
@@ -142,7 +152,8 @@ def test_what_is_not_to_be_relied_on_is_no_prior_unless_asked_for(doubtful):
     assert "kept.yaml: found an identification that is not to be relied on" in str(said.exception)
     assert "--keep" in str(said.exception)
     kept = identify_command(doubtful, "--keep")
-    assert kept.exit_code == 1 and "Not to be relied on: its prior kept.yaml" in " ".join(kept.output.split())
+    told = " ".join(kept.output.split())
+    assert kept.exit_code == 1 and "Not to be relied on: 0 of " in told and "Against it: its prior kept.yaml" in told
     assert load_vehicle(doubtful / "out.yaml").doubts == [f"its prior kept.yaml: {DOUBT}"]
 
 
@@ -239,3 +250,122 @@ def test_only_what_thrusters_pushed_along_is_excited():
     pushed = pushed_axes(B, log)
     assert pushed[0] and not pushed[1] and not pushed[2]
     assert pushed_axes(B, replace(log, command=0.0 * log.command)).all()
+
+
+@pytest.fixture(scope="module")
+def surge():
+    """Three parameters with a prior of 0.4: the first came out far off and narrow, the second far off and wide."""
+    parameters = choose(
+        catalogue(load_vehicle("double_blueye")), ["added_mass.surge", "added_mass.sway", "*_damping.yaw"]
+    )
+    n = len(parameters)
+    prior = Gaussian(np.zeros(n), 0.16 * np.eye(n))
+    theta, std = np.zeros(n), np.full(n, 0.05)
+    theta[0], theta[1], std[1] = 1.2, -0.9, 0.3
+    return parameters, prior, theta, np.diag(std**2)
+
+
+def test_what_lies_outside_the_prior_is_named_with_both_values(surge):
+    parameters, prior, theta, C = surge
+    (said,) = about_prior(parameters, prior, theta, C)
+    base = parameters.free[0].base
+    assert f"added_mass.surge {base * np.exp(1.2):.3g} kg (" in said
+    assert f"against {base:.3g} kg ({base * np.exp(-0.784):.3g} to {base * np.exp(0.784):.3g})" in said
+    assert "added_mass.sway" in said and "yaw" not in said
+    assert about_prior(parameters, prior, 0.5 * theta, C) == []
+
+
+def test_a_narrow_estimate_outside_its_prior_is_contradicted_and_a_wide_one_is_not(surge):
+    parameters, prior, theta, C = surge
+    against = contradicted(prior, theta, C, None)
+    assert against == {0}
+    solution = SimpleNamespace(covariance=C)
+    assert verdicts(prior, solution, against)[:3] == ["contradicted", "partly", "learnt"]
+
+
+def test_logs_that_disagree_by_themselves_contradict_each_other(surge):
+    parameters, prior, _, C = surge
+    n = len(parameters)
+    theta = np.zeros((2, n))
+    theta[1, 2] = 0.6
+    apart = Apart(("run_1", "run_2"), theta, np.full((2, n), 0.1), np.full((2, 2, n), 0.14))
+    assert contradicted(prior, np.zeros(n), C, apart) == {2}
+    (said,) = about_logs_apart(parameters, apart)
+    assert parameters.names[2] in said and "by run_1" in said and "by run_2" in said
+    assert about_logs_apart(parameters, replace(apart, theta=0.3 * theta)) == []
+
+
+def test_equal_thrusters_that_come_out_unequal_are_named():
+    vehicle = load_vehicle("bluerov2")
+    groups = {"front": (0, 1), "rear": (2, 3), "up": (4, 5)}
+    parameters = choose(catalogue(vehicle, groups), ["thrusters.rear.force_ahead", "thrusters.up.force_ahead"])
+    t = parameters.model.thrusters
+    assert float(t.force_ahead[0]) == float(t.force_ahead[4]), "of one kind in this vehicle"
+    (said,) = about_equal_thrusters(parameters, np.log([0.8, 0.36]), 1e-4 * np.eye(2))
+    assert "1 : 0.8 : 0.36 (front as in the file, rear, up; force ahead" in said
+    assert about_equal_thrusters(parameters, np.log([0.8, 0.36]), np.eye(2)) == [], "nobody knows them that well"
+    assert about_equal_thrusters(parameters, np.log([0.95, 1.05]), 1e-4 * np.eye(2)) == []
+
+
+def test_values_that_no_vehicle_has_are_named():
+    vehicle = load_vehicle("double_blueye")
+    everything = catalogue(vehicle)
+    wanted = {"added_mass.surge": 500.0, "thrusters.surge.exponent": 5.0}
+    parameters = choose(everything, wanted)
+    (said,) = about_odd_values(parameters, parameters.thetas(wanted), {})
+    assert "added mass in surge is" in said and "times the displaced mass" in said
+    assert "thrusters.surge.exponent is 5" in said
+    assert about_odd_values(everything, np.zeros(len(everything)), {"surge": (-0.2, 0.3)}) == []
+    pushing = replace(parameters, model=parameters.model.replace(linear_damping_ahead=-np.eye(6)))
+    (said,) = about_odd_values(pushing, pushing.thetas({}), {"yaw": (-0.1, 0.001)})
+    assert "damping in yaw is negative at 0.001 rad/s" in said
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def forces():
+    """All forces of a vehicle with a table of thrust, whose dead band is part of its shape."""
+    parameters = choose(catalogue(load_vehicle("bluerov2_heavy")), ["thrusters.*.force_*", "added_mass.*"])
+    return parameters, Gaussian(np.zeros(len(parameters)), 0.07 * np.eye(len(parameters)))
+
+
+def out_at(parameters, **factors):
+    """theta with the forces of each group at a factor."""
+    group = [n.split(".")[1] if ".force_" in n else "" for n in parameters.names]
+    return np.log([factors.get(g, 1.0) for g in group])
+
+
+def test_forces_at_a_common_factor_put_the_gain_of_the_commands_in_doubt(forces):
+    parameters, prior = forces
+    driven = fly("bluerov2_heavy", "multisine", 3)
+    halved = replace(driven, command=0.5 * driven.command)
+    (said,) = about_gain(parameters, prior, out_at(parameters, horizontal=2.6, vertical=1.8), [halved])
+    assert "forces of all thrusters came out at 2.2 times" in said and "horizontal 2.6, vertical 1.8" in said
+    assert "best with commands 2 times as large" in said
+    for check in ("'mix'", "PWM", "battery"):
+        assert check in said
+    (less,) = about_gain(parameters, prior, out_at(parameters, horizontal=0.5, vertical=0.55), [driven])
+    assert "0.52 times what was known before" in less and "best as it is" in less
+
+
+@pytest.mark.parametrize(
+    "factors", [{"horizontal": 2.6}, {"horizontal": 1.4, "vertical": 1.3}, {"horizontal": 3, "vertical": 0.9}]
+)
+def test_forces_that_differ_or_fit_are_no_gain(forces, factors):
+    parameters, prior = forces
+    assert about_gain(parameters, prior, out_at(parameters, **factors), []) == []
+    some = choose(parameters, ["thrusters.horizontal.*"])
+    half = Gaussian(np.zeros(len(some)), np.eye(len(some)))
+    assert about_gain(some, half, np.log(np.full(len(some), 2.6)), []) == [], "the others were taken as exact"
+
+
+def test_the_gain_of_the_tank_is_told_by_the_dead_band():
+    """Its evidence file says half; the shape of force against command says all of it."""
+    shared_folder("data", "bluerov2_heavy_tank")
+    evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")
+    vehicle = load_vehicle("bluerov2_heavy")
+    runs = [test.whole for test in read_tests(evidence, vehicle) if test.use == "fit" and test.whole is not None]
+    stated = evidence.file.logs[0].commands.mix["front_port"][0]
+    assert stated * gain_by_shape(vehicle.model(), runs) == pytest.approx(1.0)

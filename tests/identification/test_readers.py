@@ -141,6 +141,79 @@ def test_pilot_axes_are_mixed_to_thrusters(tmp_path, vehicle):
     assert any("clipped" in note for note in record.notes)
 
 
+@pytest.mark.parametrize("named", ["{}_t", "t_{}", "{}_time", "{}.timestamps", "other_{}"])
+def test_npz_with_a_time_array_for_each_signal(tmp_path, vehicle, command, named):
+    """Found by its name, or named by `time`; data were read as the time, in silence."""
+    t_rate = T + 0.03
+    arrays = {"thrusters": command, named.format("thrusters"): T, "gyro": RATE, named.format("gyro"): t_rate}
+    np.savez(tmp_path / "run.npz", depth=PLACE[:, 2], **{named.format("depth"): T}, **arrays)
+    told = (lambda name: {"time": named.format(name)}) if named == "other_{}" else lambda name: {}
+    given = spec(
+        file="run.npz",
+        commands={"from": "thrusters", "columns": list(range(6))} | told("thrusters"),
+        signals={
+            "gyro": {"from": "gyro", "columns": [0, 1, 2]} | told("gyro"),
+            "depth": {"from": "depth", "columns": [0]} | told("depth"),
+        },
+    )
+    record = read_record(tmp_path / "run.npz", vehicle, given)
+    np.testing.assert_allclose(record.signals["gyro"].t, t_rate[:-1], atol=1e-9)
+    np.testing.assert_allclose(record.signals["gyro"].value, RATE[:-1])
+    np.testing.assert_allclose(record.signals["depth"].value[:, 0], PLACE[:, 2])
+    np.testing.assert_allclose(record.command_at(T[1:-1]), command[1:-1])
+
+
+def test_one_time_array_may_serve_all(tmp_path, vehicle, command):
+    np.savez(tmp_path / "run.npz", t=T, u=command, gyro=RATE, imu=np.column_stack([T + 0.01, RATE]))
+    given = spec(
+        file="run.npz",
+        commands={"from": "u", "columns": list(range(6))},
+        signals={"gyro": {"from": "gyro"}, "velocity": {"from": "imu", "columns": [1, 2, 3]}},
+    )
+    record = read_record(tmp_path / "run.npz", vehicle, given)
+    np.testing.assert_allclose(record.signals["gyro"].t, T, atol=1e-9)
+    np.testing.assert_allclose(record.signals["velocity"].t, T[:-1] + 0.01, atol=1e-9)  # its own first column
+
+
+@pytest.mark.parametrize(
+    ("gyro", "message"),
+    [
+        ({"columns": [0, 1, 2]}, r"signals.gyro: nothing says where its times are.*read as data too.*time.*: clock"),
+        ({"columns": [1, 2, 2]}, r"first column, which is taken then, falls in \d+%.*increasing: clock"),
+        ({"columns": [0, 1, 2], "time": "clok"}, r"gyro.time: no column or array 'clok'. Did you mean 'clock'"),
+        ({"columns": [0, 1, 2], "time": "u"}, r"'u' has 40 rows, 6 columns, expected 40 rows, 1 column.*: clock"),
+    ],
+)
+def test_data_are_not_read_as_the_time(tmp_path, vehicle, command, gyro, message):
+    np.savez(tmp_path / "run.npz", u=command, clock=T, gyro=RATE)
+    commands = {"from": "u", "columns": list(range(6)), "time": "clock"}
+    good = spec(
+        file="run.npz", commands=commands, signals={"gyro": {"from": "gyro", "columns": [0, 1, 2], "time": "clock"}}
+    )
+    read_record(tmp_path / "run.npz", vehicle, good)
+    with pytest.raises(IdentificationError, match=message):
+        read_record(
+            tmp_path / "run.npz",
+            vehicle,
+            spec(file="run.npz", commands=commands, signals={"gyro": {"from": "gyro"} | gyro}),
+        )
+
+
+def test_no_commands_lists_what_is_there_and_what_may_be_some(tmp_path, vehicle, command):
+    np.savez(tmp_path / "run.npz", rovio_thrusters=np.column_stack([T, command]), imu=np.column_stack([T, RATE]))
+    given = spec(file="run.npz", signals={"gyro": {"from": "imu", "columns": [1, 2, 3]}})
+    with pytest.raises(IdentificationError) as refused:
+        read_record(tmp_path / "run.npz", vehicle, given)
+    said = str(refused.value)
+    assert "found no commands" in said and "Perhaps 'rovio_thrusters'" in said
+    assert "rovio_thrusters (40 rows, 7 columns)" in said and "imu (40 rows, 4 columns)" in said
+    columns = {"time": T, "motor1": T, "p": T, "q": T, "r": T}
+    with pytest.raises(
+        IdentificationError, match=r"Perhaps 'motor1'.*run \(40 rows, 5 columns: time, motor1, p, q, r\)"
+    ):
+        read_record(write_csv(tmp_path / "run.csv", columns), vehicle)
+
+
 def rovtwin_log(path, vehicle, command):
     t = np.arange(40) * 0.1
     tables = {
@@ -180,7 +253,10 @@ def test_a_log_of_another_vehicle_is_refused(tmp_path, vehicle, command):
 
 
 BAD = {
-    "no such array": ({"signals": {"gyro": {"from": "gg", "columns": [1, 2, 3]}}}, "has c .7 columns., g .4 columns"),
+    "no such array": (
+        {"signals": {"gyro": {"from": "gg", "columns": [1, 2, 3]}}},
+        "has c .40 rows, 7 columns., g .40 rows, 4 columns",
+    ),
     "no such column": ({"signals": {"gyro": {"from": "g", "columns": [1, 2, 9]}}}, "number from 0 to 3"),
     "too few columns": ({"signals": {"gyro": {"from": "g", "columns": [1, 2]}}}, "found 2, expected p, q, r"),
     "no columns": ({"signals": {"gyro": {"from": "g"}}}, "columns: missing"),

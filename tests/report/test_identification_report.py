@@ -145,6 +145,43 @@ def test_what_did_not_settle_or_was_not_held_out_is_bad_news(result):
                for s in verdict(worse, now).sentences)  # fmt: skip
 
 
+def test_the_heading_tells_a_good_model_from_a_weak_one(result):
+    """Both were headed "Not to be relied on", the one that predicts and the one that does not."""
+    now = curves_of(result)[0]
+
+    def headed(rms, doubts=("the model misses gyro.q by more than 5 times the declared noise",), verdicts=None):
+        held = prediction("two")
+        scores = {c: Score(60.0, rms, 0.7, 0.7) for c in held.scores}
+        return verdict(
+            replace(
+                result,
+                doubts=list(doubts),
+                held_out=[replace(held, scores=scores)],
+                verdicts=verdicts or result.verdicts,
+            ),
+            now,
+        )
+
+    good, weak = headed(0.14), headed(0.9)
+    n = len(result.verdicts)
+    assert good.headline.startswith("Predicts, but not to be relied on beyond that: ")
+    assert f"{result.verdicts.count('learnt')} of {n} parameters learnt from 20 seconds of 1 test" in good.headline
+    assert (
+        "held-out error 0.2 times that of the better of 'held' and 'none' (median), smaller in 3 of 3" in good.headline
+    )
+    assert "misses gyro.q" in good.headline and good.good is None
+    assert weak.headline.startswith("Not to be relied on: ") and weak.good is False
+    assert "held-out error 1.3 times" in weak.headline and "smaller in 0 of 3 components" in weak.headline
+    sound = headed(0.14, doubts=(), verdicts=["learnt"] * (n - 1) + ["contradicted"])
+    assert (
+        sound.headline.startswith(f"{n - 1} of {n} parameters learnt")
+        and ", 1 contradicted; held-out" in sound.headline
+    )
+    unsettled: Any = SimpleNamespace(**vars(result.solution) | {"converged": False})
+    lost = replace(result, solution=unsettled, doubts=["the estimate has not settled"])
+    assert verdict(lost, now).headline.startswith("Not to be relied on: "), "however well it predicts"
+
+
 def test_excitation_tells_what_never_moved_from_what_cannot_be_told_apart(result):
     said = dict(zip(result.parameters.names, excitation(result), strict=True))
     assert said["added_mass.surge"] == "excited"

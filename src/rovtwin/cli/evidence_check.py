@@ -11,6 +11,7 @@ from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
     from rovtwin.identification.checks.findings import Finding
+    from rovtwin.identification.logs.readers import Test
     from rovtwin.identification.logs.record import Record
 
 Checked = list[tuple["Record", str, list["Finding"]]]
@@ -59,10 +60,19 @@ def _checked(files: list[Path], name: str | None, as_json: bool) -> Checked:
     )
     rows: Checked = []
     with console(as_json).status("checking") as status:
-        for test in tests:
-            status.update(f"checking {test.record.name}")
-            rows.append((test.record, test.use, check_record(test.record, model)))
+        for whole, use in _wholes(tests):
+            status.update(f"checking {whole.name}")
+            rows.append((whole, use, check_record(whole, model)))
     return rows
+
+
+def _wholes(tests: list["Test"]) -> list[tuple["Record", str]]:
+    """Logs as they were recorded, with their use: clocks and signs are those of a log, not of a part of it."""
+    uses: dict[int, list[str]] = {}
+    records = {id(test.whole or test.record): test.whole or test.record for test in tests}
+    for test in tests:
+        uses.setdefault(id(test.whole or test.record), []).append(test.use)
+    return [(record, ", ".join(uses[key])) for key, record in records.items()]
 
 
 def _show(checked: Checked, notes: bool) -> None:

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,6 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 
 if TYPE_CHECKING:
     from rovtwin.identification.identify import Identification
-    from rovtwin.identification.logs.record import Record
 
 
 def identify(
@@ -56,7 +56,13 @@ def identify(
     keep: Annotated[
         bool, typer.Option("--keep", help="Write, or start from, a file that is not to be relied on; it says so.")
     ] = False,
-    trust_logs: Annotated[bool, typer.Option("--trust-logs", help="Go on where checks say a log is wrong.")] = False,
+    trust: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LOG", help="Go on where checks say that this log is wrong: its file or name. Repeatable."
+        ),
+    ] = None,
+    trust_logs: Annotated[bool, typer.Option("--trust-logs", help="The same of every log; --trust is safer.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Estimate a vehicle's parameters from its tests, with covariance, and write them as a vehicle file.
@@ -64,6 +70,9 @@ def identify(
     The file flies at once: [bold]rovtwin fly lawnmower_calm --set vehicle=identified.yaml[/bold]. The report says what
     was learnt and what was not; what no test could tell stays at the prior and is named. A result that is not to be
     relied on is written with --keep only; exit code 1, and the report says why.
+
+    Logs are checked first. What cannot be right ends the command; a log of --validate is left out instead, and a log of
+    --trust is used all the same. Either way the screen, the report and --json say what the checks found.
 
     From logs of rovtwin itself: [bold]rovtwin identify double_blueye runs/*/log.mcap -o identified.yaml[/bold]
 
@@ -78,6 +87,7 @@ def identify(
     After a change of payload, even before any test: [bold]rovtwin identify new.yaml --prior identified.yaml -o
     predicted.yaml[/bold]
     """
+    from rovtwin.cli.identify_logs import looked_over, read_logs, share_of
     from rovtwin.identification.identify import identify as estimate
     from rovtwin.identification.joint.overlay import to_yaml
     from rovtwin.identification.logs.evidence_file import read_evidence
@@ -106,14 +116,15 @@ def identify(
     if track is not None:
         tests, held = (_tracked(screen, wanted, track, paths or []) for paths in (logs, validate))
         logs, validate = list(tests), list(held)
-    fit_share = _share(screen, fit_share, tests, bool(validate))
-    fitted, held_out, whole = _records(wanted, said, logs or [], validate or [], fit_share)
-    _warn(screen, wanted, whole, trust_logs)
+    fit_share = share_of(screen, fit_share, tests, bool(validate))
+    used = looked_over(
+        screen, wanted, read_logs(wanted, said, logs or [], validate or [], fit_share), trust, trust_logs
+    )
     with _progress(screen) as told:
         result = estimate(
             wanted,
-            fitted,
-            validate=held_out,
+            used.fitted,
+            validate=used.held_out,
             free=free or (said.file.free if said else []),
             prior=said.file.prior if said else None,
             anchors=said.file.anchors if said else (),
@@ -121,10 +132,12 @@ def identify(
             options=({} if said is None else dict(said.file.options)) | ({"structure": structure} if structure else {}),
             progress=told,
         )
+    result = replace(result, findings=[*used.remarks, *result.findings], records=[*result.records, *used.left_out])
     more = [word for path in held_back or [] for word in ("--validate", _short(path))]
     more += [word for pattern in free or [] for word in ("--free", f"'{pattern}'")]
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
     more += ["--structure", structure] if structure else []
+    more += [word for name in trust or [] for word in ("--trust", Path(name).name)]
     more += ["--trust-logs"] if trust_logs else []
     more += ["--keep"] if keep else []
     more += ["--track", track] if track else []
@@ -168,13 +181,14 @@ def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict
 
     Each with whether it is a test, a programme of manoeuvres.
     """
+    from rovtwin.cli.identify_logs import files_of
     from rovtwin.cli.track import looking_for_markers, summary
     from rovtwin.scenario.tracking import track_run
 
     if kind != "aruco":
         raise ConfigError(f"--track: found '{kind}', expected aruco")
     tracks = {}
-    for path in _files(logs):
+    for path in files_of(logs):
         with looking_for_markers() as told:
             found, log = track_run(path, vehicle, "smoother", progress=told)
         out = path.with_name(f"{path.stem}_aruco.mcap")
@@ -184,80 +198,6 @@ def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict
             screen.print(f"{_short(path)}: {line}", style="dim", markup=False, soft_wrap=True)
         screen.print(f"wrote {out}", markup=False, soft_wrap=True)
     return tracks
-
-
-def _share(screen: Console, given: float | None, tests: dict[Path, bool], validated: bool) -> float | None:
-    """The share of each log that is fitted; None: as usual.
-
-    The pulls of a test are each of their own strength: its last part is no sample of what was fitted, it is the
-    strongest pull, which then would be missing where it tells most.
-    """
-    if given is not None or validated or not tests or not all(tests.values()):
-        return given
-    screen.print(
-        "nothing is held out: the last part of a test is a pull of its own. Give another run with --validate, or "
-        "--fit-share 0.8",
-        style="dim",
-        markup=False,
-    )
-    return 1.0
-
-
-def _records(
-    vehicle: Any, said: Any, logs: list[Path], validate: list[Path], fit_share: float | None
-) -> tuple[list["Record"], list["Record"], list["Record"]]:
-    """Tests to fit, tests to predict, and all of them before any was split."""
-    from rovtwin.identification.logs.readers import read_records, read_tests
-
-    if fit_share is not None and not 0 < fit_share <= 1:
-        raise IdentificationError(f"--fit-share: found {fit_share:g}, expected more than 0 and at most 1")
-    logs, validate = _files(logs), _files(validate)
-    for path in {p for p in [*logs, *validate] if [*logs, *validate].count(p) > 1}:
-        raise IdentificationError(f"{path}: given twice; a log is either fitted or held out, and once")
-    tests = read_tests(said, vehicle) if said else []
-    fitted = [t.record for t in tests if t.use == "fit"]
-    held_out = [t.record for t in tests if t.use == "validate"]
-    own = [record for path in logs for record in read_records(path, vehicle)]
-    held_out += [record for path in validate for record in read_records(path, vehicle)]
-    whole = [*fitted, *held_out, *own]
-    share = fit_share if fit_share is not None else (1.0 if held_out or not own else 0.8)
-    for record in own:
-        if share == 1.0:
-            fitted.append(record)
-            continue
-        split = record.start + share * record.duration
-        fitted.append(record.cut(record.start, split))
-        held_out.append(record.cut(split, record.end))
-    return fitted, held_out, whole
-
-
-def _files(paths: list[Path]) -> list[Path]:
-    """A run's folder stands for the log in it."""
-    return [p / "log.mcap" if p.is_dir() and (p / "log.mcap").is_file() else p for p in paths]
-
-
-def _warn(screen: Console, vehicle: Any, records: list["Record"], trust: bool) -> None:
-    """What looks wrong with the logs, before minutes are spent on them.
-
-    Raises:
-        IdentificationError: A log cannot be what it is said to be: units, axes, signs, clocks.
-    """
-    from rovtwin.identification.checks.check import check_record
-
-    model, wrong = vehicle.model(), []
-    for record in records:
-        for note in record.notes:
-            screen.print(f"{record.name}: {note}", style="dim", markup=False)
-        for finding in check_record(record, model):
-            text = f"{record.name}: {finding.where}: {finding.message} {finding.fix}"
-            if finding.severity == "error":
-                wrong.append(text)
-            elif finding.severity == "warning":
-                screen.print(text, style="yellow", markup=False)
-    if wrong and not trust:
-        raise IdentificationError("\n".join([*wrong, "if the logs are right after all, add --trust-logs"]))
-    for text in wrong:
-        screen.print(text, style="yellow", markup=False)
 
 
 class _progress:
@@ -352,8 +292,22 @@ def as_object(result: "Identification") -> dict[str, Any]:
         "predictions": scores,
         "converged": result.solution is None or result.solution.converged,
         "reliable": not result.doubts,
+        "standing": _standing(result),
         "doubts": result.doubts,
         "seconds": result.seconds,
+    }
+
+
+def _standing(result: "Identification") -> dict[str, Any]:
+    standing = result.standing
+    return {
+        "grade": standing.grade,
+        "learnt": standing.learnt,
+        "contradicted": standing.contradicted,
+        "parameters": standing.count,
+        "held_out_error": None if standing.error != standing.error else standing.error,
+        "held_out_better": standing.better,
+        "held_out_judged": standing.judged,
     }
 
 
@@ -368,7 +322,7 @@ def _print(screen: Console, result: "Identification") -> None:
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
     )
-    styles = {"learnt": "green", "partly": "yellow", "prior only": "red"}
+    styles = {"learnt": "green", "partly": "yellow", "prior only": "red", "contradicted": "bold red"}
     learnt = {p.name: said for p, said in zip(result.parameters.free, result.verdicts, strict=True)}
     for i, p in enumerate(result.parameters.free):
         if is_coupling(p.name):
@@ -387,7 +341,7 @@ def _print(screen: Console, result: "Identification") -> None:
     for line in groups_in_words(result.parameters.groups, result.vehicle.thruster_names):
         screen.print(line, markup=False, soft_wrap=True)
     for name, why in zip(result.parameters.names, excitation(result), strict=True):
-        if learnt[name] != "learnt" and not is_coupling(name):
+        if learnt[name] in ("partly", "prior only") and not is_coupling(name):
             screen.print(f"{learnt[name]}: {name}: {why}; it takes {what_teaches(name)}", markup=False, soft_wrap=True)
     if couplings := [name for name in learnt if is_coupling(name)]:
         known = in_families(couplings, [name for name in couplings if learnt[name] == "learnt"]) or "none"
@@ -401,8 +355,10 @@ def _print(screen: Console, result: "Identification") -> None:
             screen.print(f"\n{heading}", style="bold")
             for line in lines:
                 screen.print(f"- {line}", markup=False)
-    if result.doubts:
-        screen.print(f"\nNot to be relied on: {'; '.join(result.doubts)}", style="bold red", markup=False)
+    standing = result.standing
+    heading = standing.heading(f"{standing.learnt} of {standing.count} parameters learnt", result.doubts)
+    style = "bold" if not result.doubts else "bold yellow" if standing.predicts else "bold red"
+    screen.print(f"\n{heading}", style=style, markup=False)
     screen.print(f"\n{result.seconds:.0f} s", style="dim")
 
 

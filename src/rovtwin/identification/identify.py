@@ -18,6 +18,9 @@ from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.scale import scale_response, with_scale
+from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.gain import about_gain
+from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
     about_parts,
@@ -112,6 +115,11 @@ def identify(
     residuals = residual_analysis(problem, solution)
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
+    C = solution.covariance
+    against = contradicted(start, theta, C, solution.apart)
+    findings += about_prior(parameters, start, theta, C) + about_logs_apart(parameters, solution.apart)
+    findings += about_equal_thrusters(parameters, theta, C) + about_odd_values(parameters, theta, tested)
+    findings += about_gain(parameters, start, theta, records)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
     findings += lines_about(ladder)
     findings += about_thrust(parameters) + about_scale(parameters, records, solution, response)
@@ -119,8 +127,8 @@ def identify(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
     )
     return Identification(
-        vehicle, parameters, start, theta, solution.covariance, verdicts(start, solution), blind, findings, summary,
-        solution, fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
+        vehicle, parameters, start, theta, C, verdicts(start, solution, against), blind, findings, summary, solution,
+        fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
         doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), offsets, settings, ladder,
     )  # fmt: skip
 

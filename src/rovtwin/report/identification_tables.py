@@ -89,7 +89,9 @@ def parameter_table(result: Any, couplings: bool) -> Table:
         return Table("Couplings", head, rows, note)
     note = (
         "Width left: standard deviation now over that of the prior; below 0.5 is learnt, above 0.9 only the prior "
-        "speaks. Excitation: whether the tests would tell the parameter if all others were known, and whether they "
+        "speaks. Contradicted: outside the prior's 95 % interval with a width below half of its, or two logs by "
+        "themselves differ beyond their widths. "
+        "Excitation: whether the tests would tell the parameter if all others were known, and whether they "
         "tell it apart from the others. Damping and added mass are positive: X_u = -linear damping."
     )
     return Table("", head, rows, note)

@@ -10,14 +10,19 @@ from rovtwin.report.curves import DIRECTIONS, SPEED_UNITS, Curves
 from rovtwin.report.verdict import Verdict
 
 TELLING = 1.0  # information over the prior's from which a parameter was excited
-_LABELS = {"learnt": "Learnt", "partly": "Learnt in part", "prior only": "Known from the prior only"}
+_LABELS = {
+    "learnt": "Learnt",
+    "partly": "Learnt in part",
+    "prior only": "Known from the prior only",
+    "contradicted": "Contradicted by the prior or by another log",
+}
 _SHOWN = 4  # findings in the box; all of them are listed below it
 PRIOR_ONLY, LEARNT = 0.9, 0.5  # standard deviation after over before, as the verdicts of the estimate
 
 
 def verdict(result: Any, curves: Curves) -> Verdict:
     """The box on top: what was learnt, what not, what the forces are worth, whether it predicts."""
-    count = {kind: result.verdicts.count(kind) for kind in ("learnt", "partly", "prior only")}
+    count = {kind: result.verdicts.count(kind) for kind in _LABELS}
     n = len(result.verdicts)
     if result.solution is None:
         headline = f"No tests: {n} parameters predicted from what was known before"
@@ -31,11 +36,13 @@ def verdict(result: Any, curves: Curves) -> Verdict:
     if len(result.findings) > _SHOWN:
         more = len(result.findings) - _SHOWN
         sentences.append(f"{more} more finding{'s are' if more > 1 else ' is'} listed below.")
+    standing = result.standing
+    headline = standing.heading(learnt, result.doubts)
     if result.doubts:
-        told = f"By their widths alone, {learnt}."
-        return Verdict(False, f"Not to be relied on: {'; '.join(result.doubts)}", [told, *sentences], [])
+        # A model that predicts is worth having, whatever is said against its widths.
+        return Verdict(None if standing.predicts else False, headline, sentences, [])
     good = None if result.findings or count["learnt"] < n / 2 else True
-    return Verdict(good, learnt, sentences, [])
+    return Verdict(good, headline, sentences, [])
 
 
 def _minutes(result: Any) -> str:

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rovtwin.identification.checks.clocks import LAGS, all_behind, slipped_rows
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.response import AXES, Regression, Response, thruster_forces
 from rovtwin.vehicle.model import Model
 
-LAGS = np.round(np.arange(-2.0, 2.01, 0.1), 2)
 LATE = 0.25  # [s]; less may be the lag of the thrusters
 BLIND_LATE = 0.7  # [s], where the attitude is not known
 JUDGED = 0.2  # share of an axis' acceleration that thrusters must explain before it is judged
@@ -87,14 +87,13 @@ def _late(model: Model, motion: Motion, regression: Regression) -> tuple[float, 
     score = table[:, alike].mean(axis=1)
     # Without an attitude the restoring moments are not known, and look like thrust that is late.
     blind = motion.rotation is None
-    if abs(lag) < (BLIND_LATE if blind else LATE) or score[best] < max(score[now] + 0.15, 0.5 if blind else 0.0):
+    # Nor without a velocity what the water does to the turning of a vehicle that moves.
+    least = 0.5 if blind else CONVINCING if motion.velocity is None else 0.0
+    if abs(lag) < (BLIND_LATE if blind else LATE) or score[best] < max(score[now] + 0.15, least):
         return 0.0, []
-    said = (
-        f"the motion follows the commands best when these are taken "
-        f"{abs(lag):.1f} s {'earlier' if lag < 0 else 'later'} (they explain "
-        f"{score[best]:.0%} of the accelerations instead of {score[now]:.0%}): the clocks differ."
-    )
-    return lag, [Finding("error", "clock", "commands", said, f"Write commands.time_offset: {lag:.2f}.")]
+    shares = float(score[best]), float(score[now])
+    rows = slipped_rows(model, motion, regression, told, float(table[best, told].mean()))
+    return lag, [all_behind(motion.record, lag, shares, rows)]
 
 
 def _total(answer: Response, rows: np.ndarray, judged: np.ndarray) -> float:

@@ -1,13 +1,18 @@
-"""Signals against each other: gyro with attitude, velocity with position, depth with the rest. No model is needed."""
+"""Signals against each other: gyro with attitude, velocity with position, depth with the rest.
+
+No model is needed but to tell which of two signals is late.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from rovtwin.identification.checks.clocks import Lag, check_clocks
 from rovtwin.identification.checks.findings import Finding
-from rovtwin.identification.logs.motion import STEP, WIDTH, Motion
-from rovtwin.identification.logs.record import SIGNALS
+from rovtwin.identification.logs.motion import STEP, Motion, widened
+from rovtwin.identification.logs.record import SIGNALS, Record
+from rovtwin.vehicle.model import Model
 
 LONGEST_LAG, SMALLEST_LAG = 3.0, 0.15  # [s] searched; [s] that counts
 ALIKE, UNLIKE = 0.8, 0.4  # correlations
@@ -19,7 +24,8 @@ SLIPS = {57.3: "degrees", 1000.0: "millimetres", 100.0: "units", 9.81: "units"}
 class Pair:
     """The same quantities from two signals: `names`, values a and b, shape (m, k), and how noisy each is, shape (k,).
 
-    `in_world` is what b would be in n, where a mistake of a's frame would leave it.
+    `in_world` is what b would be in n, where a mistake of a's frame would leave it; `from_body` is a in n, and
+    `rotation` is R_nb, through which they are compared, shape (m, 3, 3).
     """
 
     names: tuple[str, str]
@@ -28,29 +34,42 @@ class Pair:
     b: np.ndarray
     noise: tuple[np.ndarray, np.ndarray]
     in_world: np.ndarray | None = None
+    from_body: np.ndarray | None = None
+    rotation: np.ndarray | None = None
 
 
 def pairs(motion: Motion) -> list[Pair]:
-    """What can be compared in this record."""
+    """What can be compared in this record, each two signals through the same kernel."""
     found = []
-    gyro, from_attitude = motion.values("gyro"), motion.rate_of_attitude
+    alike = motion.alike("gyro", "attitude")
+    gyro, from_attitude = alike.values("gyro"), alike.rate_of_attitude
     if gyro is not None and from_attitude is not None:
-        noise = (_noise(motion, "gyro", False), _noise(motion, "attitude", True))
+        noise = (_noise(alike, "gyro", False), _noise(alike, "attitude", True))
         found.append(Pair(("gyro", "attitude"), SIGNALS["gyro"][0], gyro[0], from_attitude, noise))
-    velocity, from_position = motion.values("velocity"), motion.rate_of_position
+    alike = motion.alike("velocity", "position", "attitude")
+    velocity, from_position = alike.values("velocity"), alike.rate_of_position
     if velocity is not None and from_position is not None:
-        noise = (_noise(motion, "velocity", False), _noise(motion, "position", True))
-        position = motion.values("position")
-        assert position is not None
+        noise = (_noise(alike, "velocity", False), _noise(alike, "position", True))
+        position = alike.values("position")
+        assert position is not None and alike.rotation is not None
+        turned = np.einsum("nij,nj->ni", alike.rotation, velocity[0])
         names, axes = ("velocity", "position"), SIGNALS["velocity"][0]
-        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1]))
-    depth, position = motion.values("depth"), motion.values("position")
+        found.append(Pair(names, axes, velocity[0], from_position, noise, position[1], turned, alike.rotation))
+    return found + _pairs_of_depth(motion)
+
+
+def _pairs_of_depth(motion: Motion) -> list[Pair]:
+    found = []
+    alike = motion.alike("depth", "position")
+    depth, position = alike.values("depth"), alike.values("position")
     if depth is not None and position is not None:
-        noise = (_noise(motion, "depth", True), _noise(motion, "position", True)[2:])
+        noise = (_noise(alike, "depth", True), _noise(alike, "position", True)[2:])
         found.append(Pair(("depth", "position"), ("down",), depth[1], position[1][:, 2:], noise))
-    if depth is not None and position is None and velocity is not None and motion.rotation is not None:
-        down = np.einsum("ni,ni->n", motion.rotation[:, 2], velocity[0])[:, None]
-        noise = (_noise(motion, "depth", True), np.array([_noise(motion, "velocity", False).max()]))
+    alike = motion.alike("depth", "velocity", "attitude")
+    depth, velocity, rotation = alike.values("depth"), alike.values("velocity"), alike.rotation
+    if depth is not None and position is None and velocity is not None and rotation is not None:
+        down = np.einsum("ni,ni->n", rotation[:, 2], velocity[0])[:, None]
+        noise = (_noise(alike, "depth", True), np.array([_noise(alike, "velocity", False).max()]))
         found.append(Pair(("depth", "velocity"), ("down",), depth[1], down, noise))
     return found
 
@@ -65,25 +84,74 @@ def _noise(motion: Motion, name: str, of_rate: bool) -> np.ndarray:
         left = (left + np.pi) % (2 * np.pi) - np.pi
     spread = 1.4826 * np.nanmedian(np.abs(left), axis=0)
     interval = float(np.median(np.diff(signal.t)))
-    width = max(WIDTH, 1.5 * interval)
+    width = widened(signal.t, motion.width)
     per_value = np.sqrt(interval / (2 * np.sqrt(np.pi) * width))
     return spread * (per_value / (np.sqrt(2) * width) if of_rate else per_value)
 
 
-def check_motion(motion: Motion) -> list[Finding]:
-    """Clock, axes, signs, units and agreement of every pair."""
-    return [finding for pair in pairs(motion) for finding in _check(pair)]
+def check_motion(model: Model, motion: Motion) -> list[Finding]:
+    """Clock, axes, signs, units and agreement of every pair; which of two is late, the commands tell."""
+    found, late = [], False
+    for pair in pairs(motion):
+        good = _both(pair)
+        if good.sum() < 100:
+            continue
+        if lag_of(pair):
+            late = True
+        else:
+            found += _check(pair, good)
+    return found + (check_clocks(model, motion.record, lags_of) if late else [])
 
 
-def _check(pair: Pair) -> list[Finding]:
-    good = np.isfinite(pair.a).all(axis=1) & np.isfinite(pair.b).all(axis=1)
-    if good.sum() < 100:
-        return []
-    lag, gained = best_lag(pair.a, pair.b)
-    if abs(lag) > SMALLEST_LAG and gained > 0.1:
-        first, second = pair.names
-        said = f"{first} is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} {second}: clocks differ."
-        return [Finding("error", "clock", first, said, f"Write time_offset: {-lag:.2f} there.")]
+def lags_of(record: Record) -> list[Lag]:
+    """Of pairs that disagree in time."""
+    seen = [pair for pair in pairs(Motion.of(record)) if _both(pair).sum() >= 100]
+    return [lag for pair in seen if (lag := lag_of(pair))]
+
+
+def lag_of(pair: Pair) -> Lag | None:
+    """Which of a pair is late against the other; None where neither is, or they agree no better so.
+
+    Velocity and position are compared through the attitude. Whichever of three agrees best is believed: in b, as if
+    the attitude were on the clock of the position; in n, as if on that of the velocity; or both agree, and it is late.
+    """
+    first, second = pair.names
+    tried = [(first, second, *best_lag(pair.a, pair.b))]
+    if pair.in_world is not None and pair.from_body is not None and pair.rotation is not None:
+        tried.append((first, second, *best_lag(pair.from_body, pair.in_world)))
+        lag, gained, agreement = _rotation_late(pair.a, pair.in_world, pair.rotation)
+        tried.append(("attitude", first, lag, gained, agreement))
+    late, against, lag, gained, _ = max(tried, key=lambda way: way[4])
+    return Lag(late, against, lag) if abs(lag) > SMALLEST_LAG and gained > 0.1 else None
+
+
+def _rotation_late(a: np.ndarray, in_world: np.ndarray, R: np.ndarray) -> tuple[float, float, float]:
+    """By how much R_nb is late against a in b and the same in n [s]; how much better they agree then, and how well."""
+    agreement, steps = [], _steps(len(a))
+    for step in steps:
+        late, now = (
+            (slice(step, None), slice(None, len(a) - step)) if step >= 0 else (slice(None, step), slice(-step, None))
+        )
+        turned = np.einsum("nji,nj->ni", R[late], in_world[now])
+        good = np.isfinite(turned).all(axis=1) & np.isfinite(a[now]).all(axis=1)
+        x, y = a[now][good] - a[now][good].mean(axis=0), turned[good] - turned[good].mean(axis=0)
+        alike = float((x * y).sum()) / max(float(np.sqrt((x**2).sum() * (y**2).sum())), 1e-12)
+        agreement.append(max(alike, 0.0) ** 2)
+    best = int(np.argmax(agreement))
+    return float(steps[best] * STEP), agreement[best] - agreement[int(np.argmin(np.abs(steps)))], agreement[best]
+
+
+def _steps(length: int) -> np.ndarray:
+    """Lags that are tried, in steps of the grid."""
+    steps = np.arange(-int(LONGEST_LAG / STEP), int(LONGEST_LAG / STEP) + 1, 2)
+    return steps[np.abs(steps) < length // 3]
+
+
+def _both(pair: Pair) -> np.ndarray:
+    return np.asarray(np.isfinite(np.column_stack([pair.a, pair.b])).all(axis=1))
+
+
+def _check(pair: Pair, good: np.ndarray) -> list[Finding]:
     a, b = pair.a[good] - pair.a[good].mean(axis=0), pair.b[good] - pair.b[good].mean(axis=0)
     if pair.in_world is not None and _agreement(a, pair.in_world[good]) > 0.8 > _agreement(a, b) + 0.1:
         said = "velocity is the rate of position in n; expected it in b, forward, right, down."
@@ -99,15 +167,13 @@ def _agreement(a: np.ndarray, b: np.ndarray) -> float:
     return 1.0 - float(((a - b + b.mean(axis=0)) ** 2).sum() / max((a**2).sum(), 1e-12))
 
 
-def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """By how much a is late against b [s], whatever their axes and signs, and how much better they agree there.
+def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
+    """By how much a is late against b [s], whatever axes and signs, how much better they agree there, and how well.
 
     Agreement at a lag is the share of a's power that the columns of b explain together.
     """
     a, b = (np.where(np.isfinite(x), x - np.nanmean(x, axis=0), 0.0) for x in (a, b))
-    steps = np.arange(-int(LONGEST_LAG / STEP), int(LONGEST_LAG / STEP) + 1, 2)
-    steps = steps[np.abs(steps) < len(a) // 3]
-    agreement = []
+    agreement, steps = [], _steps(len(a))
     for step in steps:
         late, early = (a[step:], b[: len(b) - step]) if step >= 0 else (a[:step], b[-step:])
         gram = early.T @ early + 1e-9 * np.trace(early.T @ early) * np.eye(b.shape[1]) + 1e-12 * np.eye(b.shape[1])
@@ -115,7 +181,8 @@ def best_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         explained = np.einsum("ij,ij->j", cross, np.linalg.solve(gram, cross))
         agreement.append(explained.sum() / max((late**2).sum(), 1e-12))
     best = int(np.argmax(agreement))
-    return float(steps[best] * STEP), float(agreement[best] - agreement[int(np.argmin(np.abs(steps)))])
+    most = float(agreement[best])
+    return float(steps[best] * STEP), most - float(agreement[int(np.argmin(np.abs(steps)))]), most
 
 
 def _swapped(pair: Pair, alike: np.ndarray, seen: np.ndarray) -> list[Finding]:

@@ -37,7 +37,7 @@ def check_record(record: Record, model: Model) -> list[Finding]:
         found.append(Finding("error", "gap", "record", f"the record is {said}.", "Check span and clocks."))
     elif not any(f.severity == "error" and f.what in ("degrees", "millimetres", "beyond") for f in found):
         motion = Motion.of(record)
-        found += check_motion(motion)
+        found += check_motion(model, motion)
         if not any(f.severity == "error" for f in found):
             found += check_response(model, motion)
         if not any(f.severity == "error" for f in found):

@@ -47,12 +47,24 @@ def widening(
     """
     n = len(problem.prior.mean)
     A = arrow.factor().corner
-    slopes, information = _parts(blocks, noise, arrow)
+    slopes, information = parts(blocks, noise, arrow)
+    bound = np.diag(problem.prior.covariance) + (theta - problem.prior.mean) ** 2
+    widest = np.maximum(bound / np.diag(np.linalg.inv(A))[:n], 1.0)
+    return np.sqrt(np.minimum(spread(slopes, information, A, divisions)[:n], widest))
+
+
+def spread(slopes: np.ndarray, information: np.ndarray, A: np.ndarray, divisions: Sequence[np.ndarray]) -> np.ndarray:
+    """What stretches make of the variances over those of an exact model, shape (m,), 1 where they agree.
+
+    Args:
+        slopes: Of each segment, shape (S, m), see `parts`.
+        information: Of each segment, shape (S, m, m).
+        A: Of everything, shape (m, m).
+        divisions: See `stretches`.
+    """
     C = np.linalg.inv(A)
     known = np.einsum("ia,ab,bi->i", C, A - information.sum(axis=0), C)
-    most = np.ones(n)
-    bound = np.diag(problem.prior.covariance) + (theta - problem.prior.mean) ** 2
-    widest = np.maximum(bound / np.diag(C)[:n], 1.0)
+    most = np.ones(len(A))
     for stretch in divisions:
         squares, expected = _wanted(slopes, information, A, C, stretch)
         total = expected.sum(axis=0)
@@ -60,8 +72,8 @@ def widening(
         more = squares.sum(axis=0) > total * chi2.ppf(CERTAIN, freedom) / freedom
         few = (t.ppf(0.975, freedom) / norm.ppf(0.975)) ** 2
         variance = few * (squares.sum(axis=0) + known) / np.diag(C)
-        most = np.maximum(most, np.where(more, variance, 1.0)[:n])
-    return np.sqrt(np.minimum(most, widest))
+        most = np.maximum(most, np.where(more, variance, 1.0))
+    return most
 
 
 def stretches(problem: Problem) -> list[np.ndarray]:
@@ -81,7 +93,7 @@ def stretches(problem: Problem) -> list[np.ndarray]:
     return found
 
 
-def _parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:
+def parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:
     """Each segment's slope and information of [theta, offsets], shapes (S, m) and (S, m, m), the nodes eliminated."""
     S, m = arrow.b.shape[0], len(arrow.b_corner)
     n = blocks.defect_jacobian.shape[-1] - 2 * NODE

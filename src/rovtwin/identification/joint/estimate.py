@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
 from rovtwin.identification.joint.agreement import stretches, widening
+from rovtwin.identification.joint.apart import Apart, logs_apart
 from rovtwin.identification.joint.arrow import Arrow, Factored
 from rovtwin.identification.joint.middle import moved_to_the_middle
 from rovtwin.identification.joint.nodes import moved
@@ -40,6 +41,7 @@ class Solution:
         converged: Whether the last step was below a hundredth of a standard deviation, or none gained anything.
         steps: Gauss-Newton steps taken.
         cost: Sum of squares at the end.
+        apart: What each log says by itself; None where there is one log, or nothing has settled.
     """
 
     unknowns: Unknowns
@@ -52,6 +54,7 @@ class Solution:
     converged: bool
     steps: int
     cost: float
+    apart: Apart | None = None
 
 
 def estimate(
@@ -219,8 +222,9 @@ def _solution(
     covariance = covariance * np.outer(wider, wider)
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
+    apart = logs_apart(problem, here.theta, blocks, noise, arrow, divisions) if converged else None
     return Solution(
-        replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost
+        replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost, apart
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ The information of the readings is held against the prior: a direction in which 
 already is one they cannot tell. Widths come from the sum of both.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,11 @@ class Blind:
     text: str
 
 
-def verdicts(prior: Gaussian, solution: Solution) -> list[str]:
-    """`learnt`, `partly` or `prior only`, per parameter."""
+def verdicts(prior: Gaussian, solution: Solution, contradicted: Collection[int] = ()) -> list[str]:
+    """`learnt`, `partly`, `prior only` or `contradicted` (see `contradictions`), per parameter."""
     ratio = np.sqrt(np.diag(solution.covariance) / np.diag(prior.covariance))
-    return ["learnt" if r < LEARNT else "partly" if r < PRIOR_ONLY else "prior only" for r in ratio]
+    said = ["learnt" if r < LEARNT else "partly" if r < PRIOR_ONLY else "prior only" for r in ratio]
+    return ["contradicted" if i in contradicted else word for i, word in enumerate(said)]
 
 
 def blind_directions(parameters: Parameters, prior: Gaussian, solution: Solution) -> list[Blind]:

@@ -40,7 +40,9 @@ class SignalSpec(Strict):
 
     table: str | None = Field(None, alias="from", description="array, topic or body in the file; not for plain CSV")
     columns: list[Column] | None = Field(None, description="by name, or by number from 0; else those of a known format")
-    time: Column | None = Field(None, description="column of the time; else the table's own clock, or its first column")
+    time: Column | None = Field(
+        None, description="column, or array, of the time; else the table's own, or its first column"
+    )
     unit: str | None = Field(None, description="mm, deg, deg/s, g, mbar ..; else SI")
     frame: Literal["frd", "flu", "ned", "enu", "nwu", "down", "up"] | None = Field(
         None, description="body: frd or flu; world: ned, enu or nwu (z up); attitude: ned (FRD), enu or nwu (FLU)"
@@ -55,7 +57,7 @@ class SignalSpec(Strict):
     mounting_deg: Degrees3 = Field([0.0, 0.0, 0.0], description="roll, pitch, yaw of the sensor's axes in b")
     zero: Number = Field(0.0, description="what the sensor reads at zero, in its unit: the air pressure for a depth")
     repeats: Literal["keep", "drop"] = Field("keep", description="drop: a row equal to the last one is no new reading")
-    time_offset: Number = Field(0.0, description="added to its times [s]")
+    time_offset: Number = Field(0.0, description="added to its times [s]: negative where they are logged too late")
 
 
 class CommandSpec(Strict):
@@ -63,13 +65,15 @@ class CommandSpec(Strict):
 
     table: str | None = Field(None, alias="from", description="array, topic or channel in the file; not for plain CSV")
     columns: list[Column] | None = Field(None, description="by name, or by number from 0")
-    time: Column | None = Field(None, description="column of the time; else the table's own clock, or its first column")
+    time: Column | None = Field(
+        None, description="column, or array, of the time; else the table's own, or its first column"
+    )
     unit: Literal["normalised", "percent", "pwm"] = Field("normalised", description="pwm: (value - 1500) / 400")
     thrusters: list[str] | None = Field(None, description="thruster of each column; else the order of the vehicle")
     mix: dict[str, list[Number]] | None = Field(
         None, description="where columns are the pilot's axes: of each thruster, the gain from every column"
     )
-    time_offset: Number = Field(0.0, description="added to its times [s]")
+    time_offset: Number = Field(0.0, description="added to its times [s]: negative where they are logged too late")
 
     @model_validator(mode="after")
     def _one_way(self) -> "CommandSpec":

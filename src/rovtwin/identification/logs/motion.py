@@ -5,7 +5,7 @@ readings at any times, gives value and rate at once, and says nothing where ther
 compared goes through the same kernel, so that its delay and damping fall out.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,12 @@ from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.logs.rotations import matrices_from_euler
 
 STEP, WIDTH = 0.02, 0.12  # of the grid, of the kernel [s]
+_VANISHED = 0.1  # sum of the smaller singular values of a mean of rotations, below which it is no rotation any more
+
+
+def widened(t: np.ndarray, width: float = WIDTH) -> float:
+    """Standard deviation of the kernel for readings at times t [s], shape (n,): wider where they are rare."""
+    return max(width, 1.5 * float(np.median(np.diff(t)))) if len(t) > 1 else width
 
 
 def on_grid(t: np.ndarray, value: np.ndarray, grid: np.ndarray, width: float = WIDTH) -> tuple[np.ndarray, np.ndarray]:
@@ -28,8 +34,8 @@ def on_grid(t: np.ndarray, value: np.ndarray, grid: np.ndarray, width: float = W
         width: Standard deviation of the kernel [s]; widened where readings are rarer.
     """
     step = float(grid[1] - grid[0])
-    interval = float(np.median(np.diff(t))) if len(t) > 1 else step
-    width = max(width, 1.5 * interval)
+    interval = max(float(np.median(np.diff(t))), 1e-6) if len(t) > 1 else step
+    width = widened(t, width)
     reach = np.arange(-int(4 * width / step), int(4 * width / step) + 1) * step
     kernel = np.exp(-0.5 * (reach / width) ** 2)
     cell = np.round((t - grid[0]) / step).astype(int)
@@ -74,25 +80,39 @@ def held(t: np.ndarray, value: np.ndarray, grid: np.ndarray) -> np.ndarray:
 def rotation_on_grid(signal: Signal, grid: np.ndarray, width: float = WIDTH) -> tuple[np.ndarray, np.ndarray]:
     """R_nb of an attitude on an even grid and its rate, (m, 3, 3): smoothed as matrices and made orthogonal again.
 
-    No wrap and no singularity, whatever the angles do.
+    No wrap and no singularity, whatever the angles do. The mean of matrices is R P, P symmetric: a turn at w shrinks
+    it by exp(-(w width)^2 / 2). The rate is that of R alone, which does not shrink: of the mean's rate,
+    R' (R P)' = S(omega) P + P', the antisymmetric part is that of (tr(P) 1 - P) omega.
     """
     entries = matrices_from_euler(signal.value).reshape(-1, 9)
-    smooth, rate = (x.reshape(-1, 3, 3) for x in on_grid(signal.t, entries, grid, width))
+    smooth, slope = (x.reshape(-1, 3, 3) for x in on_grid(signal.t, entries, grid, width))
     good = np.isfinite(smooth).all(axis=(1, 2))
-    R = np.full_like(smooth, np.nan)
+    R, rate = np.full_like(smooth, np.nan), np.full_like(smooth, np.nan)
     if good.any():
-        u, _, vt = np.linalg.svd(smooth[good])
+        u, left, vt = np.linalg.svd(smooth[good])
         nearest = u @ vt
         # Angles that cannot be right (degrees, say) average to anything, mirrors included: those say nothing.
-        nearest[np.linalg.det(nearest) < 0] = np.nan
-        R[good] = nearest
+        nearest[(np.linalg.det(nearest) < 0) | (left[:, 1:].sum(axis=1) < _VANISHED)] = np.nan
+        turned = np.swapaxes(nearest, 1, 2) @ slope[good]
+        P = np.swapaxes(vt, 1, 2) @ (left[:, :, None] * vt)
+        omega = np.linalg.solve(left.sum(axis=1)[:, None, None] * np.eye(3) - P, 2.0 * _axis(turned)[..., None])
+        R[good], rate[good] = nearest, nearest @ _cross_matrix(omega[..., 0])
     return R, rate
+
+
+def _axis(S: np.ndarray) -> np.ndarray:
+    """omega of the antisymmetric part of matrices (m, 3, 3), shape (m, 3)."""
+    return 0.5 * np.stack([S[:, 2, 1] - S[:, 1, 2], S[:, 0, 2] - S[:, 2, 0], S[:, 1, 0] - S[:, 0, 1]], axis=1)
+
+
+def _cross_matrix(omega: np.ndarray) -> np.ndarray:
+    """S(omega), shape (m, 3, 3)."""
+    return np.cross(omega[:, None, :], np.eye(3)).swapaxes(1, 2)
 
 
 def body_rates(R: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """omega [rad/s] of R_nb and its rate, (m, 3, 3): S(omega) = R' R_dot, shape (m, 3)."""
-    S = np.einsum("nji,njk->nik", R, rate)
-    return 0.5 * np.stack([S[:, 2, 1] - S[:, 1, 2], S[:, 0, 2] - S[:, 2, 0], S[:, 1, 0] - S[:, 0, 1]], axis=1)
+    return _axis(np.einsum("nji,njk->nik", R, rate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,22 +122,32 @@ class Motion:
     Attributes:
         record: Where it comes from.
         t: Even grid [s], shape (m,).
+        width: Standard deviation of the kernel [s]; wider for a signal whose readings are rare.
     """
 
     record: Record
     t: np.ndarray
+    width: float = WIDTH
     _known: dict[str, tuple[np.ndarray, np.ndarray] | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, record: Record) -> "Motion":
         return cls(record, np.arange(record.start, record.end, STEP))
 
+    def alike(self, *names: str) -> "Motion":
+        """The same with one width for these signals, that of the rarest, so that they are smoothed alike."""
+        times = [self.record.signals[name].t for name in names if name in self.record.signals]
+        width = max([self.width, *(widened(t, self.width) for t in times)])
+        return self if width == self.width else replace(self, width=width, _known={})
+
     def values(self, name: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Smoothed readings of a signal and their rates."""
         if name not in self._known:
             signal = self.record.signals.get(name)
             enough = signal is not None and len(signal.t) > 5
-            self._known[name] = on_grid(signal.t, signal.value, self.t) if signal is not None and enough else None
+            self._known[name] = (
+                on_grid(signal.t, signal.value, self.t, self.width) if signal is not None and enough else None
+            )
         return self._known[name]
 
     @cached_property
@@ -129,7 +159,7 @@ class Motion:
     @cached_property
     def _rotation_and_rate(self) -> tuple[np.ndarray, np.ndarray] | None:
         signal = self.record.signals.get("attitude")
-        return None if signal is None or len(signal.t) < 5 else rotation_on_grid(signal, self.t)
+        return None if signal is None or len(signal.t) < 5 else rotation_on_grid(signal, self.t, self.width)
 
     @cached_property
     def rate_of_attitude(self) -> np.ndarray | None:
@@ -174,13 +204,13 @@ class Motion:
         good = np.isfinite(series).all(axis=1)
         if good.sum() < 5:
             return np.full_like(series, np.nan)
-        rate = on_grid(self.t[good], series[good], self.t)[1]
+        rate = on_grid(self.t[good], series[good], self.t, self.width)[1]
         rate[~good] = np.nan
         return rate
 
     def smooth(self, series: np.ndarray) -> np.ndarray:
         """A series on the grid, shape (m, k), through the same kernel."""
-        return gaussian_filter1d(series, WIDTH / STEP, axis=0, mode="nearest")
+        return gaussian_filter1d(series, self.width / STEP, axis=0, mode="nearest")
 
     @property
     def accelerations(self) -> tuple[tuple[int, ...], np.ndarray]:

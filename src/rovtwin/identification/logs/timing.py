@@ -15,9 +15,8 @@ import numpy as np
 from scipy.signal import correlate
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.logs.motion import on_grid
+from rovtwin.identification.logs.motion import body_rates, on_grid, rotation_on_grid
 from rovtwin.identification.logs.record import Signal
-from rovtwin.identification.logs.rotations import matrices_from_euler
 
 STEP = 0.02
 OVERLAP = 0.3  # of the shorter recording: the least that must be common
@@ -80,11 +79,10 @@ def _rate(t: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rates_of(attitude: Signal) -> tuple[np.ndarray, np.ndarray]:
-    R = matrices_from_euler(attitude.value)
-    t, rate = _rate(attitude.t, R.reshape(-1, 9))
-    grid = on_grid(attitude.t, R.reshape(-1, 9), t)[0].reshape(-1, 3, 3)
-    S = np.einsum("nji,njk->nik", grid, rate.reshape(-1, 3, 3))
-    return t, np.stack([S[:, 2, 1], S[:, 0, 2], S[:, 1, 0]], axis=1)
+    grid = np.arange(attitude.t[0], attitude.t[-1], STEP)
+    rate = body_rates(*rotation_on_grid(attitude, grid))
+    good = np.isfinite(rate).all(axis=1)
+    return grid[good], rate[good]
 
 
 def align(reference: dict[str, Signal], other: dict[str, Signal], where: str, agree: float = AGREE) -> ClockFit:

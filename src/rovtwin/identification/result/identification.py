@@ -17,6 +17,7 @@ from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.overlay import identified_file
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.judgement.reliance import Standing, standing
 from rovtwin.identification.judgement.tested import Range
 from rovtwin.identification.judgement.validation import Prediction
 from rovtwin.identification.judgement.validation import predict as open_loop
@@ -44,7 +45,7 @@ class Identification:
         prior: What was known before.
         theta: The estimate, shape (n,).
         covariance: Of theta, shape (n, n).
-        verdicts: `learnt`, `partly` or `prior only`, per parameter.
+        verdicts: `learnt`, `partly`, `prior only` or `contradicted`, per parameter.
         blind: Combinations that the tests cannot tell.
         findings: Remarks for people, one line each.
         records: Names, durations and use of the tests.
@@ -100,6 +101,12 @@ class Identification:
     def std(self) -> np.ndarray:
         """Standard deviation of theta: relative for what is positive, shape (n,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def standing(self) -> Standing:
+        """What it is worth, in figures: what was learnt, and held-out predictions against those without a model."""
+        settled = self.solution is None or self.solution.converged
+        return standing(self.verdicts, self.held_out, self.doubts, settled)
 
     def interval(self, name: str, z: float = 1.96) -> tuple[float, float]:
         """Ends of the 95 % interval of a parameter, in its unit."""

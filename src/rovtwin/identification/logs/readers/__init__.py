@@ -5,6 +5,6 @@ Each format's module turns its file into tables; `assemble` makes signals and co
 puts the clocks of several files together. Libraries of single formats are extras, imported where they are used.
 """
 
-from rovtwin.identification.logs.readers.reading import Test, detect, read_record, read_records, read_tests
+from rovtwin.identification.logs.readers.reading import Test, detect, read_record, read_records, read_tests, split
 
-__all__ = ["Test", "detect", "read_record", "read_records", "read_tests"]
+__all__ = ["Test", "detect", "read_record", "read_records", "read_tests", "split"]

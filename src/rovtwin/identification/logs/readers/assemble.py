@@ -91,7 +91,7 @@ def _signal(raw: Raw, name: str, spec: SignalSpec, density: float | None) -> tup
     table = raw.table(spec.table, where)
     columns = spec.columns or _named_after_components(table, name, where)
     _check_count(name, len(columns), where)
-    t, values = table.clock(spec.time, where) + spec.time_offset, table.pick(columns, where)
+    t, values = raw.clock(table, columns, spec.time, where) + spec.time_offset, table.pick(columns, where)
     t, values, notes = _believable(t, values, spec, where)
     scale, kind = factor(name, spec.unit)
     # A quaternion or matrix has no unit.
@@ -139,6 +139,8 @@ def _named_after_components(table: Table, name: str, where: str) -> list[int | s
     components = SIGNALS[name][0]
     if all(c in table.columns for c in components):
         return list(components)
+    if table.t is not None and not table.columns and table.values.shape[1] == len(components):
+        return list(range(len(components)))
     said = f"; the file has {', '.join(table.columns)}" if table.columns else ""
     raise IdentificationError(f"{where}.columns: missing; expected {len(components)} of them{said}")
 
@@ -184,7 +186,7 @@ def _commands(raw: Raw, spec: CommandSpec, thrusters: list[str]) -> tuple[np.nda
     where = f"{raw.path}: commands"
     table = raw.table(spec.table, where)
     columns = spec.columns or _thruster_columns(table, spec, thrusters, where)
-    t, values = table.clock(spec.time, where) + spec.time_offset, table.pick(columns, where)
+    t, values = raw.clock(table, columns, spec.time, where) + spec.time_offset, table.pick(columns, where)
     t, values, notes = _believable(t, values, None, where)
     if spec.unit == "pwm":
         # No pulse at all, as before an autopilot starts its outputs, is off.

@@ -13,7 +13,7 @@ from rovtwin.identification.logs.readers.blueye import read_blueye
 from rovtwin.identification.logs.readers.c3d import read_c3d
 from rovtwin.identification.logs.readers.dataflash import read_dataflash
 from rovtwin.identification.logs.readers.qtm import read_qtm
-from rovtwin.identification.logs.readers.raw import Raw
+from rovtwin.identification.logs.readers.raw import Raw, no_commands
 from rovtwin.identification.logs.readers.ros import read_rosbag
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.identification.logs.readers.tables import read_csv, read_npz
@@ -43,14 +43,26 @@ SUFFIXES = {
 COMMANDS_AGREE = 0.4
 
 
+Unread = Callable[[str, Path, IdentificationError], None]
+"""Told the name of a log, where it lies, and why it cannot be read."""
+
+
 @dataclass(frozen=True, eq=False)
 class Test:
-    """A Record and what it is for: fitted, or only predicted."""
+    """A Record and what it is for: fitted, or only predicted.
+
+    Attributes:
+        record: What is used.
+        use: fit or validate.
+        whole: What it is a part of; None where it is all of it. Checks look at the whole: clocks and signs are those
+            of a log, and a part of it may be too short to tell them.
+    """
 
     __test__ = False  # not one of pytest's
 
     record: Record
     use: Use
+    whole: Record | None = None
 
 
 def detect(path: Path) -> str:
@@ -140,7 +152,10 @@ def _read(path: str | Path, vehicle: Vehicle, spec: LogSpec | None) -> tuple[Rec
     if length is None:
         length = next((raw.tether_length for raw in raws if raw.tether_length is not None), None)
     parts = [part_of(raw, s, vehicle.thruster_names, density) for raw, s in zip(raws, spec.sources, strict=True)]
-    merged = _joined(_on_one_clock(parts, spec.sources, vehicle))
+    parts = _on_one_clock(parts, spec.sources, vehicle)
+    if all(part.t_command is None for part in parts):
+        raise no_commands(raws, vehicle.thruster_names)
+    merged = _joined(parts)
     origin = merged.first
     name = spec.name or _name_of(located[0])
     record = _record(name, merged.on_clock(-origin, 0.0), spec, origin, density, length)
@@ -189,11 +204,6 @@ def _joined(parts: list[Part]) -> Part:
     commanding = [part for part in parts if part.t_command is not None]
     source = ", ".join(part.source for part in parts)
     notes = tuple(note for part in parts for note in part.notes)
-    if not commanding:
-        why = "".join(f" ({part.no_commands})" for part in parts if part.no_commands)
-        raise IdentificationError(
-            f"{source}: found no commands{why}; give 'commands', or list the file that has them under 'files'"
-        )
     if len(commanding) > 1:
         raise IdentificationError(f"{commanding[1].source}: commands are in {commanding[0].source} already; keep one")
     return Part(commanding[0].t_command, commanding[0].command, signals, source, notes)
@@ -240,12 +250,28 @@ def _cut(record: Record, spec: LogSpec, last: float) -> Record:
     return record.cut(start, end)
 
 
-def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
-    """Every test of an evidence file in its order; a log with `fit_share` gives two, the first part and the rest."""
+def read_tests(evidence: Evidence, vehicle: Vehicle, unread: Unread | None = None) -> list[Test]:
+    """Every test of an evidence file in its order; a log with `fit_share` gives two, the first part and the rest.
+
+    Args:
+        evidence: The file.
+        vehicle: The one that was tested.
+        unread: Told of a log that is never fitted, is there and cannot be read; without it such a log is refused.
+
+    Raises:
+        IdentificationError: What was found, what was expected, the fix.
+    """
     tests = []
     for spec in evidence.file.logs:
         path = evidence.path.parent if spec.files else evidence.locate(spec.file)
-        for record in read_records(path, vehicle, spec):
+        try:
+            records = read_records(path, vehicle, spec)
+        except IdentificationError as error:
+            if unread is None or spec.use == "fit" or not path.exists():
+                raise
+            unread(spec.name or _name_of(path), path, error)
+            continue
+        for record in records:
             tests += _for_use(record, spec)
     return tests
 
@@ -253,12 +279,17 @@ def read_tests(evidence: Evidence, vehicle: Vehicle) -> list[Test]:
 def _for_use(record: Record, spec: LogSpec) -> list[Test]:
     if spec.fit_share is None:
         return [Test(record, spec.use)]
-    split = record.start + spec.fit_share * record.duration
-    first, rest = record.cut(record.start, split), record.cut(split, record.end)
     return [
-        Test(replace(first, name=f"{record.name} (fitted part)"), "fit"),
-        Test(replace(rest, name=f"{record.name} (held out)"), "validate"),
+        replace(test, record=replace(test.record, name=f"{record.name} ({part})"))
+        for test, part in zip(split(record, spec.fit_share), ("fitted part", "held out"), strict=True)
     ]
+
+
+def split(record: Record, share: float) -> list[Test]:
+    """The first share of a record to be fitted, and the rest to be predicted."""
+    at = record.start + share * record.duration
+    first, rest = record.cut(record.start, at), record.cut(at, record.end)
+    return [Test(first, "fit", record), Test(rest, "validate", record)]
 
 
 def _name_of(file: Path) -> str:
@@ -268,4 +299,4 @@ def _name_of(file: Path) -> str:
     return f"{folder}_{more}".rstrip("_") if what == "log" and folder else file.stem
 
 
-__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests"]
+__all__ = ["Test", "detect", "read_raw", "read_record", "read_records", "read_tests", "split"]

@@ -7,6 +7,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
+from rovtwin.identification.logs.readers.clocks import clocks
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.identification.logs.record import SIGNALS
 
@@ -75,16 +76,22 @@ def read_text(path: Path) -> str:
 
 
 def read_npz(path: Path) -> Raw:
-    """Arrays of an npz file, one table each; an array of one dimension is one column. Columns have numbers only."""
+    """Arrays of an npz file, one table each; an array of one dimension is one column. Columns have numbers only.
+
+    Arrays of times beside them are found by their names, see `clocks`.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
     except (OSError, ValueError, EOFError, KeyError) as error:
         raise IdentificationError(f"{path}: cannot be read as npz ({error})") from None
-    tables, notes = {}, []
+    columns, notes = {}, []
     for name, array in arrays.items():
         if array.ndim in (1, 2) and array.dtype.kind in "fiub" and array.size:
-            tables[name] = Table(np.atleast_2d(array.astype(float).T).T)
+            columns[name] = np.atleast_2d(array.astype(float).T).T
         else:
             notes.append(f"{path}: {name}: left out, {array.ndim} dimensions of {array.dtype}")
+    own = clocks(columns)
+    notes += [f"{path}: times of {name} are {clock}" for name, clock in own.items()]
+    tables = {name: Table(a, t=columns[own[name]][:, 0] if name in own else None) for name, a in columns.items()}
     return Raw(path, tables, notes=tuple(notes))
