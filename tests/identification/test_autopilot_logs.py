@@ -24,6 +24,7 @@ from rovtwin.identification.logs.readers import read_record, read_records
 from rovtwin.identification.logs.readers.convert import to_body
 from rovtwin.identification.logs.readers.motors import FRAMES, NoCommands, drives, matched
 from rovtwin.identification.logs.readers.reading import read_raw
+from rovtwin.identification.logs.readers.tlog import _on_one_epoch
 from rovtwin.identification.logs.readers.turning import stretches
 from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.vehicle import load_vehicle
@@ -386,3 +387,16 @@ def test_the_log_of_a_real_vehicle_on_the_bench(six, heavy):
     assert roll == pytest.approx(attitude.column("Roll").mean(), abs=0.1)
     assert pitch == pytest.approx(attitude.column("Pitch").mean(), abs=0.1)
     assert raw.signals["depth"].table == "BARO[1]"  # the one in the water: BARO_PRIMARY 1
+
+
+@pytest.mark.parametrize("booted", [60.0, 4300.0, 4280.0, 9000.0])
+def test_a_clock_that_begins_again_every_71_minutes_goes_on(booted):
+    """SERVO_OUTPUT_RAW has 32 bits of microseconds: 4300 s after the start its commands were 71 minutes early."""
+    arrival = 1.7e9 + np.arange(0.0, 40.0, 0.5)
+    since = booted + np.arange(0.0, 40.0, 0.5)
+    blocks = {name: arrival[:, None] + 0.02 for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT")}
+    clocks = {"ATTITUDE": since, "SERVO_OUTPUT_RAW": np.mod(since, 2**32 * 1e-6), "HEARTBEAT": None}
+    found = _on_one_epoch(blocks, clocks)
+    np.testing.assert_allclose(found["SERVO_OUTPUT_RAW"], since)
+    np.testing.assert_allclose(found["ATTITUDE"], since)
+    assert found["HEARTBEAT"] is None

@@ -222,7 +222,7 @@ def test_real_logs_raise_no_alarm(example):
 
 
 def test_real_mistakes_of_the_tank_are_found():
-    """Yaw averaged over its wrap in three places; commands that are late are, to what smoothing before and after leaves."""
+    """Yaw averaged over its wrap in three places; late commands, as well as smoothing both ways leaves them."""
     shared_folder("data", "bluerov2_heavy_tank")
     evidence = read_evidence(EXAMPLES / "bluerov2_heavy_tank" / "evidence.yaml")
     vehicle = load_vehicle("bluerov2_heavy")

@@ -167,7 +167,7 @@ def test_a_result_that_is_not_to_be_relied_on_is_written_with_keep_only(old, tmp
     assert said.exit_code == 1 and not (tmp_path / "out.yaml").exists()
     told = json.loads(said.stdout)
     assert (told["reliable"], told["doubts"], told["file"]) == (False, [DOUBT], None)
-    assert Identification.load(tmp_path / "out.nc").doubts == [DOUBT], "to look into, as the report"
+    assert Identification.load(tmp_path / "out.doubtful.nc").doubts == [DOUBT], "to look into, as the report"
     assert identify_command(tmp_path, "--keep").exit_code == 1
     assert load_vehicle(tmp_path / "out.yaml").doubts == [DOUBT]
 

@@ -2,13 +2,25 @@
 
 import numpy as np
 import pytest
+from tests.identification.synthetic import record
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.catalogue import catalogue
+from rovtwin.identification.identify import identify
+from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.identification.structure import LADDER, climbed, folds, restricted, rung_of, up_to
+from rovtwin.identification.structure import (
+    LADDER,
+    Rung,
+    _better,
+    climbed,
+    folds,
+    lines_about,
+    restricted,
+    rung_of,
+    up_to,
+)
 from rovtwin.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("double_blueye")
@@ -37,7 +49,7 @@ def test_a_hull_alike_to_port_and_starboard_couples_lengthwise_with_lengthwise()
 
 
 def test_every_second_is_fitted_once_and_predicted_once():
-    records = [a_test("one", 61.0), a_test("two", 12.0), a_test("three", 20.0)]
+    records = [a_test("one", 61.0), a_test("two", 12.0), a_test("three", 20.0)]  # four blocks, one and two
     (fit, held_out), (again, other) = folds(records)
     assert [id(r) for r in fit] == [id(r) for r in other] and [id(r) for r in held_out] == [id(r) for r in again]
     assert sum(r.duration for r in [*fit, *held_out]) == pytest.approx(93.0)
@@ -45,7 +57,7 @@ def test_every_second_is_fitted_once_and_predicted_once():
 
 
 def test_what_cannot_be_divided_says_so():
-    with pytest.raises(IdentificationError, match="found 12 s of tests, expected two tests or one of at least 16 s"):
+    with pytest.raises(IdentificationError, match="found 12 s of tests, expected 4 tests, or blocks of at least 8 s"):
         folds([a_test(duration=12.0)])
     with pytest.raises(IdentificationError, match="found 'lineer', expected one of auto, linear"):
         up_to("lineer", EVERYTHING.names)
@@ -91,3 +103,46 @@ def test_what_is_not_free_stays_at_what_is_most_likely_before():
     assert len(some) == len(known.mean) == len(up_to("linear", EVERYTHING.names))
     rows = [EVERYTHING.names.index(name) for name in some.names]
     np.testing.assert_array_equal(known.covariance, start.covariance[np.ix_(rows, rows)])
+
+
+def test_a_rung_that_ends_a_run_away_is_kept_and_one_that_begins_one_is_not():
+    assert _better({(0, "p"): 0.0, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1}) == (-np.inf, 0.0)
+    assert _better({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): 0.0, (1, "p"): 0.1}) == (np.inf, 0.0)
+    change, std = _better({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1})
+    assert change == pytest.approx(-0.05) and np.isfinite(std)
+    said = lines_about([Rung("quadratic", ("a",), -np.inf, 0.0, True), Rung("full", ("b",), np.inf, 0.0, False)])
+    assert "follow the motion where they ran away: kept" in said[0] and "run away: left" in said[1]
+
+
+def test_widths_are_those_of_the_percentage():
+    (said,) = lines_about([Rung("linear", ("a",), -3.0, 0.2, True)])
+    assert "-95.0 % +- 1.0: kept" in said
+
+
+FREE = ["added_mass.surge", "*_damping.surge", "thrusters.surge.force_*"]
+
+
+@pytest.fixture(scope="module")
+def surging():
+    """A record of a vehicle whose quadratic damping in surge is twice what its file says, and nothing else is amiss."""
+    parameters = choose(EVERYTHING, ["quadratic_damping.surge"])
+    model = parameters.model_at(np.array([np.log(2.0)]))[0]
+    t = np.arange(0.0, 80.0, 0.1)
+    u = np.zeros((len(t), 6))
+    surge = [i for i, name in enumerate(VEHICLE.thruster_names) if "surge" in name]
+    u[:, surge] = np.sign(np.sin(0.35 * t + np.sin(0.11 * t)))[:, None] * (0.6 + 0.4 * np.sin(0.05 * t))[:, None]
+    return record(model, t, u, 80.0)
+
+
+@pytest.mark.slow
+def test_auto_finds_what_is_amiss_and_says_what_it_left(surging):
+    found = identify(VEHICLE, [surging], free=FREE, options={"structure": "auto"})
+    assert {rung.name: rung.kept for rung in found.ladder} == {"linear": True, "quadratic": True}
+    assert any("structure 'quadratic'" in line for line in found.findings)
+
+
+def test_a_structure_that_cannot_be_is_refused(surging):
+    with pytest.raises(IdentificationError, match="have none of the parameters that are free"):
+        identify(VEHICLE, [surging], free=["quadratic_damping.surge"], options={"structure": "linear"})
+    with pytest.raises(IdentificationError, match="no tests by which to choose"):
+        identify(VEHICLE, options={"structure": "auto"})

@@ -146,10 +146,12 @@ def identify(
         # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
         data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
         out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
-    held = result.save(out.with_suffix(".nc"), overwrite=True)  # also of what is not to be relied on, as the report
+    # Beside a good file of before stays its own result.
+    held = result.save(out.with_suffix(".nc" if written else ".doubtful.nc"), overwrite=True)
     page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         files = {"file": str(out) if written else None, "report": None if page is None else str(page)}
+        files["result"] = str(held)
         emit(as_object(result) | files)
     else:
         _print(screen, result)

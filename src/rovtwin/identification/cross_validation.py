@@ -19,7 +19,6 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.identification.structure import Progress, folds
 
 HELD = 1e-4  # standard deviation of theta of what is not free
-WINDOW = 5.0  # that a prediction runs before it starts from the readings again, where nobody says [s]
 STEPS = 25  # of Gauss and Newton at most: the rest is worth less than the structures differ by
 
 
@@ -43,14 +42,12 @@ class CrossValidation:
         self.anchors, self.settings = anchors, settings
         self.parameters, self.fitted = parameters, [fit for fit, _ in halves]
         self.problems = [problem_of(parameters, start, fit, anchors, settings) for fit, _ in halves]
-        window = settings.window or WINDOW
+        window = settings.window or None  # a block as a whole, where nobody says shorter ones
         self.predictors = [Predictor(parameters, held_out, window, settings.step) for _, held_out in halves]
         self.solved: list[tuple[int, frozenset[str], Solution]] = []
 
     def __call__(self, free: Sequence[str], words: str) -> list[Prediction]:
-        """Predictions of all blocks, each by what was fitted to the other half; without anything free by the prior."""
-        if not free:
-            return [one for predictor in self.predictors for one in predictor(self.start.mean)]
+        """Predictions of all blocks, each by what was fitted to the other half; errors of the sensors always are."""
         found = []
         for k, predictor in enumerate(self.predictors):
             self.told(f"structure '{words}', half {k + 1} of {len(self.predictors)}")

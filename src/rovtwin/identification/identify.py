@@ -156,6 +156,11 @@ def _structured(
         )
     if settings.structure != CHOSEN:
         chosen = up_to(settings.structure, parameters.names)
+        if not chosen:
+            raise IdentificationError(
+                f"structure: '{settings.structure}' and all rungs below it have none of the parameters that are free "
+                f"({', '.join(parameters.names[:3])}, ..): choose a later one, or free more"
+            )
         return *restricted(parameters, start, chosen), [], 0.0
     rungs = len({rung_of(name) for name in parameters.names})
     done = [0]

@@ -2,17 +2,18 @@
 
 Each rung adds a group of parameters to those that were kept; what is not free stays at the starting value. A rung is
 judged by cross-validation over blocks of time: every log is cut into blocks, half of them are fitted and the other half
-predicted in open loop, then the other way round. It is kept where the predictions get better by more than their
-standard error over the blocks, and by more than MARGIN; else it is left out, and the next one is tried without it.
+predicted in open loop, then the other way round. It is kept where the predictions get better by more than chance may
+make of the differences between the blocks (Student's t, one-sided, SURE), and by more than MARGIN; else it is left out,
+and the next one is tried without it. Intervals of what is kept hold if what was left out is what it was taken for.
 
-Reference: Ljung (1999), System Identification, sec. 16.4 (cross-validation); Hastie, Tibshirani and Friedman (2009),
-sec. 7.10 (one standard error).
+Reference: Ljung (1999), System Identification (cross-validation).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
@@ -33,6 +34,8 @@ LADDER = {
 ALL, CHOSEN = "full", "auto"
 BLOCKS = 4  # of each log, where it is long enough
 SHORTEST = 8.0  # block [s]
+SURE = 0.9  # that a gain is one
+LEAST_BLOCKS = 4  # from which differences between blocks tell anything
 MARGIN = 0.01  # least decrease of the logarithm of the prediction error
 LENGTHWISE = frozenset({0, 2, 4})  # surge, heave, pitch: what a symmetric hull does not couple with the others
 
@@ -118,7 +121,7 @@ def climbed(free: Sequence[str], predicted: Predicted) -> tuple[list[str], list[
         now = _errors(predicted(tried, name))
         change, std = _better(now, errors)
         # Something has to be free, also where the starting values predict as well.
-        keep = not kept or change < -max(std, MARGIN)
+        keep = not kept or change < -max(float(t.ppf(SURE, len({block for block, _ in now}) - 1)) * std, MARGIN)
         rungs.append(Rung(name, tuple(added), change, std, keep))
         if keep:
             kept, errors = tried, now
@@ -140,10 +143,10 @@ def folds(records: Sequence[Record]) -> list[tuple[list[Record], list[Record]]]:
         ends = np.linspace(record.start, record.end, count + 1)
         for i, (start, end) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
             parts[(i + k) % 2].append(record.cut(float(start), float(end)))
-    if not parts[0] or not parts[1]:
+    if len(parts[0]) + len(parts[1]) < LEAST_BLOCKS or not parts[0] or not parts[1]:
         raise IdentificationError(
-            f"structure: found {sum(r.duration for r in records):.0f} s of tests, expected two tests or one of at "
-            f"least {2 * SHORTEST:g} s, to fit one part and predict the other; or choose: --structure full"
+            f"structure: found {sum(r.duration for r in records):.0f} s of tests, expected {LEAST_BLOCKS} tests, or "
+            f"blocks of at least {SHORTEST:g} s, to fit some and predict the others; or choose: --structure full"
         )
     return [(parts[0], parts[1]), (parts[1], parts[0])]
 
@@ -152,10 +155,14 @@ def lines_about(rungs: Sequence[Rung]) -> list[str]:
     """The ladder in words."""
     said = []
     for rung in rungs:
-        percent = 100.0 * (np.exp(rung.change) - 1.0)
+        percent, width = 100.0 * (np.exp(rung.change) - 1.0), 100.0 * rung.std * np.exp(rung.change)
         what = f"structure '{rung.name}' ({LADDER[rung.name]}; {len(rung.added)} parameters)"
-        how = f"changes the error of predicted blocks by {percent:+.1f} % +- {100.0 * rung.std:.1f}"
+        how = f"changes the error of predicted blocks by {percent:+.1f} % +- {width:.1f}"
+        if not np.isfinite(rung.change):
+            how = f"makes predictions {'follow the motion where they ran away' if rung.change < 0 else 'run away'}"
         said.append(f"{what} {how}: {'kept' if rung.kept else 'left at the starting values'}")
+    if any(not rung.kept for rung in rungs):
+        said.append("intervals take what was left at the starting values for exact")
     return said
 
 
@@ -170,11 +177,17 @@ def _errors(predictions: Sequence[Prediction]) -> dict[tuple[int, str], float]:
 
 
 def _better(now: dict[tuple[int, str], float], before: dict[tuple[int, str], float]) -> tuple[float, float]:
-    """Mean change over the blocks, each the mean of its components, and its standard error."""
+    """Mean change over the blocks, each the mean of its components, and its standard error.
+
+    Infinite where more predictions run away than before, or fewer.
+    """
     blocks: dict[int, list[float]] = {}
     for key in before.keys() & now.keys():
         blocks.setdefault(key[0], []).append(now[key] - before[key])
     means = np.array([np.mean(changes) for changes in blocks.values()])
-    if len(means) == 0 or not np.isfinite(means).all():
-        return np.inf, np.inf
-    return float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means))) if len(means) > 1 else np.inf
+    if np.isnan(means).any():  # both ran away: no difference
+        means = np.nan_to_num(means, nan=0.0, posinf=np.inf, neginf=-np.inf)
+    if not np.isfinite(means).all():
+        worse, better = np.isposinf(means).sum(), np.isneginf(means).sum()
+        return (np.inf if worse >= better else -np.inf), 0.0
+    return float(means.mean()), float(means.std(ddof=1) / np.sqrt(len(means)))

@@ -72,7 +72,7 @@ def gain_by_shape(model: Model, records: Sequence[Record]) -> float | None:
 
     Forces are free in size: only the shape of the thrust curve tells. 1 where no other explains clearly more.
     """
-    shares = []
+    shares, durations = [], []
     for record in records:
         motion = Motion.of(record)
         regression = Regression.of(model, motion)
@@ -87,9 +87,10 @@ def gain_by_shape(model: Model, records: Sequence[Record]) -> float | None:
         told = table.max(axis=0) > _TOLD
         if told.any():
             shares.append(record.duration * table[:, told].mean(axis=1))
+            durations.append(record.duration)
     if not shares:
         return None
-    share = np.sum(shares, axis=0) / sum(record.duration for record in records)
+    share = np.sum(shares, axis=0) / sum(durations)
     now = share[int(np.argmin(np.abs(_GAINS - 1.0)))]
     best = int(np.argmax(share))
     if np.ptp(share) < _BETTER:

@@ -51,9 +51,9 @@ class Standing:
 
     @property
     def grade(self) -> str:
-        """`sound`; `predicts, with reservations`; or `not to be relied on`."""
+        """`sound`; `not validated`; `predicts, with reservations`; or `not to be relied on`."""
         if not self.doubted:
-            return "sound"
+            return "sound" if self.predicts else "not validated"
         return "predicts, with reservations" if self.predicts else "not to be relied on"
 
     @property
@@ -71,7 +71,7 @@ class Standing:
         against = f", {self.contradicted} contradicted" if self.contradicted else ""
         told = f"{learnt}{against}; {self.prediction}"
         if not self.doubted:
-            return told
+            return told if self.predicts else f"Not validated: {told}"
         grade = "Predicts, but not to be relied on beyond that" if self.predicts else "Not to be relied on"
         return f"{grade}: {told}. Against it: {'; '.join(doubts)}"
 

@@ -32,7 +32,7 @@ _ABOUT = {
     "high": "upper end of the 95 % interval",
     "prior_mean": "what was known before the tests",
     "prior_sd": "standard deviation of what was known before the tests, to first order",
-    "verdict": "learnt, partly or prior only",
+    "verdict": "learnt, partly, prior only or contradicted",
     "start": "value where theta = 0",
 }
 _COORDINATE = "1 where the parameter is positive or a share, else that of the coordinate unit"

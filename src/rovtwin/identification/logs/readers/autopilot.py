@@ -80,11 +80,11 @@ def at_a_time(t: np.ndarray) -> np.ndarray:
 
 
 def board_deg(parameters: dict[str, float]) -> list[float]:
-    """Roll, pitch and yaw of the autopilot's board in b [deg]: its attitude is the vehicle's, its IMU's axes are not.
+    """Roll, pitch and yaw (0) of the autopilot's board in b [deg]: attitude is the vehicle's, the IMU's axes are not.
 
     On a vehicle at rest gravity in the IMU and the attitude differ by AHRS_TRIM_X and AHRS_TRIM_Y, to 0.01 deg.
     """
-    return [float(np.degrees(parameters.get(f"AHRS_TRIM_{axis}", 0.0))) for axis in "XYZ"]
+    return [*(float(np.degrees(parameters.get(f"AHRS_TRIM_{axis}", 0.0))) for axis in "XY"), 0.0]
 
 
 def armed_changes(t: np.ndarray, armed: np.ndarray) -> list[tuple[float, bool]]:

@@ -132,7 +132,9 @@ def _signals(tables: dict[str, Table], parameters: dict[str, float], notes: list
 
 def _depth(tables: dict[str, Table], parameters: dict[str, float]) -> tuple[str, str] | None:
     """The table and column of the height: of the barometer that is in the water, else of what was made of it."""
-    primary = int(parameters.get("BARO_PRIMARY", 0))
+    several = sum(name.startswith("BARO") for name in tables) > 1
+    # Which of several is in the water only the parameter says; the other one measures the air in the hull.
+    primary = int(parameters.get("BARO_PRIMARY", -1 if several else 0))
     names = [n for n in (f"BARO[{primary}]", f"BARO{primary + 1}", "BARO") if n in tables]
     if primary == 0:
         names = [n for n in names if n == "BARO"]

@@ -10,6 +10,7 @@ Reference: MAVLink, common.xml and ardupilotmega.xml (units of every field).
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ _SI = {
     **{"mG": 9.80665e-3, "mrad/s": 1e-3, "hPa": 100.0, "mm": 1e-3, "cm": 1e-2, "cm/s": 1e-2, "mm/s": 1e-3},
     **{"degE7": 1e-7, "cdeg": 1e-2, "cdegC": 1e-2},
 }
+WRAPS = 2**32 * 1e-6  # after which a clock of 32 bits of microseconds begins again [s]
 _CLOCKS = {"time_boot_ms": 1e-3, "time_usec": 1e-6}
 _FROM_OTHERS = ("VISION_POSITION_DELTA",)  # said to the autopilot by a computer on board
 _TURNS = ["rollspeed", "pitchspeed", "yawspeed"]
@@ -184,7 +186,7 @@ def _describe(heard: _Heard, message: Any, name: str) -> None:
 def _tables(heard: _Heard, path: Path, notes: list[str]) -> dict[str, Table]:
     """Messages over the autopilot's clock, in SI."""
     blocks = {name: np.array(rows, dtype=float) for name, rows in heard.rows.items() if heard.columns[name]}
-    clocks = {name: _own_clock(block, heard.columns[name]) for name, block in blocks.items()}
+    clocks = _on_one_epoch(blocks, {name: _own_clock(block, heard.columns[name]) for name, block in blocks.items()})
     lags = [block[:, 0] - clocks[name] for name, block in blocks.items() if clocks[name] is not None]
     restarted = any(t is not None and len(t) and (np.diff(t) < -RESTART).any() for t in clocks.values())
     if restarted:
@@ -206,6 +208,25 @@ def _own_clock(block: np.ndarray, columns: tuple[str, ...]) -> np.ndarray | None
             # Unix time instead, or nothing at all, is not that clock.
             return t if len(t) and 0.0 < np.median(t) < 1e8 else None
     return None
+
+
+def _on_one_epoch(
+    blocks: Mapping[str, np.ndarray], clocks: Mapping[str, np.ndarray | None]
+) -> dict[str, np.ndarray | None]:
+    """Clocks of 32 bits of microseconds, which begin again every 71.6 minutes, go on, and begin with the longest one.
+
+    The one that began earliest before its messages arrived has the most bits: it has not begun again.
+    """
+    known: dict[str, np.ndarray] = {name: t for name, t in clocks.items() if t is not None}
+    for name, t in known.items():
+        back = np.abs(np.diff(t) + WRAPS) < 0.01 * WRAPS
+        known[name] = t + WRAPS * np.concatenate([[0], np.cumsum(back)])
+    lags = {name: float(np.median(blocks[name][:, 0] - t)) for name, t in known.items()}
+    least = min(lags.values(), default=0.0)
+    found = dict(clocks)
+    for name, t in known.items():
+        found[name] = t + WRAPS * round((lags[name] - least) / WRAPS)
+    return found
 
 
 def _armed(tables: dict[str, Table]) -> list[tuple[float, bool]]:
