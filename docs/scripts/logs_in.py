@@ -1,4 +1,4 @@
-"""Figure of docs/identification/logs_in.md: how the tank's motion tells that its commands are 0.3 s late.
+"""Figure of docs/identification/logs_in.md: how the tank's motion tells that commands are late.
 
 Needs the public logs beside the repository. Run: python docs/scripts/logs_in.py
 """
@@ -17,7 +17,7 @@ from rovtwin.report.style import BLACK, BLUE, GREY, ORANGE, SMALL, WIDTH, dress,
 from rovtwin.vehicle import load_vehicle
 
 ROOT = Path(__file__).parents[2]
-OFFSET = 0.32  # in the evidence file already
+OFFSET = 0.32  # by which they are made late [s]
 SURGE = 0
 
 
@@ -39,7 +39,7 @@ def main() -> None:
             good, y = regression.good, regression.left[:, SURGE]
             t = motion.t[good]
             right.plot(t, y, color=BLACK, linewidth=0.9, label="measured")
-            for lag, style, label in ((0.0, GREY, "as published"), (-OFFSET, BLUE, "0.32 s earlier")):
+            for lag, style, label in ((0.0, GREY, "0.32 s late"), (-OFFSET, BLUE, "as they were given")):
                 force = thruster_forces(model, motion, lag)[good]
                 force = force - regression.basis @ (regression.basis.T @ force)
                 fit = force @ np.linalg.lstsq(force, y, rcond=None)[0]
