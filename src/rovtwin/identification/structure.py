@@ -155,10 +155,12 @@ def lines_about(rungs: Sequence[Rung]) -> list[str]:
     """The ladder in words."""
     said = []
     for rung in rungs:
-        percent, width = 100.0 * (np.exp(rung.change) - 1.0), 100.0 * rung.std * np.exp(rung.change)
         what = f"structure '{rung.name}' ({LADDER[rung.name]}; {len(rung.added)} parameters)"
-        how = f"changes the error of predicted blocks by {percent:+.1f} % +- {width:.1f}"
-        if not np.isfinite(rung.change):
+        if np.isfinite(rung.change):
+            times = np.exp(rung.change)
+            change = f"{100.0 * (times - 1.0):+.1f} % +- {100.0 * rung.std * times:.1f}"
+            how = f"changes the error of predicted blocks by {change}"
+        else:
             how = f"makes predictions {'follow the motion where they ran away' if rung.change < 0 else 'run away'}"
         said.append(f"{what} {how}: {'kept' if rung.kept else 'left at the starting values'}")
     if any(not rung.kept for rung in rungs):
