@@ -14,19 +14,16 @@ from rovtwin.identification.joint.estimate import Solution, estimate
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.judgement.validation import Prediction, Predictor
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.structure import Progress, folds
 
 HELD = 1e-4  # standard deviation of theta of what is not free
-STEPS = 25  # of Gauss and Newton at most: the rest is worth less than the structures differ by
 
 
 class CrossValidation:
-    """Fits and predicts with some of the parameters free.
-
-    Args are those of `identify`; `told` is called with words for who waits.
-    """
+    """Fits and predicts with some of the parameters free; arguments are those of `identify`."""
 
     def __init__(
         self,
@@ -35,12 +32,11 @@ class CrossValidation:
         records: Sequence[Record],
         anchors: Sequence[Mapping[str, Any]],
         settings: Options,
-        told: Progress,
+        progress: Progress,
     ):
-        self.names, self.start, self.told = parameters.names, start, told
+        self.parameters, self.start, self.anchors, self.settings = parameters, start, anchors, settings
+        self.progress = progress
         halves = folds(records)
-        self.anchors, self.settings = anchors, settings
-        self.parameters, self.fitted = parameters, [fit for fit, _ in halves]
         self.problems = [problem_of(parameters, start, fit, anchors, settings) for fit, _ in halves]
         window = settings.window or None  # a block as a whole, where nobody says shorter ones
         self.predictors = [Predictor(parameters, held_out, window, settings.step) for _, held_out in halves]
@@ -50,25 +46,22 @@ class CrossValidation:
         """Predictions of all blocks, each by what was fitted to the other half; errors of the sensors always are."""
         found = []
         for k, predictor in enumerate(self.predictors):
-            self.told(f"structure '{words}', half {k + 1} of {len(self.predictors)}")
+            self.progress(f"structure '{words}', half {k + 1} of {len(self.predictors)}")
             problem, solution = self._fitted(k, free)
             found += predictor(solution.unknowns.theta, offsets_of(problem, solution))
         return found
 
-    def _fitted(self, k: int, free: Sequence[str]) -> tuple[Any, Solution]:
-        known = self._held(free)
-        problem = problem_of(
-            self.parameters, known, self.fitted[k], self.anchors, self.settings, self.problems[k].shooting
-        )
+    def _fitted(self, k: int, free: Sequence[str]) -> tuple[Problem, Solution]:
+        """The estimate of one half, from the solution of the largest structure below this one."""
+        problem = self.problems[k].with_prior(self._held(free))
         below = [(len(names), s) for half, names, s in self.solved if half == k and names <= set(free)]
-        begin = max(below, key=lambda found: found[0])[1] if below else None
-        begun = None if begin is None else (begin.unknowns, begin.noise)
-        solution = estimate(problem, max_steps=STEPS, begin=begun)
+        begin = max(below, key=lambda found: found[0])[1].unknowns if below else None
+        solution = estimate(problem, max_steps=self.settings.max_steps, begin=begin)
         self.solved.append((k, frozenset(free), solution))
         return problem, solution
 
     def _held(self, free: Sequence[str]) -> Gaussian:
         """The prior, with what is not free held at its middle."""
-        rows = np.isin(self.names, list(free))
+        rows = np.isin(self.parameters.names, list(free))
         covariance = np.where(np.outer(rows, rows), self.start.covariance, 0.0)
         return Gaussian(self.start.mean, covariance + np.diag(np.where(rows, 0.0, HELD**2)))

@@ -165,11 +165,11 @@ def _structured(
     rungs = len({rung_of(name) for name in parameters.names})
     done = [0]
 
-    def waits(words: str) -> None:
+    def progress(words: str) -> None:
         told(words, 0.7 * done[0] / (2 * rungs))
         done[0] += 1
 
-    chosen, ladder = climbed(parameters.names, CrossValidation(parameters, start, records, anchors, settings, waits))
+    chosen, ladder = climbed(parameters.names, CrossValidation(parameters, start, records, anchors, settings, progress))
     return *restricted(parameters, start, chosen), ladder, 0.7
 
 

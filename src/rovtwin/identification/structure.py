@@ -153,7 +153,7 @@ def folds(records: Sequence[Record]) -> list[tuple[list[Record], list[Record]]]:
 
 def lines_about(rungs: Sequence[Rung]) -> list[str]:
     """The ladder in words."""
-    said = []
+    lines = []
     for rung in rungs:
         what = f"structure '{rung.name}' ({LADDER[rung.name]}; {len(rung.added)} parameters)"
         if np.isfinite(rung.change):
@@ -162,10 +162,10 @@ def lines_about(rungs: Sequence[Rung]) -> list[str]:
             how = f"changes the error of predicted blocks by {change}"
         else:
             how = f"makes predictions {'follow the motion where they ran away' if rung.change < 0 else 'run away'}"
-        said.append(f"{what} {how}: {'kept' if rung.kept else 'left at the starting values'}")
+        lines.append(f"{what} {how}: {'kept' if rung.kept else 'left at the starting values'}")
     if any(not rung.kept for rung in rungs):
-        said.append("intervals take what was left at the starting values for exact")
-    return said
+        lines.append("intervals take what was left at the starting values for exact")
+    return lines
 
 
 def _errors(predictions: Sequence[Prediction]) -> dict[tuple[int, str], float]:

@@ -22,12 +22,10 @@ def problem_of(
     records: Sequence[Record],
     anchors: Sequence[Mapping[str, Any]],
     settings: Options,
-    shooting: Shooting | None = None,
 ) -> Problem:
-    """Readings of the records, prior and static evidence; `shooting` is that of an earlier problem of these records."""
-    if shooting is None:
-        grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
-        shooting = Shooting(parameters, cut(records, grid))
+    """Readings of the records, prior and static evidence; arguments are those of `identify`."""
+    grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
+    shooting = Shooting(parameters, cut(records, grid))
     return Problem(shooting, start, static_evidence(parameters, anchors), measured_starts=settings.starts == "measured")
 
 

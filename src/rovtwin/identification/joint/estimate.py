@@ -61,7 +61,7 @@ def estimate(
     problem: Problem,
     max_steps: int = 60,
     progress: Callable[[int, float], None] | None = None,
-    begin: tuple[Unknowns, Noise] | None = None,
+    begin: Unknowns | None = None,
 ) -> Solution:
     """Levenberg-Marquardt steps; after each accepted one the noise is estimated anew.
 
@@ -69,12 +69,13 @@ def estimate(
         problem: Readings, prior and static evidence.
         max_steps: Of Gauss-Newton.
         progress: Called with the number of steps and the largest change in standard deviations.
-        begin: Where to begin; None: where forces balance.
+        begin: Where to begin; None: where forces balance. The noise begins as usual, at the wide end of the valley.
 
     Raises:
         IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
     """
-    here, noise = problem.start() if begin is None else begin
+    here, noise = problem.start()
+    here = begin or here
     damping, change, steps, settled, idle = 1.0, np.inf, 0, False, 0
     variances = Variances(problem)
     fresh, going = True, None

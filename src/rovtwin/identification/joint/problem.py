@@ -72,7 +72,7 @@ class Problem:
         With `measured_starts` every segment begins at its readings, within their declared noise: starts that are free
         take up part of what a model lacks, and parameters then come out too small.
         """
-        self.shooting, self.prior, self.static = shooting, prior, static
+        self.shooting, self.prior, self.static, self.measured_starts = shooting, prior, static, measured_starts
         self.segments = shooting.segments
         self.guess = Nodes(**nodes_from_data(self.segments, exact=measured_starts))
         self.groups = self.segments.groups
@@ -82,6 +82,10 @@ class Problem:
         self.static_linear = (
             None if static is None else jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
         )
+
+    def with_prior(self, prior: Gaussian) -> "Problem":
+        """The same readings and static evidence with another prior; nothing is compiled again."""
+        return Problem(self.shooting, prior, self.static, self.measured_starts)
 
     def _start_widths(self, measured: bool) -> np.ndarray:
         """How well the guess of each node is known apart from the readings that follow, shape (S, 12)."""
