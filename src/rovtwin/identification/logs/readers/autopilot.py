@@ -1,13 +1,14 @@
 """What logs of autopilots have in common: servo outputs become commands, and only what can be believed is used."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
-from rovtwin.identification.logs.readers.raw import Raw, Table
+from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.identification.logs.readers.turning import stretches
 
 COMMANDS = "thrusters"  # table of the commands that were made of a log's outputs
@@ -77,6 +78,19 @@ def at_a_time(t: np.ndarray) -> np.ndarray:
     """Which times [s] lie where most do, shape (n,), n >= 1: a damaged message may be of any."""
     low, high = np.percentile(t, [5, 95])
     return (t >= 2 * low - high - ALONE) & (t <= 2 * high - low + ALONE)
+
+
+def first_signals(
+    tables: Mapping[str, Table], ways: Mapping[str, Iterable[tuple[str, Sequence[str], Mapping[str, Any]]]]
+) -> dict[str, SignalSpec]:
+    """Of each signal the first way, a table with its columns and their units and frame, that a log has."""
+    found = {}
+    for name, some in ways.items():
+        for table, columns, more in some:
+            if table in tables and set(columns) <= set(tables[table].columns):
+                found[name] = spec(table=table, columns=columns, **more)
+                break
+    return found
 
 
 def board_deg(parameters: dict[str, float]) -> list[float]:

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, at_a_time, board_deg, listed, raw_of
+from rovtwin.identification.logs.readers.autopilot import Flight, at_a_time, board_deg, first_signals, listed, raw_of
 from rovtwin.identification.logs.readers.dataflash_file import Message, read_messages
 from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
-from rovtwin.identification.logs.readers.places import place_table, speed_table
+from rovtwin.identification.logs.readers.places import gps_table, speed_table
 from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 from rovtwin.vehicle import Vehicle
 
 OUTPUTS = "RCOU"
-LOCKED = 3  # GPS.Status of a fix in three dimensions
 
 # Of the first table that is there: columns and what else is to be said.
 _SIGNALS: dict[str, list[tuple[str, list[str], dict[str, Any]]]] = {
@@ -100,19 +99,13 @@ def _derive(tables: dict[str, Table]) -> None:
         moved = np.stack([visual.column(f"PosD{axis}") for axis in "XYZ"], axis=1)
         tables["VISO velocity"] = speed_table(visual.t, visual.column("dt"), moved)
     gps = tables.get("GPS")
-    if gps is not None and gps.t is not None and {"Status", "Lat", "Lng"} <= set(gps.columns):
-        fixed = gps.column("Status") >= LOCKED
-        if fixed.sum() > 5:
-            tables["GPS place"] = place_table(gps.t[fixed], gps.column("Lat")[fixed], gps.column("Lng")[fixed])
+    if gps is not None and {"Status", "Lat", "Lng"} <= set(gps.columns):
+        if (places := gps_table(gps, "Status", "Lat", "Lng")) is not None:
+            tables["GPS place"] = places
 
 
 def _signals(tables: dict[str, Table], parameters: dict[str, float], notes: list[str]) -> dict[str, SignalSpec]:
-    found = {}
-    for name, ways in _SIGNALS.items():
-        for table, columns, more in ways:
-            if table in tables and set(columns) <= set(tables[table].columns):
-                found[name] = spec(table=table, columns=columns, **more)
-                break
+    found = first_signals(tables, _SIGNALS)
     for name in ("gyro", "accelerometer"):
         if name in found:
             found[name] = found[name].model_copy(update={"mounting_deg": board_deg(parameters)})

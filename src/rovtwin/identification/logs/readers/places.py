@@ -5,6 +5,8 @@ import numpy as np
 from rovtwin.core.datum import INVERSE_FLATTENING, SEMI_MAJOR_AXIS
 from rovtwin.identification.logs.readers.raw import Table
 
+LOCKED = 3  # status of a GPS with a fix in three dimensions, ArduPilot's and MAVLink's
+FEW = 5  # fixes that make no track
 LONGEST_STEP = 100.0  # [s]; larger numbers are microseconds
 
 
@@ -27,6 +29,23 @@ def place_table(t: np.ndarray, latitude: np.ndarray, longitude: np.ndarray) -> T
     north = along * np.radians(latitude - latitude[0])
     east = across * np.sqrt(1.0 - sine**2) * np.radians(turned)
     return Table(np.stack([north, east], axis=1), ("north", "east"), t)
+
+
+def gps_table(table: Table, status: str, latitude: str, longitude: str) -> Table | None:
+    """Columns north and east [m] of the readings of a GPS that have a fix; None of a few, or without a clock.
+
+    Args:
+        table: Of its messages.
+        status: Name of the column that says what fix it has.
+        latitude: Name of a column [deg].
+        longitude: Name of a column [deg].
+    """
+    if table.t is None:
+        return None
+    fixed = table.column(status) >= LOCKED
+    if fixed.sum() <= FEW:
+        return None
+    return place_table(table.t[fixed], table.column(latitude)[fixed], table.column(longitude)[fixed])
 
 
 def speed_table(t: np.ndarray, step: np.ndarray, moved: np.ndarray) -> Table:

@@ -21,13 +21,12 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import SignalSpec
 from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, board_deg, listed, raw_of
 from rovtwin.identification.logs.readers.motors import NoCommands, command, drives
-from rovtwin.identification.logs.readers.places import place_table, speed_table
+from rovtwin.identification.logs.readers.places import gps_table, speed_table
 from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
 from rovtwin.vehicle import Vehicle
 
 OUTPUTS = "SERVO_OUTPUT_RAW"
 NOBODY, ARMED = 8, 128  # MAV_AUTOPILOT_INVALID; MAV_MODE_FLAG_SAFETY_ARMED
-LOCKED = 3  # GPS_FIX_TYPE_3D_FIX
 RESTART = 5.0  # by how much the autopilot's clock must go back for a restart [s]
 
 # To SI, by the unit that MAVLink says; others stay as they are.
@@ -249,10 +248,8 @@ def _derive(tables: dict[str, Table], parameters: dict[str, float]) -> None:
         step = np.stack([moved.column(f"position_delta.{i}") for i in range(3)], axis=1)
         tables["VISION velocity"] = speed_table(moved.t, 1e-6 * moved.column("time_delta_usec"), step)
     gps = tables.get("GPS_RAW_INT")
-    if gps is not None and gps.t is not None:
-        fixed = gps.column("fix_type") >= LOCKED
-        if fixed.sum() > 5:
-            tables["GPS place"] = place_table(gps.t[fixed], gps.column("lat")[fixed], gps.column("lon")[fixed])
+    if gps is not None and (places := gps_table(gps, "fix_type", "lat", "lon")) is not None:
+        tables["GPS place"] = places
 
 
 def _signals(tables: dict[str, Table], parameters: dict[str, float], notes: list[str]) -> dict[str, SignalSpec]:

@@ -16,10 +16,16 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.autopilot import Flight, armed_changes, at_a_time, listed, raw_of
+from rovtwin.identification.logs.readers.autopilot import (
+    Flight,
+    armed_changes,
+    at_a_time,
+    first_signals,
+    listed,
+    raw_of,
+)
 from rovtwin.identification.logs.readers.motors import FITS, NoCommands, command, matched
-from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
+from rovtwin.identification.logs.readers.raw import Raw, Table, require
 from rovtwin.vehicle import Vehicle
 
 ARMED = 2  # vehicle_status.arming_state
@@ -71,7 +77,9 @@ def read_ulog(path: Path, vehicle: Vehicle) -> Raw:
         notes += said
     except NoCommands as error:
         why = str(error)
-    return raw_of(Flight(path, tables, _signals(tables), commands, why, _armed(tables), notes=tuple(notes)))
+    return raw_of(
+        Flight(path, tables, first_signals(tables, _SIGNALS), commands, why, _armed(tables), notes=tuple(notes))
+    )
 
 
 def _tables(log: Any) -> dict[str, Table]:
@@ -102,16 +110,6 @@ def _add_velocity(tables: dict[str, Table]) -> None:
     if there.any():
         values = np.stack([table.column(name)[there] for name in wanted], axis=1)
         tables["odometry velocity"] = Table(values, ("u", "v", "w"), table.t[there])
-
-
-def _signals(tables: dict[str, Table]) -> dict[str, SignalSpec]:
-    found = {}
-    for name, ways in _SIGNALS.items():
-        for table, columns, more in ways:
-            if table in tables and set(columns) <= set(tables[table].columns):
-                found[name] = spec(table=table, columns=columns, **more)
-                break
-    return found
 
 
 def _armed(tables: dict[str, Table]) -> list[tuple[float, bool]]:
