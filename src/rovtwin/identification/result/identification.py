@@ -279,7 +279,7 @@ class Identification:
         return np.array(prediction_figure([log]).axes[: len(log.scores)])
 
     def save(self, path: str | Path, overwrite: bool = False) -> Path:
-        """Written as one netCDF file, to the last bit, but for `problem`, `ladder` and `solution.apart`; returns the path.
+        """Written as one netCDF file, to the last bit, but for `problem`, `ladder`, `solution.apart`; returns the path.
 
         Args:
             path: By custom with the ending `.nc`.
