@@ -71,9 +71,9 @@ class HeaveFeedback(eqx.Module):
         lever = wrench_of_forces(model)[3:5]
         return cls(speeds, gains, lever, hang(model).stiffness, [added[2] - added[1], added[2] - added[0]])
 
-    def slow(self, down: Array) -> Array:
-        """Depth error [m] that asks for no more than a speed up or down [m/s]."""
-        return down * jnp.min(self.gains[:, 1] / self.gains[:, 0])
+    def depth_error(self, speed: Array) -> Array:
+        """The error in depth [m] that asks for a speed up or down [m/s], the least over all surge speeds."""
+        return speed * jnp.min(self.gains[:, 1] / self.gains[:, 0])
 
     def force(self, depth: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array) -> Array:
         """Heave force [N].

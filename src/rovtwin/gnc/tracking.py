@@ -186,8 +186,8 @@ class Tracking(Block):
         self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array
     ) -> Array:
         """Heave force [N] of a depth error and a wanted heave velocity: see HeaveFeedback.force."""
-        down = feedback.slow(self.sustained.level.dive(nu_r[:2]))
-        deep = jnp.clip(deep, -jnp.minimum(self.reach, down), jnp.minimum(self.reach, down))
+        most = jnp.minimum(self.reach, feedback.depth_error(self.sustained.level.dive(nu_r[:2])))
+        deep = jnp.clip(deep, -most, most)
         return feedback.force(deep, heave - nu_r[HEAVE], nu_r, euler, wrench)
 
     def _level(self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array) -> tuple[Array, Array]:
