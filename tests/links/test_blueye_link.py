@@ -461,7 +461,8 @@ def test_one_drone_lost_stops_the_other_within_half_a_second(lost):
                 link.read()
                 time.sleep(0.02)
             assert time.monotonic() - silent < 0.5
-            assert not any(motion(goes)), "neither thrusts"
+            # Each has a connection of its own: on a busy machine the other's server reads its stop a moment later.
+            assert wait_for(lambda: not any(motion(goes)), max(0.0, silent + 0.5 - time.monotonic())), "neither thrusts"
             assert 0.3 < link.age < 0.6 and link.ages[1 - lost] < 0.1
             time.sleep(0.1)
             assert "gyro" in {r.sensor for r in link.read()}, "the one that is left is still heard"
