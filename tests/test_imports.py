@@ -16,13 +16,14 @@ PACKAGE = Path(__file__).parents[1] / "src" / "rovtwin"
 
 SIBLINGS = {"simulation", "identification", "positioning", "gnc", "survey"}
 LEAVES = {"links", "report"}
-BELOW_SCENARIO = {"core", "vehicle"} | SIBLINGS | LEAVES
+BELOW_SCENARIO = {"core", "vehicle", "monitoring"} | SIBLINGS | LEAVES
 # What each package of rovtwin may import, besides itself. A new package gets its line here.
 RULES: dict[str, set[str]] = {
     "core": set(),
     "vehicle": {"core"},
     **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
     "identification": {"core", "vehicle", "report"},  # a result draws itself; report knows of no sibling
+    "monitoring": {"core", "vehicle", "identification", "gnc"},  # it reads records, and counts in a vehicle's scales
     "scenario": BELOW_SCENARIO,
     "campaign": BELOW_SCENARIO | {"scenario"},
     "console": BELOW_SCENARIO | {"scenario"},

@@ -27,6 +27,7 @@ from rovtwin.cli.thesis import thesis
 from rovtwin.cli.track import track
 from rovtwin.cli.tune import tune
 from rovtwin.cli.vehicles import vehicle_app
+from rovtwin.cli.watch import watch
 from rovtwin.core.errors import RovtwinError
 
 app = typer.Typer(
@@ -62,6 +63,7 @@ app.command()(markers)
 app.command()(render)
 app.command()(track)
 app.command()(smooth)
+app.command()(watch)
 app.command()(calibrate)
 app.add_typer(vehicle_app, name="vehicle")
 app.add_typer(scenario_app, name="scenario")

@@ -1,0 +1,1 @@
+"""What has changed since the vehicle was identified: found while it flies, and over runs."""

@@ -1,0 +1,92 @@
+"""Which of the quantities have changed, and what that may mean.
+
+    z = (now - before) / sqrt(std_now^2 + std_before^2 + scatter^2)
+
+A change is told where |z| is beyond what chance does once in a hundred flights of an unchanged vehicle, counting that
+many quantities are looked at (Bonferroni), and where it is large enough for somebody to care.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from rovtwin.monitoring.quantities import Reading
+
+FALSE_ALARMS = 0.01  # of flights of an unchanged vehicle
+CARED_FOR = {"1": 0.03, "N": 0.2, "m": 5e-4}  # least change that is told, by unit
+
+
+@dataclass(frozen=True)
+class Change:
+    """A quantity that is not what it was.
+
+    Attributes:
+        reading: What it is now.
+        before: What it was; 0 is the description.
+        std: Of the difference.
+    """
+
+    reading: Reading
+    before: float
+    std: float
+
+    @property
+    def difference(self) -> Reading:
+        """The change itself, with its standard deviation."""
+        return self.reading.with_values(self.reading.value - self.before, self.std)
+
+    @property
+    def z(self) -> float:
+        """In standard deviations."""
+        return (self.reading.value - self.before) / self.std
+
+
+def changes(readings: Sequence[Reading], before: np.ndarray, std_before: np.ndarray) -> list[Change]:
+    """What has changed, the surest first.
+
+    Args:
+        readings: Now.
+        before: Of each, shape (q,).
+        std_before: Its standard deviation, scatter between flights included, shape (q,); NaN: nothing to compare with.
+    """
+    learnt = [i for i, reading in enumerate(readings) if reading.learnt and np.isfinite(std_before[i])]
+    if not learnt:
+        return []
+    limit = float(norm.isf(0.5 * FALSE_ALARMS / len(learnt)))
+    found = [Change(readings[i], float(before[i]), float(np.hypot(readings[i].std, std_before[i]))) for i in learnt]
+    told = [c for c in found if abs(c.z) > limit and abs(c.difference.value) > CARED_FOR[c.reading.quantity.unit]]
+    weaker = any(_is_thruster(c) and c.z < 0.0 for c in told)
+    # Where one thruster is weaker than the others, these are stronger than it: that is no news.
+    told = [c for c in told if not (weaker and _is_thruster(c) and c.z > 0.0)]
+    return sorted(told, key=lambda change: -abs(change.z))
+
+
+def _is_thruster(change: Change) -> bool:
+    return change.reading.quantity.name.startswith("thruster.")
+
+
+def causes(found: Sequence[Change]) -> list[str]:
+    """What may have happened, for who looks at the vehicle; nothing where nothing fits."""
+    sign = {change.reading.quantity.name: np.sign(change.difference.value) for change in found}
+    rows = []
+    thrusters = [
+        name.removeprefix("thruster.") for name, way in sign.items() if name.startswith("thruster.") and way < 0
+    ]
+    if thrusters:
+        rows.append(f"look at {', '.join(thrusters)}: a propeller that is fouled or damaged, or a weak supply")
+    speeds, drags = ([way for name, way in sign.items() if name.startswith(kind)] for kind in ("top_speed.", "drag."))
+    if sign.get("net_buoyancy", 0.0) > 0.0:
+        rows.append("lighter in the water: a weight or a part may have come off, or the water is saltier")
+    if sign.get("net_buoyancy", 0.0) < 0.0:
+        rows.append("heavier in the water: water inside, a float that is lost, or fresher water")
+    if "center_of_buoyancy_x" in sign or "center_of_buoyancy_y" in sign:
+        rows.append("trim has changed: a part has moved or come off")
+    if 1.0 in speeds or -1.0 in drags:
+        rows.append("less drag: a part may have come off")
+    elif not thrusters and 1.0 in drags:
+        rows.append("more drag: a part that was added, growth, or something that hangs on the vehicle or its tether")
+    elif not thrusters and -1.0 in speeds:
+        rows.append("slower for the same commands: less force, as of a weak supply, or more drag; it cannot tell which")
+    return rows

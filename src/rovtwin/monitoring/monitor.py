@@ -1,0 +1,183 @@
+"""The monitor of one vehicle: a filter that is fed second by second, and the factors that it has found so far."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.navigation.tuning import beliefs
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.identification.logs.record import Record
+from rovtwin.monitoring.evidence import Block, Estimated, estimated
+from rovtwin.monitoring.factors import Factors
+from rovtwin.monitoring.filter import Gathered, Levers, Memory, MotionFilter, Noise, Seen
+from rovtwin.monitoring.readings import levers_of, seen, usable
+from rovtwin.vehicle.model import Model
+
+BLOCK = 10  # of evidence [s]
+RELINEARISE = 0.05  # factors that are held so far from what is found move there, in standard deviations before a flight
+FARTHEST = 3.0  # factors are held no further than that from the description, in the same
+STEP, QUICKEST = 0.02, 0.2  # longest step [s]; largest step times a rate of the vehicle
+PASSES = 2  # through a whole record: in the second all of it is linearised about what the first has found
+SHORTEST = 2.0 * BLOCK  # record that is looked at [s]
+NEEDED = ("attitude", "gyro")
+
+
+class Monitor:
+    """Finds what has changed of a vehicle, from its commands and sensors.
+
+    Attributes:
+        factors: What is found.
+        filter: See `MotionFilter`.
+        blocks: Evidence so far.
+        time: That has been seen [s].
+    """
+
+    def __init__(self, model: Model, thrusters: Sequence[str], levers: Levers):
+        """For a vehicle as it is believed to be, with the names of its thrusters and the places of its sensors."""
+        scales = VehicleScales.of(model)
+        self.factors = Factors.of(model, thrusters, scales.length)
+        self.filter = MotionFilter(model, _noise(model, scales), levers, len(self.factors.each), step_of(model, scales))
+        self.blocks: list[Block] = []
+        self.time = 0.0
+        self._far = self._count = 0.0
+        self._held = np.zeros(len(self.factors.each))
+        self._memory: Memory | None = None
+        self._open: list[Gathered] = []
+
+    def begin(self, position: np.ndarray, attitude: np.ndarray, held: np.ndarray | None = None) -> None:
+        """Begin with no evidence.
+
+        Args:
+            position: Of the vehicle in n [m], shape (3,).
+            attitude: Euler angles [rad], shape (3,).
+            held: Factors about which to linearise at first, shape (p,); None: those of the description.
+        """
+        at = jnp.asarray(position, float), quaternion_from_euler(jnp.asarray(attitude, float))
+        self._memory, self.blocks, self.time, self._open = self.filter.start(*at), [], 0.0, []
+        self._far = self._count = 0.0
+        self._held = np.zeros(len(self.factors.each)) if held is None else held
+
+    def second(self, readings: Seen) -> None:
+        """Take in the steps of one second; every BLOCK of them is closed into evidence."""
+        assert self._memory is not None, "begin() comes first"
+        self._memory, gathered = self.filter.over(self._memory, jnp.asarray(self._held), readings)
+        self._open.append(jax.tree.map(np.asarray, gathered))
+        self.time += 1.0
+        if len(self._open) == BLOCK:
+            self._close()
+
+    def found(self, fading: float = np.inf) -> Estimated:
+        """The factors now; `fading` is the time in which what was seen loses half of its weight [s]."""
+        return estimated(self.blocks, self.factors.covariance, fading)
+
+    @property
+    def far(self) -> float:
+        """Share of readings that the model did not foresee within four standard deviations."""
+        return self._far / max(self._count, 1.0)
+
+    def _close(self) -> None:
+        self._far += sum(float(one.far) for one in self._open)
+        self._count += sum(float(one.count) for one in self._open)
+        A, s = (np.sum([getattr(one, name) for one in self._open], axis=0) for name in ("A", "s"))
+        self._open = []
+        if not (np.isfinite(A).all() and np.isfinite(s).all()):
+            raise IdentificationError(
+                f"the monitor lost the vehicle within {self.time:.0f} s: its model does not move as the log does. Look "
+                "at the log with: rovtwin logs check"
+            )
+        self.blocks.append(Block(self.time, A, s))
+        std = np.sqrt(np.diag(self.factors.covariance))
+        wanted = np.clip(self.found().theta, -FARTHEST * std, FARTHEST * std)
+        if np.max(np.abs(wanted - self._held) / std) > RELINEARISE:
+            shift = jnp.asarray(wanted - self._held)
+            assert self._memory is not None
+            self._memory, self._held = self.filter.held_at(self._memory, shift), wanted
+
+
+def watched(
+    model: Model,
+    thrusters: Sequence[str],
+    record: Record,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Monitor:
+    """A monitor after a whole record.
+
+    Args:
+        model: The vehicle as it is believed to be.
+        thrusters: Their names.
+        record: Commands and readings.
+        progress: Told the share that is done.
+
+    Raises:
+        IdentificationError: It has no attitude or no gyro, is too short, or the filter lost the vehicle.
+    """
+    signals = usable(record)
+    if missing := [name for name in NEEDED if name not in signals]:
+        raise IdentificationError(
+            f"{record.source}: found {', '.join(sorted(signals)) or 'no signals'}, expected {' and '.join(NEEDED)} "
+            f"too: without {missing[0]} nothing tells how the vehicle turns"
+        )
+    begun = max(signals[name].t[0] for name in ("attitude", "depth", "horizontal") if name in signals)
+    if record.end - max(begun, record.start) < SHORTEST:
+        raise IdentificationError(
+            f"{record.source}: {record.end - max(begun, record.start):.0f} s with readings, expected {SHORTEST:g} s or "
+            "more: less says nothing of a vehicle"
+        )
+    record = record.cut(begun, record.end) if begun > record.start else record
+    signals = usable(record)
+    monitor = Monitor(model, thrusters, levers_of(signals))
+    position = np.zeros(3)
+    if "horizontal" in signals:
+        position[:2] = signals["horizontal"].value[0]
+    if "depth" in signals:
+        position[2] = signals["depth"].value[0, 0]
+    readings, a_second = seen(model, record, monitor.filter.h), round(1.0 / monitor.filter.h)
+    firsts, held = range(0, len(readings.target) - a_second + 1, a_second), None
+    for turn in range(PASSES):
+        monitor.begin(position, signals["attitude"].value[0], held)
+        for k, first in enumerate(firsts):
+            monitor.second(jax.tree.map(lambda leaf, i=first: leaf[i : i + a_second], readings))
+            if k % BLOCK == 0:
+                progress((turn + k / len(firsts)) / PASSES)
+        held = monitor.found().theta
+    return monitor
+
+
+def step_of(model: Model, scales: VehicleScales) -> float:
+    """Step of the filter [s]: a whole number of them is a second, and none of the vehicle's rates is too quick."""
+    M = np.diag(np.asarray(model.mass))
+    drag = np.diag(np.asarray(model.linear_damping_ahead))
+    drag = drag + 2.0 * np.diag(np.asarray(model.quadratic_damping_ahead)) * np.where(
+        np.isfinite(scales.top), scales.top, 0
+    )
+    lever = np.asarray(model.center_of_gravity - model.center_of_buoyancy)[2]
+    swing = np.sqrt(max(float(model.weight) * lever, 0.0) / M[3:5].min())
+    quickest = max(float(np.max(drag / M)), swing)
+    return float(1.0 / np.ceil(1.0 / min(STEP, QUICKEST / max(quickest, 1e-9))))
+
+
+def _noise(model: Model, scales: VehicleScales) -> Noise:
+    """Beliefs by the vehicle's size; those of the motion's noise are only where learning starts."""
+    own, M = beliefs(model), np.diag(np.asarray(model.mass))
+    speed = own["current_std"]
+    lightest, strongest = 0.01 * scales.weight, max(scales.force[:3].max(), 0.01 * scales.weight)
+    # Moments of a vehicle are badly known: who trusts them reads the speed through the water off them.
+    moment = 0.03 * strongest * scales.length
+    push = np.maximum(scales.acceleration, strongest * np.array([0.1] * 3 + [0.3 * scales.length] * 3) / M)
+    initial = np.concatenate(
+        [
+            *([0.5, 0.5, 0.05], [0.05] * 3, [speed] * 3, [0.1] * 3),
+            *([own["force_std"]] * 2, [0.1 * lightest], [moment] * 3, [speed] * 2, [2e-3] * 3),
+        ]
+    )
+    walk = np.concatenate(
+        [
+            *(np.zeros(6), 0.05 * push),
+            *([own["force_walk"]] * 3, [scales.length * own["force_walk"]] * 3),
+            *([0.01414 * speed * np.sqrt(scales.level_bandwidth)] * 2, [1e-5] * 3),
+        ]
+    )
+    return Noise(initial, walk)

@@ -1,0 +1,106 @@
+"""Quantities over runs: a baseline of the first ones, what has changed against it, and what drifts.
+
+Runs differ by more than each of them states, for a model is never all of it: the baseline's scatter beyond the stated
+deviations (DerSimonian and Laird 1986) is part of what a change is measured against.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from rovtwin.monitoring.change import CARED_FOR, FALSE_ALARMS, Change, changes
+from rovtwin.monitoring.quantities import Reading
+
+FEW = 3  # runs below which there is no scatter to speak of, and no slope
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run's name and what it says of each quantity."""
+
+    name: str
+    readings: list[Reading]
+
+    @property
+    def value(self) -> np.ndarray:
+        return np.array([reading.value for reading in self.readings])
+
+    @property
+    def std(self) -> np.ndarray:
+        return np.array([reading.std for reading in self.readings])
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """What runs before say together.
+
+    Attributes:
+        value: Weighted mean, shape (q,).
+        std: Of a further run's true value about it: of the mean, and the scatter, shape (q,).
+        scatter: Between runs beyond what they state, shape (q,).
+        runs: How many.
+    """
+
+    value: np.ndarray
+    std: np.ndarray
+    scatter: np.ndarray
+    runs: int
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A quantity that goes one way from run to run: change a run and its standard deviation."""
+
+    reading: Reading
+    slope: float
+    std: float
+
+    def __str__(self) -> str:
+        """As in `surge drag +1.2 ± 0.2 %`."""
+        return str(self.reading.with_values(self.slope, self.std))
+
+
+def baseline(runs: Sequence[Run]) -> Baseline:
+    """Random-effects mean of some runs; what a run has not learnt counts with its prior's width, hardly."""
+    value, std = np.stack([run.value for run in runs]), np.stack([run.std for run in runs])
+    w = std**-2.0
+    mean = np.sum(w * value, axis=0) / w.sum(axis=0)
+    scatter = np.zeros(value.shape[1])
+    if len(runs) >= FEW:
+        q = np.sum(w * (value - mean) ** 2, axis=0)
+        room = w.sum(axis=0) - np.sum(w**2, axis=0) / w.sum(axis=0)
+        scatter = np.sqrt(np.maximum(q - (len(runs) - 1), 0.0) / room)
+    w = 1.0 / (std**2 + scatter**2)
+    mean = np.sum(w * value, axis=0) / w.sum(axis=0)
+    return Baseline(mean, np.sqrt(1.0 / w.sum(axis=0) + scatter**2), scatter, len(runs))
+
+
+def changed_since(run: Run, before: Baseline) -> list[Change]:
+    """What of a run is not as in the runs before."""
+    return changes(run.readings, before.value, before.std)
+
+
+def drifts(runs: Sequence[Run]) -> list[Drift]:
+    """Quantities with a slope over the runs, by weighted least squares, that chance does not explain."""
+    if len(runs) <= FEW:
+        return []
+    value, std = np.stack([run.value for run in runs]), np.stack([run.std for run in runs])
+    learnt = [i for i in range(value.shape[1]) if all(run.readings[i].learnt for run in runs)]
+    at, found = np.arange(len(runs), dtype=float), []
+    for i in learnt:
+        w = std[:, i] ** -2.0
+        middle = np.sum(w * at) / w.sum()
+        spread = np.sum(w * (at - middle) ** 2)
+        slope = np.sum(w * (at - middle) * value[:, i]) / spread
+        rest = value[:, i] - np.sum(w * value[:, i]) / w.sum() - slope * (at - middle)
+        wider = max(1.0, np.sum(w * rest**2) / (len(runs) - 2))
+        deviation = np.sqrt(wider / spread)
+        sure = student.isf(0.5 * FALSE_ALARMS / len(learnt), len(runs) - 2)
+        if (
+            abs(slope) > sure * deviation
+            and abs(slope) * (len(runs) - 1) > CARED_FOR[runs[-1].readings[i].quantity.unit]
+        ):
+            found.append(Drift(runs[-1].readings[i], float(slope), float(deviation)))
+    return found
