@@ -167,6 +167,10 @@ def _closing_table(flight: Any, screen: Console) -> None:
         screen.print(f"  {line}", markup=False)
     for one in summary["decisions"]:
         screen.print(f"  {one['t']:7.1f} s  {one['what']}: {one['cause']}", markup=False)
+    for line in summary.get("changed", []):
+        screen.print(f"  {line}", style="bold red", markup=False)
+    if summary.get("monitor"):
+        screen.print(f"  what has changed was not watched to the end; the monitor {summary['monitor']}", markup=False)
     screen.print(rows)
     if summary.get("judged_by"):
         screen.print(f"  judged by {summary['judged_by']}: there is no truth")

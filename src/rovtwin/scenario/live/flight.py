@@ -16,7 +16,10 @@ from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.replay import ReplayLink
-from rovtwin.scenario.compose_sensors import rotated
+from rovtwin.monitoring.change import causes, changes
+from rovtwin.monitoring.flight import USED, FlightMonitor
+from rovtwin.monitoring.reference import identified_std
+from rovtwin.scenario.compose_sensors import mount_of, rotated
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
@@ -89,10 +92,11 @@ def fly_live(
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
         metadata = metadata_of(scenario, composed, folder, thrust)
-        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
+        monitor = _monitor_of(composed, scenario) if thrust else None
+        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, monitor)
         with (
             LogWriter(folder / "log.mcap", channels, metadata) as log,
-            closing(LiveRecorder(scenario, log.write_many, folder)) as recorder,
+            closing(LiveRecorder(scenario, log.write_many, folder, monitor)) as recorder,
         ):
             ending = "not armed"
             if arm(readiness):
@@ -104,10 +108,31 @@ def fly_live(
                     link.arm()
                 ending = loop.fly(recorder, lambda utc: log.annotate(beginning(scenario, utc)), progress, tell)
             link.stop()
-            summary = _summary(recorder, composed, ending, loop.pace)
+            summary = _summary(recorder, composed, ending, loop.pace) | _changed(recorder, composed, monitor)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
         (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
+
+
+def _monitor_of(composed: Composed, scenario: Scenario) -> FlightMonitor:
+    """The monitor of a flight, compiled: nothing waits for it once the vehicle flies."""
+    mounts = {name: mount_of(sensor) for name, sensor in composed.loop.twin.sensors.items() if sensor.kind in USED}
+    monitor = FlightMonitor(composed.vehicle.model(), composed.thruster_names, mounts, scenario.control_dt)
+    monitor.warm()
+    return monitor
+
+
+def _changed(recorder: LiveRecorder, composed: Composed, monitor: FlightMonitor | None) -> dict[str, Any]:
+    """What of an identified vehicle is not as it was, in words, or why that is not known."""
+    if monitor is None:
+        return {}
+    if monitor.trouble:
+        return {"changed": [], "monitor": f"stopped: {monitor.trouble}"}
+    std = identified_std(composed.vehicle, [reading.quantity.name for reading in recorder.watched])
+    if std is None or not recorder.watched:
+        return {"changed": []}
+    found = changes(recorder.watched, np.zeros(len(std)), std)
+    return {"changed": [f"{change.difference} since the identification" for change in found] + causes(found)}
 
 
 def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bool = True) -> dict[str, str]:

@@ -9,6 +9,8 @@ import numpy as np
 from rovtwin.core.errors import LogError
 from rovtwin.core.flow import AutopilotOutput, Measurements
 from rovtwin.core.log import Channel
+from rovtwin.monitoring.flight import FlightMonitor
+from rovtwin.monitoring.quantities import Reading
 from rovtwin.scenario.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
 from rovtwin.scenario.loop import Record
 from rovtwin.scenario.recorder import NOT_IN_TESTS, Write
@@ -24,13 +26,26 @@ SCORED = ("eta", "nu", "leg", "mode", "health", "reference", "setpoint", "tau", 
 HOST = ("late_ms", "link_age", "thrust_on")
 
 
-def live_channels(scenario: Scenario, thrusters: list[str], sensors: list[str]) -> list[Channel]:
-    """Channels of a flight over a link: those of a simulated one without the truth, and the host's."""
+def live_channels(
+    scenario: Scenario, thrusters: list[str], sensors: list[str], monitor: FlightMonitor | None = None
+) -> list[Channel]:
+    """Channels of a flight over a link: those of a simulated one without the truth, the host's and the monitor's."""
     channels = log_channels(thrusters, sensors, scenario.log.rate, scenario.log.sensors)
     unknown = ("score/nees", *_left_out(scenario))
     known = [c for c in channels if not c.name.startswith("truth/") and c.name not in unknown]
     host = Channel("host/timing", HOST, ("ms", "s", "1"), "", description="lateness of each tick, age of the link")
-    return [*known, host]
+    return [*known, host, *([] if monitor is None else monitor_channels(monitor))]
+
+
+def monitor_channels(monitor: FlightMonitor) -> list[Channel]:
+    """Quantities and their standard deviations, each second."""
+    each = monitor.quantities.each
+    names, units = tuple(q.name.replace(".", "_") for q in each), tuple(q.unit for q in each)
+    about = "of the vehicle against its description; unit 1: logarithm of a factor"
+    return [
+        Channel("monitor/value", names, units, "", description=f"what has changed {about}"),
+        Channel("monitor/std", names, units, "", description=f"standard deviation of what has changed {about}"),
+    ]
 
 
 def _left_out(scenario: Scenario) -> tuple[str, ...]:
@@ -70,10 +85,16 @@ class _Spool:
 
 
 class LiveRecorder:
-    """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate."""
+    """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate.
 
-    def __init__(self, scenario: Scenario, write: Write, folder: Path):
-        """Samples go to `write`; what the scores are made from waits in the log's folder."""
+    Attributes:
+        watched: What the monitor said last, of all that it looks at.
+    """
+
+    def __init__(self, scenario: Scenario, write: Write, folder: Path, monitor: FlightMonitor | None = None):
+        """Samples go to `write`; what the scores are made from waits in the folder. `monitor` is closed with it."""
+        self._monitor = monitor
+        self.watched: list[Reading] = []
         self._dt = scenario.control_dt
         self._log_every = scenario.rates.control // scenario.log.rate
         self._sensors, self._write = scenario.log.sensors, write
@@ -100,11 +121,22 @@ class LiveRecorder:
         for name, (times, values) in every.items():
             if name not in self._left_out:
                 self._write(name, times, values)
+        self._watch(t, measurements, samples["autopilot/command"])
         saturated = np.any(np.abs(samples["autopilot/command"][logged]) >= 1.0 - 1e-9, axis=1)
         self._spool.add({"t": t[logged], "saturated": saturated} | scored)
 
+    def _watch(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> None:
+        if self._monitor is None or (found := self._monitor.take(t, measurements, command)) is None:
+            return
+        self.watched = found
+        at = t[-1:]
+        self._write("monitor/value", at, np.array([[reading.value for reading in found]]))
+        self._write("monitor/std", at, np.array([[reading.std for reading in found]]))
+
     def close(self) -> None:
         """Forget what the scores are made from."""
+        if self._monitor is not None:
+            self._monitor.close()
         self._spool.close()
 
     @property

@@ -1,0 +1,168 @@
+"""The monitor beside an autopilot: it takes what the flight takes, and is done with a second before the next one ends.
+
+It runs a little behind the flight, for positions come late and are put where they belong, and in a thread of its own,
+for an update may take longer than a tick.
+"""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from rovtwin.core.flow import Measurements
+from rovtwin.core.numerics import jax
+from rovtwin.core.sensors import SENSORS
+from rovtwin.gnc.mounting import Mount, turned
+from rovtwin.identification.logs.record import Record, Signal
+from rovtwin.monitoring.monitor import NEEDED, Monitor
+from rovtwin.monitoring.quantities import Quantities, Reading
+from rovtwin.monitoring.readings import levers_of, seen
+from rovtwin.vehicle.model import Model
+
+BEHIND = 3.0  # the flight, so that readings that come late are in [s]
+FADING = 300.0  # what was seen so long ago counts half [s]
+USED = {"position": "horizontal", "pressure": "depth", "attitude": "attitude", "gyro": "gyro", "dvl": "velocity"}
+
+
+class FlightMonitor:
+    """Takes ticks as they come, and gives the quantities once a second.
+
+    Attributes:
+        quantities: What it gives.
+        trouble: Why it has stopped, "" while it runs.
+    """
+
+    def __init__(self, model: Model, thrusters: Sequence[str], mounts: Mapping[str, Mount], dt: float):
+        """For a vehicle as it is believed to be.
+
+        Args:
+            model: The vehicle.
+            thrusters: Their names.
+            mounts: Of the sensors by name; the first of a kind is used.
+            dt: Tick [s].
+        """
+        self._model, self._dt = model, dt
+        self._mounts = {name: mounts[name] for name in USED if name in mounts}
+        self._signals = {name: _empty(name, mount) for name, mount in self._mounts.items()}
+        self._t, self._command = np.zeros(1), np.zeros((1, len(thrusters)))
+        self._monitor = Monitor(model, thrusters, levers_of(self._by_signal()))
+        self._second: int | None = None
+        self._busy: Future[list[Reading]] | None = None
+        self._beside = ThreadPoolExecutor(1, thread_name_prefix="monitor")
+        self.quantities = Quantities(model, thrusters, self._monitor.factors)
+        self.trouble = "" if all(name in self._mounts for name in NEEDED) else "no attitude or no gyro on board"
+
+    def warm(self) -> None:
+        """Compile what a second takes, before anything flies."""
+        if self.trouble:
+            return
+        self._monitor.begin(np.zeros(3), np.zeros(3))
+        self._monitor.second(seen(self._model, self._window(0.0), self._monitor.filter.h))
+        self._monitor.begin(np.zeros(3), np.zeros(3))
+
+    def take(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> list[Reading] | None:
+        """Ticks in a row; the quantities, if a second has been done since.
+
+        Args:
+            t: Of the ticks [s], shape (ticks,), on the clock of the readings.
+            measurements: Of each tick, leading axis ticks.
+            command: That each tick gave, shape (ticks, n).
+        """
+        if self.trouble:
+            return None
+        try:
+            self._keep(t, measurements, command)
+            done = None
+            if self._busy is not None and self._busy.done():
+                busy, self._busy = self._busy, None
+                done = busy.result()
+            if self._busy is None and (windows := self._next(float(t[-1]))):
+                self._busy = self._beside.submit(self._update, windows)
+        except Exception as error:  # what watches must not end what flies
+            self.trouble = str(error)
+            return None
+        return done
+
+    def close(self) -> None:
+        """Let go of the thread."""
+        self._beside.shutdown(wait=True, cancel_futures=True)
+
+    def _update(self, windows: list[Record]) -> list[Reading]:
+        for window in windows:
+            self._monitor.second(seen(self._model, window, self._monitor.filter.h))
+        return self.quantities.read(self._monitor.found(FADING))
+
+    def _next(self, now: float) -> list[Record]:
+        """Seconds of which all has come; the first one is that in which everything on board has been heard."""
+        if self._second is None:
+            first = [signal.t[0] for signal in self._signals.values() if len(signal.t)]
+            if not all(len(self._signals[name].t) for name in NEEDED) or now < max(first) + BEHIND:
+                return []
+            self._second = int(np.ceil(max(first)))
+            self._monitor.begin(self._place(), self._signals["attitude"].value[0])
+        windows = []
+        while now >= self._second + 1.0 + BEHIND:
+            windows.append(self._window(float(self._second)))
+            self._second += 1
+        if windows:
+            self._forget(float(self._second))
+        return windows
+
+    def _window(self, start: float) -> Record:
+        """The second from a time on."""
+        t, command = self._since(start)
+        inside = t < start + 1.0
+        return Record("flight", t[inside], command[inside], self._by_signal(), start + 1.0)
+
+    def _since(self, start: float) -> tuple[np.ndarray, np.ndarray]:
+        """Commands from a time on, with the one that holds then."""
+        row = max(int(np.searchsorted(self._t, start + 1e-9, side="right")) - 1, 0)
+        return np.concatenate([[start], self._t[row + 1 :]]), self._command[row:]
+
+    def _forget(self, start: float) -> None:
+        """What was before a time."""
+        self._t, self._command = self._since(start)
+        self._signals = {name: signal.cut(start, np.inf) for name, signal in self._signals.items()}
+
+    def _place(self) -> np.ndarray:
+        """Where it is as far as it is known, n [m], shape (3,)."""
+        place = np.zeros(3)
+        for name, rows in (("position", slice(0, 2)), ("pressure", slice(2, 3))):
+            if name in self._signals and len(self._signals[name].t):
+                place[rows] = self._signals[name].value[0]
+        return place
+
+    def _keep(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> None:
+        for name, signal in self._signals.items():
+            if name in measurements:
+                slot = measurements[name]
+                valid = np.asarray(slot.valid)
+                come = replace(
+                    signal, t=np.asarray(slot.t_valid)[valid], value=self._in_b(name, np.asarray(slot.value)[valid])
+                )
+                self._signals[name] = _joined(signal, come)
+        self._t, self._command = np.concatenate([self._t, t]), np.concatenate([self._command, command])
+
+    def _in_b(self, name: str, value: np.ndarray) -> np.ndarray:
+        """Readings along the axes of b, shape (m, k)."""
+        rotation = np.asarray(self._mounts[name].rotation)
+        if name in ("position", "pressure") or np.array_equal(rotation, np.eye(3)):
+            return value
+        return value @ rotation.T if name == "dvl" else np.asarray(turned(jax.numpy.asarray(value), name, rotation))
+
+    def _by_signal(self) -> dict[str, Signal]:
+        return {USED[name]: signal for name, signal in self._signals.items()}
+
+
+def _empty(name: str, mount: Mount) -> Signal:
+    size = SENSORS[name].size
+    sigma = np.broadcast_to(np.asarray(mount.std, float), size)
+    return Signal(np.zeros(0), np.zeros((0, size)), sigma, np.asarray(mount.lever))
+
+
+def _joined(before: Signal, come: Signal) -> Signal:
+    """Both, in the order of time: what is late is put where it belongs."""
+    t = np.concatenate([before.t, come.t])
+    order = np.argsort(t, kind="stable")
+    return replace(before, t=t[order], value=np.concatenate([before.value, come.value])[order])
