@@ -51,6 +51,20 @@ def test_blocks_that_disagree_widen_the_interval_until_it_holds():
     assert 0.90 < np.mean(np.abs(z) < 1.96) < 0.97
 
 
+def test_a_difference_is_widened_where_each_of_two_is_not():
+    """Blocks tell the difference of two well, and disagree about it; each of the two is as wide as before them."""
+    rng, z = np.random.default_rng(4), []
+    g = np.array([0.5, -0.5])
+    for _ in range(200):
+        given = []
+        for k in range(30):
+            y = 0.06 * rng.standard_normal()
+            given.append(Block(10.0 * k, np.outer(g, g) / 0.01**2, g * y / 0.01**2))
+        found = estimated(given, np.eye(2))
+        z.append(g @ found.theta / np.sqrt(g @ found.covariance @ g))
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.2
+
+
 def test_what_is_old_fades():
     rng = np.random.default_rng(3)
     given = blocks(rng, [np.array([0.0])] * 30 + [np.array([1.0])] * 6, rows=200)

@@ -74,6 +74,16 @@ def test_what_has_changed_is_told_in_words_and_nothing_else():
     assert changes(list(readings(vehicle, monitor).values()), none, none) == []
 
 
+@pytest.mark.parametrize("log_factor", [-1.2, -6.0])
+def test_a_thruster_that_hardly_pushes_is_named_and_nothing_else(log_factor):
+    vehicle, _, monitor = run("bluerov2_heavy", {"force.front_port": log_factor}, seed=4)
+    now = list(readings(vehicle, monitor).values())
+    none = np.zeros(len(now))
+    told = [change for change in changes(now, none, none) if change.reading.quantity.group]
+    assert [change.reading.quantity.name for change in told] == ["thruster.front_port"]
+    assert told[0].reading.value < -0.9
+
+
 def test_top_speed_is_known_better_than_drag_or_force():
     vehicle, _, monitor = run("double_blueye", {})
     now = readings(vehicle, monitor)

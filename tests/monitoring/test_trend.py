@@ -1,7 +1,9 @@
 """Runs beside each other: scatter, changes that chance does not explain, drifts."""
 
 import numpy as np
+import pytest
 
+from rovtwin.monitoring.change import changes
 from rovtwin.monitoring.quantities import Quantity, Reading
 from rovtwin.monitoring.trend import Run, baseline, changed_since, drifts
 
@@ -20,14 +22,16 @@ def test_the_baseline_is_the_weighted_mean():
     runs = drawn(np.random.default_rng(0), 2)
     before = baseline(runs)
     np.testing.assert_allclose(before.value, np.mean([r.value for r in runs], axis=0))
-    np.testing.assert_allclose(before.std, STD / np.sqrt(2))
+    # A run more lies about the mean with the mean's own error and the scatter; two runs alone still suppose some.
+    np.testing.assert_allclose(before.std**2, (STD**2 + before.scatter**2) / 2 + before.scatter**2)
+    assert (before.scatter > 0.0).all()
 
 
 def test_scatter_between_runs_is_found():
     rng = np.random.default_rng(1)
-    found = np.mean([baseline(drawn(rng, 8, scatter=0.1)).scatter for _ in range(300)], axis=0)
-    np.testing.assert_allclose(found, 0.1, rtol=0.15)
-    assert np.mean([baseline(drawn(rng, 8)).scatter for _ in range(300)]) < 0.02
+    found = np.mean([baseline(drawn(rng, 8, scatter=0.1)).scatter ** 2 for _ in range(300)], axis=0)
+    np.testing.assert_allclose(found, (7 * 0.1**2 + 2 * 0.01**2) / 9, rtol=0.15)
+    assert np.mean([baseline(drawn(rng, 8)).scatter for _ in range(300)]) < 0.025
 
 
 def test_an_unchanged_vehicle_is_left_in_peace():
@@ -35,6 +39,35 @@ def test_an_unchanged_vehicle_is_left_in_peace():
     for _ in range(500):
         told += bool(changed_since(drawn(rng, 1)[0], baseline(drawn(rng, 3))))
     assert told <= 12  # 1 % is what is allowed for; 12 of 500 by chance once in a hundred
+
+
+@pytest.mark.parametrize(("runs", "allowed"), [(1, 0.05), (3, 0.05), (5, 0.04)])
+def test_nor_one_whose_runs_differ_by_more_than_they_say(runs, allowed):
+    """Scatter as large as the surest quantity's own deviation."""
+    rng = np.random.default_rng(5)
+    told = [bool(changed_since(drawn(rng, 1, 0.01)[0], baseline(drawn(rng, runs, 0.01)))) for _ in range(400)]
+    assert np.mean(told) <= allowed
+
+
+def test_what_the_baseline_has_not_learnt_is_no_change():
+    wide = [Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.0, 0.45, 0.5)]) for _ in range(10)]
+    sure = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.5, 0.03, 0.5)])
+    assert changed_since(sure, baseline(wide)) == []
+
+
+def thrusters(**values):
+    return [Reading(Quantity(f"thruster.{n}", n, "1", (0, 1)), v, 0.02, 0.3) for n, v in values.items()]
+
+
+def told_of(**values):
+    none = np.zeros(len(values))
+    return {c.reading.quantity.words for c in changes(thrusters(**values), none, none)}
+
+
+def test_the_thruster_that_differs_is_told_and_not_the_others():
+    assert told_of(a=-0.3, b=0.1, c=0.1, d=0.1) == {"a"}  # weaker than the others
+    assert told_of(a=0.48, b=-0.16, c=-0.16, d=-0.16) == {"a"}  # repaired
+    assert told_of(a=-0.3, b=0.3) == {"a"}  # of two, the weaker one
 
 
 def test_a_change_is_told_with_its_size():

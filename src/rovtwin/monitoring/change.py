@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from rovtwin.monitoring.quantities import Reading
 
@@ -43,28 +44,47 @@ class Change:
         return (self.reading.value - self.before) / self.std
 
 
-def changes(readings: Sequence[Reading], before: np.ndarray, std_before: np.ndarray) -> list[Change]:
+def changes(
+    readings: Sequence[Reading], before: np.ndarray, std_before: np.ndarray, freedom: np.ndarray | float = np.inf
+) -> list[Change]:
     """What has changed, the surest first.
 
     Args:
         readings: Now.
         before: Of each, shape (q,).
         std_before: Its standard deviation, scatter between flights included, shape (q,); NaN: nothing to compare with.
+        freedom: Degrees of freedom with which that deviation is known, shape (q,) or one for all.
     """
     learnt = [i for i, reading in enumerate(readings) if reading.learnt and np.isfinite(std_before[i])]
     if not learnt:
         return []
-    limit = float(norm.isf(0.5 * FALSE_ALARMS / len(learnt)))
+    free = np.broadcast_to(freedom, len(readings))
     found = [Change(readings[i], float(before[i]), float(np.hypot(readings[i].std, std_before[i]))) for i in learnt]
-    told = [c for c in found if abs(c.z) > limit and abs(c.difference.value) > CARED_FOR[c.reading.quantity.unit]]
-    weaker = any(_is_thruster(c) and c.z < 0.0 for c in told)
-    # Where one thruster is weaker than the others, these are stronger than it: that is no news.
-    told = [c for c in told if not (weaker and _is_thruster(c) and c.z > 0.0)]
-    return sorted(told, key=lambda change: -abs(change.z))
+    limits = [_limit(readings[i].std, std_before[i], float(free[i]), len(learnt)) for i in learnt]
+    cared = [CARED_FOR[c.reading.quantity.unit] for c in found]
+    told = [
+        c
+        for c, limit, least in zip(found, limits, cared, strict=True)
+        if abs(c.z) > limit and abs(c.difference.value) > least
+    ]
+    return sorted((c for c in told if not _explained(c, told)), key=lambda change: -abs(change.z))
 
 
-def _is_thruster(change: Change) -> bool:
-    return change.reading.quantity.name.startswith("thruster.")
+def _limit(std: float, std_before: float, freedom: float, many: int) -> float:
+    """|z| that chance exceeds too seldom: Student's, with Satterthwaite's degrees of freedom for the sum of both."""
+    if not np.isfinite(freedom):
+        return float(norm.isf(0.5 * FALSE_ALARMS / many))
+    of_both = freedom * (std**2 + std_before**2) ** 2 / std_before**4
+    return float(student.isf(0.5 * FALSE_ALARMS / many, of_both))
+
+
+def _explained(change: Change, told: Sequence[Change]) -> bool:
+    """Whether a thruster only seems stronger, or weaker, because another one of its group is the opposite, more so."""
+    mine = change.reading.quantity
+    size = change.difference.value
+    others = [c.difference.value for c in told if mine.group and c.reading.quantity.group == mine.group]
+    # Of two that are opposites of each other the weaker one is told: what fouls is likelier than what is repaired.
+    return any(other * size < 0.0 and abs(other) > abs(size) * (1.0 - 1e-6 * np.sign(size)) for other in others)
 
 
 def causes(found: Sequence[Change]) -> list[str]:

@@ -72,11 +72,14 @@ def estimated(blocks: Sequence[Block], prior: np.ndarray, fading: float = np.inf
     inverse = np.linalg.inv(whole)
     theta = inverse @ s.sum(axis=0)
     n = len(blocks)
-    widened = np.ones(len(prior))
+    covariance = inverse
     if n >= FEW:
         without = np.linalg.solve(whole - A, (s.sum(axis=0) - s)[:, :, None])[:, :, 0]
-        spread = (n - 1) / n * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+        away = without - without.mean(axis=0)
         # The part of the width that is the prior's is nothing that blocks could disagree about.
-        own = np.diag(inverse @ A.sum(axis=0) @ inverse)
-        widened = np.sqrt(1.0 + np.maximum(spread - own, 0.0) / np.diag(inverse))
-    return Estimated(theta, widened[:, None] * inverse * widened, widened, n)
+        beyond = (n - 1) / n * away.T @ away - inverse @ A.sum(axis=0) @ inverse
+        # As a whole, so that a difference of factors is widened, too, where each of them has the prior's width.
+        size = np.sqrt(np.diag(inverse))
+        values, axes = np.linalg.eigh(beyond / np.outer(size, size))
+        covariance = inverse + np.outer(size, size) * ((axes * np.maximum(values, 0.0)) @ axes.T)
+    return Estimated(theta, covariance, np.sqrt(np.diag(covariance) / np.diag(inverse)), n)

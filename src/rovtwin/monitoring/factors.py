@@ -19,7 +19,7 @@ from rovtwin.vehicle.model import Model
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 DRAG_STD, ADDED_STD, HEIGHT_STD = 0.5, 0.4, 0.3  # logarithms; wide: what is said shall come from the flight
-COMMON_FORCE_STD, OWN_FORCE_STD = 0.25, 0.15  # logarithms, of all thrusters alike and of each
+COMMON_FORCE_STD, OWN_FORCE_STD = 0.2, 0.25  # logarithms, of all thrusters alike and of each
 NET_STD, LEVER_STD = 0.02, 0.05  # of the weight [1], and of the vehicle's length [1]
 
 

@@ -40,7 +40,7 @@ from rovtwin.monitoring.state import (
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import lag
 
-FAR = 4.0  # standard deviations beyond which an innovation counts less (Huber 1981)
+FAR = 4.0  # standard deviations beyond which an innovation counts less and less
 RECENT = 0.1  # share of the newest in the mean of innovations with which they are compared
 LEARNING = 0.005  # of the noise's logarithm, by innovation
 LEARNING_SLOW = 0.05  # the same by a position, which comes seldom
@@ -115,8 +115,8 @@ class Gathered(eqx.Module):
     Attributes:
         A: Shape (p, p).
         s: Shape (p,).
-        far: How many innovations were beyond FAR.
-        count: How many there were.
+        far: How many innovations of each row were beyond FAR, shape (12,).
+        count: How many there were, shape (12,).
     """
 
     A: Array
@@ -166,7 +166,7 @@ class MotionFilter(eqx.Module):
             return (after, jax.tree.map(jnp.add, sums, told)), None
 
         p = self.factors
-        none = Gathered(jnp.zeros((p, p)), jnp.zeros(p), jnp.zeros(()), jnp.zeros(()))
+        none = Gathered(jnp.zeros((p, p)), jnp.zeros(p), jnp.zeros(12), jnp.zeros(12))
         (memory, sums), _ = jax.lax.scan(step, (memory, none), seen)
         return memory, eqx.tree_at(lambda g: g.s, sums, sums.s + sums.A @ held)
 
@@ -202,11 +202,13 @@ class MotionFilter(eqx.Module):
             A, s = A + weight * jnp.outer(hV, hV), s + weight * e * hV
             P, V, error = P - jnp.outer(K, Ph), V - jnp.outer(K, hV), error + K * e
         newest = jnp.stack(normalised)
-        far = jnp.sum(jnp.abs(newest) >= FAR)
+        far = (jnp.abs(newest) >= FAR).astype(float)
         log_noise = _learnt(memory.log_noise, newest * memory.recent, jnp.any(there[7:10]))
         recent = memory.recent + jnp.where(there, RECENT * (newest - memory.recent), 0.0)
         x, P = memory.x.moved(error), 0.5 * (P + P.T)
-        return Memory(x, P, V, memory.thrust, log_noise, memory.nu_dot, recent), Gathered(A, s, far, jnp.sum(there))
+        return Memory(x, P, V, memory.thrust, log_noise, memory.nu_dot, recent), Gathered(
+            A, s, far, there.astype(float)
+        )
 
     def _innovations(self, memory: Memory, now: Seen) -> tuple[Array, Array]:
         """Readings less what is expected, shape (12,), and slopes of what is expected, shape (12, 23)."""

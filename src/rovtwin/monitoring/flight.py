@@ -9,17 +9,19 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from rovtwin.core.errors import IdentificationError
 from rovtwin.core.flow import Measurements
-from rovtwin.core.numerics import jax
 from rovtwin.core.sensors import SENSORS
-from rovtwin.gnc.mounting import Mount, turned
+from rovtwin.gnc.mounting import Mount
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.monitoring.monitor import NEEDED, Monitor
+from rovtwin.monitoring.monitor import BLOCK, NEEDED, Monitor
 from rovtwin.monitoring.quantities import Quantities, Reading
 from rovtwin.monitoring.readings import levers_of, seen
 from rovtwin.vehicle.model import Model
 
+PATIENCE = 60.0  # for sensors that are silent at the start [s]
 BEHIND = 3.0  # the flight, so that readings that come late are in [s]
 FADING = 300.0  # what was seen so long ago counts half [s]
 USED = {"position": "horizontal", "pressure": "depth", "attitude": "attitude", "gyro": "gyro", "dvl": "velocity"}
@@ -46,7 +48,8 @@ class FlightMonitor:
         self._mounts = {name: mounts[name] for name in USED if name in mounts}
         self._signals = {name: _empty(name, mount) for name, mount in self._mounts.items()}
         self._t, self._command = np.zeros(1), np.zeros((1, len(thrusters)))
-        self._monitor = Monitor(model, thrusters, levers_of(self._by_signal()))
+        self._monitor = Monitor(model, thrusters, levers_of(self._by_signal()), FADING)
+        self._read: tuple[int, list[Reading]] = (-1, [])
         self._second: int | None = None
         self._busy: Future[list[Reading]] | None = None
         self._beside = ThreadPoolExecutor(1, thread_name_prefix="monitor")
@@ -80,24 +83,29 @@ class FlightMonitor:
             if self._busy is None and (windows := self._next(float(t[-1]))):
                 self._busy = self._beside.submit(self._update, windows)
         except Exception as error:  # what watches must not end what flies
-            self.trouble = str(error)
+            self.trouble = str(error) or type(error).__name__
             return None
         return done
 
     def close(self) -> None:
-        """Let go of the thread."""
-        self._beside.shutdown(wait=True, cancel_futures=True)
+        """Let go of the thread; what it is at is not waited for."""
+        self._beside.shutdown(wait=False, cancel_futures=True)
 
     def _update(self, windows: list[Record]) -> list[Reading]:
         for window in windows:
             self._monitor.second(seen(self._model, window, self._monitor.filter.h))
-        return self.quantities.read(self._monitor.found(FADING))
+        many = round(self._monitor.time) // BLOCK
+        if many != self._read[0]:  # evidence comes by blocks
+            self._read = many, self.quantities.read(self._monitor.found())
+        return self._read[1]
 
     def _next(self, now: float) -> list[Record]:
         """Seconds of which all has come; the first one is that in which everything on board has been heard."""
         if self._second is None:
             first = [signal.t[0] for signal in self._signals.values() if len(signal.t)]
             if not all(len(self._signals[name].t) for name in NEEDED) or now < max(first) + BEHIND:
+                if now > PATIENCE:
+                    raise IdentificationError(f"no attitude or no gyro within {PATIENCE:.0f} s")
                 return []
             self._second = int(np.ceil(max(first)))
             self._monitor.begin(self._place(), self._signals["attitude"].value[0])
@@ -149,7 +157,10 @@ class FlightMonitor:
         rotation = np.asarray(self._mounts[name].rotation)
         if name in ("position", "pressure") or np.array_equal(rotation, np.eye(3)):
             return value
-        return value @ rotation.T if name == "dvl" else np.asarray(turned(jax.numpy.asarray(value), name, rotation))
+        if name != "attitude":
+            return value @ rotation.T
+        read = Rotation.from_euler("ZYX", value[:, ::-1]) * Rotation.from_matrix(rotation).inv()
+        return read.as_euler("ZYX")[:, ::-1]
 
     def _by_signal(self) -> dict[str, Signal]:
         return {USED[name]: signal for name, signal in self._signals.items()}

@@ -13,13 +13,15 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.monitoring.evidence import Block, Estimated, estimated
 from rovtwin.monitoring.factors import Factors
 from rovtwin.monitoring.filter import Gathered, Levers, Memory, MotionFilter, Noise, Seen
-from rovtwin.monitoring.readings import levers_of, seen, usable
+from rovtwin.monitoring.readings import ROWS, levers_of, seen, usable
 from rovtwin.vehicle.model import Model
 
 BLOCK = 10  # of evidence [s]
 RELINEARISE = 0.05  # factors that are held so far from what is found move there, in standard deviations before a flight
-FARTHEST = 3.0  # factors are held no further than that from the description, in the same
+FARTHEST = 5.0  # factors are held no further than that from the description, in the same
 STEP, QUICKEST = 0.02, 0.2  # longest step [s]; largest step times a rate of the vehicle
+FORGOTTEN = 10.0  # blocks older than so many times the fading are let go
+LATE = 60.0  # a sensor that speaks so long after the others is not waited for [s]
 PASSES = 2  # through a whole record: in the second all of it is linearised about what the first has found
 SHORTEST = 2.0 * BLOCK  # record that is looked at [s]
 NEEDED = ("attitude", "gyro")
@@ -35,14 +37,22 @@ class Monitor:
         time: That has been seen [s].
     """
 
-    def __init__(self, model: Model, thrusters: Sequence[str], levers: Levers):
-        """For a vehicle as it is believed to be, with the names of its thrusters and the places of its sensors."""
+    def __init__(self, model: Model, thrusters: Sequence[str], levers: Levers, fading: float = np.inf):
+        """For a vehicle as it is believed to be.
+
+        Args:
+            model: The vehicle.
+            thrusters: Their names.
+            levers: Places of its sensors.
+            fading: Time in which what was seen loses half of its weight [s].
+        """
+        self._fading = fading
         scales = VehicleScales.of(model)
         self.factors = Factors.of(model, thrusters, scales.length)
         self.filter = MotionFilter(model, _noise(model, scales), levers, len(self.factors.each), step_of(model, scales))
         self.blocks: list[Block] = []
         self.time = 0.0
-        self._far = self._count = 0.0
+        self._far, self._count = np.zeros(12), np.zeros(12)
         self._held = np.zeros(len(self.factors.each))
         self._memory: Memory | None = None
         self._open: list[Gathered] = []
@@ -53,12 +63,14 @@ class Monitor:
         Args:
             position: Of the vehicle in n [m], shape (3,).
             attitude: Euler angles [rad], shape (3,).
-            held: Factors about which to linearise at first, shape (p,); None: those of the description.
+            held: Factors about which to linearise all of it, shape (p,); None: those of the description at first, then
+                what has been found.
         """
         at = jnp.asarray(position, float), quaternion_from_euler(jnp.asarray(attitude, float))
         self._memory, self.blocks, self.time, self._open = self.filter.start(*at), [], 0.0, []
-        self._far = self._count = 0.0
-        self._held = np.zeros(len(self.factors.each)) if held is None else held
+        self._far, self._count = np.zeros(12), np.zeros(12)
+        self._held = np.zeros(len(self.factors.each)) if held is None else self._within(held)
+        self._follow = held is None
 
     def second(self, readings: Seen) -> None:
         """Take in the steps of one second; every BLOCK of them is closed into evidence."""
@@ -69,28 +81,37 @@ class Monitor:
         if len(self._open) == BLOCK:
             self._close()
 
-    def found(self, fading: float = np.inf) -> Estimated:
-        """The factors now; `fading` is the time in which what was seen loses half of its weight [s]."""
-        return estimated(self.blocks, self.factors.covariance, fading)
+    def found(self) -> Estimated:
+        """The factors now."""
+        return estimated(self.blocks, self.factors.covariance, self._fading)
 
     @property
     def far(self) -> float:
-        """Share of readings that the model did not foresee within four standard deviations."""
-        return self._far / max(self._count, 1.0)
+        """Share of its readings that the model did not foresee within four standard deviations, of the worst sensor."""
+        far, count = ([float(np.sum(x[rows])) for rows in ROWS.values()] for x in (self._far, self._count))
+        return max(a / max(b, 1.0) for a, b in zip(far, count, strict=True))
+
+    def _within(self, theta: np.ndarray) -> np.ndarray:
+        """Factors about which it may be linearised."""
+        std = np.sqrt(np.diag(self.factors.covariance))
+        return np.clip(theta, -FARTHEST * std, FARTHEST * std)
 
     def _close(self) -> None:
-        self._far += sum(float(one.far) for one in self._open)
-        self._count += sum(float(one.count) for one in self._open)
+        self._far += np.sum([one.far for one in self._open], axis=0)
+        self._count += np.sum([one.count for one in self._open], axis=0)
         A, s = (np.sum([getattr(one, name) for one in self._open], axis=0) for name in ("A", "s"))
         self._open = []
         if not (np.isfinite(A).all() and np.isfinite(s).all()):
             raise IdentificationError(
                 f"the monitor lost the vehicle within {self.time:.0f} s: its model does not move as the log does. Look "
-                "at the log with: rovtwin logs check"
+                "at the log with: rovtwin log check"
             )
-        self.blocks.append(Block(self.time, A, s))
+        oldest = self.time - FORGOTTEN * self._fading
+        self.blocks = [block for block in self.blocks if block.end >= oldest] + [Block(self.time, A, s)]
+        if not self._follow:
+            return
         std = np.sqrt(np.diag(self.factors.covariance))
-        wanted = np.clip(self.found().theta, -FARTHEST * std, FARTHEST * std)
+        wanted = self._within(self.found().theta)
         if np.max(np.abs(wanted - self._held) / std) > RELINEARISE:
             shift = jnp.asarray(wanted - self._held)
             assert self._memory is not None
@@ -120,7 +141,9 @@ def watched(
             f"{record.source}: found {', '.join(sorted(signals)) or 'no signals'}, expected {' and '.join(NEEDED)} "
             f"too: without {missing[0]} nothing tells how the vehicle turns"
         )
-    begun = max(signals[name].t[0] for name in ("attitude", "depth", "horizontal") if name in signals)
+    turning = max(signals[name].t[0] for name in NEEDED)
+    first = [signals[name].t[0] for name in ("depth", "horizontal") if name in signals]
+    begun = max([turning, *(t for t in first if t < turning + LATE)])
     if record.end - max(begun, record.start) < SHORTEST:
         raise IdentificationError(
             f"{record.source}: {record.end - max(begun, record.start):.0f} s with readings, expected {SHORTEST:g} s or "

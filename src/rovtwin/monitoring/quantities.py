@@ -18,16 +18,25 @@ from rovtwin.vehicle.reach import BY_PRODUCT, reachable_share
 from rovtwin.vehicle.thrusters import force_limits
 
 LEARNT = 0.5  # of what was known before, below which a standard deviation counts as learnt
+FAR = 3.0  # standard deviations from what was known before, from which a value is news however wide
 TURNING = 3  # first of the axes of rotation
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is asked: `name`, as in `drag.surge`, words for people, and the unit of its value, `1` for a logarithm."""
+    """What is asked.
+
+    Attributes:
+        name: As in `drag.surge`.
+        words: For people.
+        unit: Of its value, `1` for a logarithm.
+        group: Numbers of the thrusters among which one is compared, empty for all else.
+    """
 
     name: str
     words: str
     unit: str
+    group: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -48,8 +57,8 @@ class Reading:
 
     @property
     def learnt(self) -> bool:
-        """Whether the flight says something of it."""
-        return self.std < LEARNT * self.prior_std
+        """Whether the flight says something of it: it is narrower than before, or far from what was thought."""
+        return self.std < LEARNT * self.prior_std or abs(self.value) > FAR * max(self.prior_std, self.std)
 
     @property
     def scale(self) -> tuple[float, str]:
@@ -109,9 +118,10 @@ class Quantities:
                 rows.append((Quantity(f"top_speed.{axis}", words, "1"), 0.5 * (force - row[i])))
         for k, name in enumerate(thrusters):
             contrast, words = np.zeros(p), f"force of {name}"
-            contrast[12 : 12 + n] = beside = _against_others(shares, k)
+            beside = _against_others(shares, k)
+            contrast[12 : 12 + n] = beside
             words += " against others" if np.any(beside < 0.0) else ""
-            rows.append((Quantity(f"thruster.{name}", words, "1"), contrast))
+            rows.append((Quantity(f"thruster.{name}", words, "1", tuple(map(int, np.flatnonzero(beside)))), contrast))
         rows += [
             (Quantity("metacentric_height", "metacentric height", "1"), row[12 + n]),
             (Quantity("net_buoyancy", "net buoyancy", "N"), row[13 + n]),

@@ -7,6 +7,8 @@ import numpy as np
 from rovtwin.monitoring.factors import AXES
 from rovtwin.vehicle import Vehicle
 
+UNIT_TO_UNIT = 0.05  # by which the forces of thrusters of one make differ, as a share
+
 
 def identified_std(vehicle: Vehicle, quantities: Sequence[str]) -> np.ndarray | None:
     """Standard deviation that the identification states of each quantity, shape (q,); None of one not identified.
@@ -29,18 +31,20 @@ def identified_std(vehicle: Vehicle, quantities: Sequence[str]) -> np.ndarray | 
     for group, members in groups.items():
         ends = [std[key] for end in ("ahead", "astern") if (key := f"thrusters.{group}.force_{end}") in std]
         forces |= {member: max(ends, default=np.nan) for member in members}
-    out |= {f"thruster.{name}": value for name, value in forces.items()}
+    # A group is identified as one: how its thrusters differ it does not say, beyond what is usual of one make.
+    out |= {f"thruster.{name}": float(np.hypot(value, UNIT_TO_UNIT)) for name, value in forces.items()}
+    force = float(np.max(list(forces.values()))) if forces else np.nan  # NaN, if one of them is not known
     out["metacentric_height"] = std.get("restoring.metacentric_height", np.nan)
     out["net_buoyancy"] = std.get("restoring.net_buoyancy", np.nan)
     for side in "xy":
         out[f"center_of_buoyancy_{side}"] = std.get(f"restoring.center_of_buoyancy_{side}", np.nan)
-    return np.array([_of(q, out, forces) for q in quantities])
+    return np.array([_of(q, out, force) for q in quantities])
 
 
-def _of(name: str, std: dict[str, float], forces: dict[str, float]) -> float:
+def _of(name: str, std: dict[str, float], force: float) -> float:
     kind, _, axis = name.partition(".")
     if kind == "force":
-        return max(forces.values(), default=np.nan)
-    if kind == "top_speed":  # errors of force and drag go together: this is an upper bound, too
-        return float(0.5 * np.hypot(std[f"drag.{axis}"], max(forces.values(), default=np.nan)))
+        return force
+    if kind == "top_speed":  # where tests are at speed, errors of force and drag go together: an upper bound
+        return float(0.5 * np.hypot(std[f"drag.{axis}"], force))
     return std.get(name, np.nan)

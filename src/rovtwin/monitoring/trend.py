@@ -1,7 +1,8 @@
 """Quantities over runs: a baseline of the first ones, what has changed against it, and what drifts.
 
 Runs differ by more than each of them states, for a model is never all of it: the baseline's scatter beyond the stated
-deviations (DerSimonian and Laird 1986) is part of what a change is measured against.
+deviations (DerSimonian and Laird 1986) is part of what a change is measured against. Few runs hardly tell it, so it
+starts from what models of vehicles usually leave, as if two runs more had shown it.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,8 @@ from scipy.stats import t as student
 from rovtwin.monitoring.change import CARED_FOR, FALSE_ALARMS, Change, changes
 from rovtwin.monitoring.quantities import Reading
 
-FEW = 3  # runs below which there is no scatter to speak of, and no slope
+FEW = 3  # runs, up to which there is no slope to speak of
+USUAL_SCATTER, AS_IF = 0.33, 2.0  # scatter at first, of the least change that is told; runs that it counts as
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +42,14 @@ class Baseline:
         value: Weighted mean, shape (q,).
         std: Of a further run's true value about it: of the mean, and the scatter, shape (q,).
         scatter: Between runs beyond what they state, shape (q,).
+        freedom: Degrees of freedom with which it is known.
         runs: How many.
     """
 
     value: np.ndarray
     std: np.ndarray
     scatter: np.ndarray
+    freedom: float
     runs: int
 
 
@@ -63,23 +67,27 @@ class Drift:
 
 
 def baseline(runs: Sequence[Run]) -> Baseline:
-    """Random-effects mean of some runs; what a run has not learnt counts with its prior's width, hardly."""
-    value, std = np.stack([run.value for run in runs]), np.stack([run.std for run in runs])
+    """Random-effects mean of some runs; NaN of what not all of them have learnt."""
+    value, std, n = np.stack([run.value for run in runs]), np.stack([run.std for run in runs]), len(runs)
     w = std**-2.0
     mean = np.sum(w * value, axis=0) / w.sum(axis=0)
-    scatter = np.zeros(value.shape[1])
-    if len(runs) >= FEW:
+    usual = np.array([USUAL_SCATTER * CARED_FOR[reading.quantity.unit] for reading in runs[0].readings])
+    found = np.zeros(len(usual))
+    if n > 1:
         q = np.sum(w * (value - mean) ** 2, axis=0)
         room = w.sum(axis=0) - np.sum(w**2, axis=0) / w.sum(axis=0)
-        scatter = np.sqrt(np.maximum(q - (len(runs) - 1), 0.0) / room)
+        found = np.maximum(q - (n - 1), 0.0) / room
+    scatter = np.sqrt(((n - 1) * found + AS_IF * usual**2) / (n - 1 + AS_IF))
     w = 1.0 / (std**2 + scatter**2)
     mean = np.sum(w * value, axis=0) / w.sum(axis=0)
-    return Baseline(mean, np.sqrt(1.0 / w.sum(axis=0) + scatter**2), scatter, len(runs))
+    learnt = np.array([all(run.readings[i].learnt for run in runs) for i in range(len(usual))])
+    wide = np.where(learnt, np.sqrt(1.0 / w.sum(axis=0) + scatter**2), np.nan)
+    return Baseline(mean, wide, scatter, n - 1.0 + AS_IF, n)
 
 
 def changed_since(run: Run, before: Baseline) -> list[Change]:
     """What of a run is not as in the runs before."""
-    return changes(run.readings, before.value, before.std)
+    return changes(run.readings, before.value, before.std, before.freedom)
 
 
 def drifts(runs: Sequence[Run]) -> list[Drift]:

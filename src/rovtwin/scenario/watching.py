@@ -131,7 +131,9 @@ def watch_runs(
     if std is None:
         return Watch(described, runs, None, 0, "nothing: the vehicle was not identified, and there is one run only")
     nothing = np.zeros(len(std))
-    return Watch(described, runs, Baseline(nothing, std, nothing, 0), 0, f"the identification of {described.name}")
+    return Watch(
+        described, runs, Baseline(nothing, std, nothing, np.inf, 0), 0, f"the identification of {described.name}"
+    )
 
 
 def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float], None]) -> WatchedRun:

@@ -92,7 +92,7 @@ def fly_live(
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
         metadata = metadata_of(scenario, composed, folder, thrust)
-        monitor = _monitor_of(composed, scenario) if thrust else None
+        monitor = _monitor_of(composed, scenario, warn) if thrust else None
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, monitor)
         with (
             LogWriter(folder / "log.mcap", channels, metadata) as log,
@@ -114,11 +114,15 @@ def fly_live(
     return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
 
 
-def _monitor_of(composed: Composed, scenario: Scenario) -> FlightMonitor:
-    """The monitor of a flight, compiled: nothing waits for it once the vehicle flies."""
+def _monitor_of(composed: Composed, scenario: Scenario, warn: Callable[[str], None]) -> FlightMonitor | None:
+    """The monitor of a flight, compiled: nothing waits for it once the vehicle flies. What watches ends no flight."""
     mounts = {name: mount_of(sensor) for name, sensor in composed.loop.twin.sensors.items() if sensor.kind in USED}
-    monitor = FlightMonitor(composed.vehicle.model(), composed.thruster_names, mounts, scenario.control_dt)
-    monitor.warm()
+    try:
+        monitor = FlightMonitor(composed.vehicle.model(), composed.thruster_names, mounts, scenario.control_dt)
+        monitor.warm()
+    except Exception as error:
+        warn(f"what has changed of the vehicle is not watched: {error}")
+        return None
     return monitor
 
 
