@@ -11,8 +11,8 @@ from rovtwin.gnc.navigation.tuning import beliefs
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.identification.logs.record import Record
 from rovtwin.monitoring.evidence import Block, Estimated, estimated
-from rovtwin.monitoring.factors import Factors
-from rovtwin.monitoring.filter import Gathered, Levers, Memory, MotionFilter, Noise, Seen
+from rovtwin.monitoring.factors import AXES, Factors
+from rovtwin.monitoring.filter import MOST_NOISE, Gathered, Levers, Memory, MotionFilter, Noise, Seen
 from rovtwin.monitoring.readings import ROWS, levers_of, seen, usable
 from rovtwin.vehicle.model import Model
 
@@ -90,6 +90,14 @@ class Monitor:
         """Share of its readings that the model did not foresee within four standard deviations, of the worst sensor."""
         far, count = ([float(np.sum(x[rows])) for rows in ROWS.values()] for x in (self._far, self._count))
         return max(a / max(b, 1.0) for a, b in zip(far, count, strict=True))
+
+    @property
+    def unexplained(self) -> list[str]:
+        """Axes along which it moves in ways that no factors explain: the noise learnt there is near its limit."""
+        if self._memory is None:
+            return []
+        noise = np.asarray(self._memory.log_noise)
+        return [axis for axis, learnt in zip(AXES, noise, strict=True) if learnt > MOST_NOISE - 0.5]
 
     def _within(self, theta: np.ndarray) -> np.ndarray:
         """Factors about which it may be linearised."""

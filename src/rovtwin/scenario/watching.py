@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.identification.logs.readers import read_records
+from rovtwin.identification.logs.readers import detect, read_records
 from rovtwin.monitoring.change import Change, causes
 from rovtwin.monitoring.evidence import Estimated, estimated
 from rovtwin.monitoring.monitor import watched
@@ -19,7 +19,7 @@ from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.identified import fingerprint
 
-STRANGE = 0.05  # share of readings far from what is foreseen, beyond which a log is doubted
+STRANGE = 0.03  # share of readings far from what is foreseen, beyond which a log is doubted
 USUAL = 3  # runs of a baseline, where there are more
 ALONE = (
     "Differences from the description may be its own errors: give more runs, or identify the vehicle and watch the "
@@ -82,7 +82,7 @@ class Watch:
         lines = [(f"{one.run.name}: {note}", False) for one in self.runs for note in one.notes]
         if self.before is None:
             first = self.runs[-1].run.name
-            return [*lines, (f"{first} is compared with {self.against}. {ALONE}", False)]
+            return [*lines, (f"{first}: there is nothing to compare it with, {self.against}. {ALONE}", False)]
         for one, changed in list(zip(self.runs, self.changes, strict=True))[self.first :]:
             if not changed:
                 lines.append((f"{one.run.name}: nothing has changed since {self.against} that it can tell", False))
@@ -113,6 +113,8 @@ def watch_runs(
         IdentificationError: A log that cannot be read or used; which, and why.
     """
     logs = [_log_of(path) for path in paths]
+    for log in logs:
+        detect(log)  # what is not there is said before anything else
     described = load_vehicle(vehicle) if vehicle else _vehicle_beside(logs[0])
     if first_runs is not None and first_runs >= len(paths):
         raise ConfigError(
@@ -129,7 +131,7 @@ def watch_runs(
         return Watch(described, runs, baseline([one.run for one in runs[:n]]), n, _words(names[:n]))
     std = identified_std(described, [reading.quantity.name for reading in runs[0].run.readings])
     if std is None:
-        return Watch(described, runs, None, 0, "nothing: the vehicle was not identified, and there is one run only")
+        return Watch(described, runs, None, 0, "for the vehicle was not identified and this is the only run")
     nothing = np.zeros(len(std))
     return Watch(
         described, runs, Baseline(nothing, std, nothing, np.inf, 0), 0, f"the identification of {described.name}"
@@ -147,6 +149,11 @@ def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float],
             notes.append(
                 f"{monitor.far:.0%} of its readings are far from what the description foresees: a sign, an axis or the "
                 "clock may be wrong; look at it with rovtwin log check"
+            )
+        if monitor.unexplained:
+            notes.append(
+                f"it moves in {', '.join(monitor.unexplained)} in ways that no factors explain: what it tells "
+                "is not to be relied on"
             )
         notes += record.notes
     found = estimated(blocks, monitor.factors.covariance)

@@ -1,0 +1,81 @@
+"""`rovtwin watch` as a user types it."""
+
+import json
+import shutil
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rovtwin.cli
+from rovtwin.monitoring.reference import UNIT_TO_UNIT, identified_std
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.flight import fly
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two short runs: as described, and with one thruster that has lost a third of its force."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, seed, health in (("before", 1, 1.0), ("after", 2, 0.6)):
+        given = ["duration=75", f"world.thruster_health={{port.surge: {health}}}"]
+        fly(load_scenario("square", given, seed), folder / name)
+    return folder
+
+
+def watch(monkeypatch, capsys, *words):
+    """Exit code, standard output and standard error."""
+    monkeypatch.setattr(sys, "argv", ["rovtwin", "watch", *map(str, words)])
+    with pytest.raises(SystemExit) as stopped:
+        rovtwin.cli.main()
+    shown = capsys.readouterr()
+    return stopped.value.code or 0, shown.out, shown.err
+
+
+def test_what_has_changed_is_told_and_drawn(runs, monkeypatch, capsys, tmp_path):
+    code, out, _ = watch(monkeypatch, capsys, runs / "before", runs / "after", "-o", tmp_path / "page", "--json")
+    told = json.loads(out)
+    assert code == 0 and told["against"] == "before" and told["baseline_runs"] == 1
+    before, after = told["runs"]
+    assert before["changed"] == [] and before["seconds"] > 60
+    (change,) = [c for c in after["changed"] if c["quantity"].startswith("thruster.")]
+    assert change["quantity"] == "thruster.port.surge"
+    assert np.exp(change["difference"]) == pytest.approx(0.6, abs=0.1)
+    assert any("look at port.surge" in cause for cause in after["causes"])
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    assert "Something has changed" in page and "port.surge against others" in page
+
+
+def test_one_run_of_a_vehicle_that_was_not_identified_says_so(runs, monkeypatch, capsys):
+    code, out, _ = watch(monkeypatch, capsys, runs / "before")
+    assert code == 0 and "nothing to compare it with" in out and "surge top speed" in out
+
+
+def test_mistakes(runs, monkeypatch, capsys, tmp_path):
+    code, _, err = watch(monkeypatch, capsys, runs / "before", "--baseline", 1)
+    assert code == 2 and "expected more runs than that, found 1" in err
+    alone = shutil.copy(runs / "before" / "log.mcap", tmp_path / "alone.mcap")
+    code, _, err = watch(monkeypatch, capsys, alone)
+    assert code == 2 and "give --vehicle" in err
+    code, _, err = watch(monkeypatch, capsys, alone, "--vehicle", "bluerov2")
+    assert code == 2 and "Give the vehicle that flew" in err
+    code, _, err = watch(monkeypatch, capsys, runs / "befor")
+    assert code == 2 and "no such file" in err
+
+
+def test_what_the_identification_does_not_say_is_not_known():
+    said = {"linear_damping.surge": 0.3, "quadratic_damping.surge": 0.04, "thrusters.h.force_ahead": 0.03}
+    estimate = SimpleNamespace(
+        parameters=[SimpleNamespace(name=name, std=std) for name, std in said.items()], groups={"h": ["a", "b"]}
+    )
+    vehicle = SimpleNamespace(file=SimpleNamespace(identified=SimpleNamespace(estimate=estimate)))
+    names = ["drag.surge", "drag.sway", "force.surge", "top_speed.surge", "thruster.a"]
+
+    vehicle.thruster_names = ["a", "b"]
+    found = identified_std(vehicle, names)
+    np.testing.assert_allclose(found, [0.3, np.nan, 0.03, 0.5 * np.hypot(0.3, 0.03), np.hypot(0.03, UNIT_TO_UNIT)])
+    vehicle.thruster_names = ["a", "b", "v"]
+    assert np.isnan(identified_std(vehicle, ["force.surge", "top_speed.surge", "thruster.v"])).all()
+    vehicle.file.identified = None
+    assert identified_std(vehicle, names) is None
