@@ -53,10 +53,27 @@ def score(
         screen.width = 110  # broken lines of a table are easier to read than broken words
     title = ", ".join([*(f"{key} {value}" for key, value in given.items() if value), f"seeds {seeds}"])
     screen.print(_score_table(results, title))
+    for line in _why_not(results, numbers):
+        screen.print(line, markup=False, soft_wrap=True)
     if as_json:
         emit({**given, "seeds": numbers, "scenarios": results})
     completed = all(run["completed"] for runs in results.values() for run in runs)
     raise typer.Exit(DONE if completed else FAILED)
+
+
+def _why_not(results: dict[str, list[dict[str, Any]]], seeds: list[int]) -> list[str]:
+    """A line for each reason for which runs did not complete, with their seeds."""
+    lines = []
+    for name, runs in results.items():
+        missed = [
+            (run.get("reason") or "not finished in time", n)
+            for run, n in zip(runs, seeds, strict=True)
+            if not run["completed"]
+        ]
+        for reason in dict.fromkeys(reason for reason, _ in missed):
+            those = ", ".join(str(n) for other, n in missed if other == reason)
+            lines.append(f"{name}, seed {those}: not completed: {reason}")
+    return lines
 
 
 def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
