@@ -1,4 +1,4 @@
-"""`rovtwin evidence ...` as a user types it."""
+"""`rovtwin evidence ...`, or another command, as a user types it."""
 
 import sys
 
@@ -7,9 +7,9 @@ import pytest
 import rovtwin.cli
 
 
-def run(monkeypatch, capsys, *words):
+def run(monkeypatch, capsys, *words, command="evidence"):
     """Exit code, standard output and standard error."""
-    monkeypatch.setattr(sys, "argv", ["rovtwin", "evidence", *map(str, words)])
+    monkeypatch.setattr(sys, "argv", ["rovtwin", command, *map(str, words)])
     with pytest.raises(SystemExit) as stopped:
         rovtwin.cli.main()
     shown = capsys.readouterr()

@@ -107,3 +107,17 @@ def test_trouble_ends_the_monitor_and_not_the_flight(flown):
     t, slots, command = ticks_of(given, 0, 1)
     assert monitor.take(t, slots, command[:, :3]) is None and "dimension" in monitor.trouble
     assert monitor.take(t, slots, command) is None
+
+
+def test_a_position_that_comes_late_does_not_end_it_and_a_silent_gyro_does(flown):
+    vehicle, given = flown
+    mounts = mounts_of(given, position=Mount(0.5))
+    for silent, expected in ((None, ""), ("gyro", "no gyro within 60 s")):
+        monitor = FlightMonitor(vehicle.model(), vehicle.thruster_names, mounts, DT)
+        t, slots, command = ticks_of(given, 0, 1)
+        slots.pop(silent, None)
+        monitor.take(t, slots, command)
+        late = {"position": Slot(np.zeros((1, 1, 2)), np.ones((1, 1), bool), np.full((1, 1), 61.9))}
+        monitor.take(np.array([62.0]), late, command[-1:])
+        assert monitor.trouble == expected
+        monitor.close()

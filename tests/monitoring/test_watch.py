@@ -2,13 +2,13 @@
 
 import json
 import shutil
-import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.identification.commands import run
 
-import rovtwin.cli
 from rovtwin.monitoring.reference import UNIT_TO_UNIT, identified_std
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
@@ -24,13 +24,7 @@ def runs(tmp_path_factory):
     return folder
 
 
-def watch(monkeypatch, capsys, *words):
-    """Exit code, standard output and standard error."""
-    monkeypatch.setattr(sys, "argv", ["rovtwin", "watch", *map(str, words)])
-    with pytest.raises(SystemExit) as stopped:
-        rovtwin.cli.main()
-    shown = capsys.readouterr()
-    return stopped.value.code or 0, shown.out, shown.err
+watch = partial(run, command="watch")
 
 
 def test_what_has_changed_is_told_and_drawn(runs, monkeypatch, capsys, tmp_path):

@@ -87,10 +87,10 @@ def _table(found: "Watch") -> Any:
     title = f"{newest.run.name}: {newest.seconds:.0f} s, against the description {found.vehicle.name}"
     head = ["quantity", "this run", *([] if before is None else ["before", "difference, in std"])]
     rows = table(title, *head)
-    untold = []
+    unknown = []
     for i, reading in enumerate(newest.run.readings):
         if not reading.learnt:
-            untold.append(reading.quantity.words.rstrip(","))
+            unknown.append(reading.quantity.words.rstrip(","))
             continue
         cells = [reading.quantity.words.rstrip(","), reading.figures]
         if before is not None:
@@ -98,8 +98,8 @@ def _table(found: "Watch") -> Any:
             z = (reading.value - known.value) / (reading.std**2 + known.std**2) ** 0.5
             cells += [known.figures, "–"] if known.std != known.std else [known.figures, f"{z:+.1f}"]
         rows.add_row(*cells)
-    if untold:
-        rows.caption = f"not learnt in this run: {', '.join(untold)}"
+    if unknown:
+        rows.caption = f"not learnt in this run: {', '.join(unknown)}"
         rows.caption_justify = "left"
     return rows
 

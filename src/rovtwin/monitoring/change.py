@@ -2,8 +2,8 @@
 
     z = (now - before) / sqrt(std_now^2 + std_before^2 + scatter^2)
 
-A change is told where |z| is beyond what chance does once in a hundred flights of an unchanged vehicle, counting that
-many quantities are looked at (Bonferroni), and where it is large enough for somebody to care.
+A change is reported where |z| is beyond what chance does once in a hundred flights of an unchanged vehicle, counting
+that many quantities are looked at (Bonferroni), and where it is large enough for somebody to care.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from rovtwin.monitoring.quantities import Reading
 
 FALSE_ALARMS = 0.01  # of flights of an unchanged vehicle
-CARED_FOR = {"1": 0.03, "N": 0.2, "m": 5e-4}  # least change that is told, by unit
+CARED_FOR = {"1": 0.03, "N": 0.2, "m": 5e-4}  # least change that is reported, by unit
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ def changes(
     found = [Change(readings[i], float(before[i]), float(np.hypot(readings[i].std, std_before[i]))) for i in learnt]
     limits = [_limit(readings[i].std, std_before[i], float(free[i]), len(learnt)) for i in learnt]
     cared = [CARED_FOR[c.reading.quantity.unit] for c in found]
-    told = [
+    beyond = [
         c
         for c, limit, least in zip(found, limits, cared, strict=True)
         if abs(c.z) > limit and abs(c.difference.value) > least
     ]
-    return sorted((c for c in told if not _explained(c, told)), key=lambda change: -abs(change.z))
+    return sorted((c for c in beyond if not _explained(c, beyond)), key=lambda change: -abs(change.z))
 
 
 def _limit(std: float, std_before: float, freedom: float, many: int) -> float:
@@ -78,12 +78,12 @@ def _limit(std: float, std_before: float, freedom: float, many: int) -> float:
     return float(student.isf(0.5 * FALSE_ALARMS / many, of_both))
 
 
-def _explained(change: Change, told: Sequence[Change]) -> bool:
+def _explained(change: Change, found: Sequence[Change]) -> bool:
     """Whether a thruster only seems stronger, or weaker, because another one of its group is the opposite, more so."""
     mine = change.reading.quantity
     size = change.difference.value
-    others = [c.difference.value for c in told if mine.group and c.reading.quantity.group == mine.group]
-    # Of two that are opposites of each other the weaker one is told: what fouls is likelier than what is repaired.
+    others = [c.difference.value for c in found if mine.group and c.reading.quantity.group == mine.group]
+    # Of two that are opposites of each other the weaker one is reported: what fouls is likelier than what is repaired.
     return any(other * size < 0.0 and abs(other) > abs(size) * (1.0 - 1e-6 * np.sign(size)) for other in others)
 
 

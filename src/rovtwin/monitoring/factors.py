@@ -18,7 +18,7 @@ from rovtwin.core.numerics import Array, jnp
 from rovtwin.vehicle.model import Model
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-DRAG_STD, ADDED_STD, HEIGHT_STD = 0.5, 0.4, 0.3  # logarithms; wide: what is said shall come from the flight
+DRAG_STD, ADDED_STD, HEIGHT_STD = 0.5, 0.4, 0.3  # logarithms; wide, so that the result comes from the flight
 COMMON_FORCE_STD, OWN_FORCE_STD = 0.2, 0.25  # logarithms, of all thrusters alike and of each
 NET_STD, LEVER_STD = 0.02, 0.05  # of the weight [1], and of the vehicle's length [1]
 

@@ -162,8 +162,8 @@ class MotionFilter(eqx.Module):
         def step(carry: tuple[Memory, Gathered], now: Seen) -> tuple[tuple[Memory, Gathered], None]:
             memory, sums = carry
             predicted = self._predicted(memory, held, inverse, now)
-            after, told = self._corrected(predicted, held, now)
-            return (after, jax.tree.map(jnp.add, sums, told)), None
+            after, gathered = self._corrected(predicted, held, now)
+            return (after, jax.tree.map(jnp.add, sums, gathered)), None
 
         p = self.factors
         none = Gathered(jnp.zeros((p, p)), jnp.zeros(p), jnp.zeros(12), jnp.zeros(12))

@@ -102,10 +102,12 @@ class FlightMonitor:
     def _next(self, now: float) -> list[Record]:
         """Seconds of which all has come; the first one is that in which everything on board has been heard."""
         if self._second is None:
-            first = [signal.t[0] for signal in self._signals.values() if len(signal.t)]
-            if not all(len(self._signals[name].t) for name in NEEDED) or now < max(first) + BEHIND:
+            if silent := [name for name in NEEDED if not len(self._signals[name].t)]:
                 if now > PATIENCE:
-                    raise IdentificationError(f"no attitude or no gyro within {PATIENCE:.0f} s")
+                    raise IdentificationError(f"no {' and no '.join(silent)} within {PATIENCE:.0f} s")
+                return []
+            first = [signal.t[0] for signal in self._signals.values() if len(signal.t)]
+            if now < max(first) + BEHIND:
                 return []
             self._second = int(np.ceil(max(first)))
             self._monitor.begin(self._place(), self._signals["attitude"].value[0])

@@ -112,7 +112,7 @@ class Monitor:
         if not (np.isfinite(A).all() and np.isfinite(s).all()):
             raise IdentificationError(
                 f"the monitor lost the vehicle within {self.time:.0f} s: its model does not move as the log does. Look "
-                "at the log with: rovtwin log check"
+                "at the log with: rovtwin evidence check"
             )
         oldest = self.time - FORGOTTEN * self._fading
         self.blocks = [block for block in self.blocks if block.end >= oldest] + [Block(self.time, A, s)]

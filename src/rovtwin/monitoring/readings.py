@@ -64,7 +64,7 @@ def seen(model: Model, record: Record, h: float) -> Seen:
         for column in range(value.shape[1]):
             values[name][:, column] = np.bincount(at, value[:, column], steps) / np.maximum(count, 1)
         age[:, i] = np.where(there, np.bincount(at, ends[at] - t, steps) / np.maximum(count, 1), 0.0)
-    return Seen(_targets(model, record, ends, h), variance=variance, age=age, **values)  # type: ignore[arg-type]
+    return Seen(_targets(model, record, ends, h), variance=variance, age=age, **values)  # type: ignore[arg-type]  (NumPy: the compiled step takes both)
 
 
 def noise_of(signal: Signal) -> np.ndarray:

@@ -15,7 +15,7 @@ from rovtwin.monitoring.change import CARED_FOR, FALSE_ALARMS, Change, changes
 from rovtwin.monitoring.quantities import Reading
 
 FEW = 3  # runs, up to which there is no slope to speak of
-USUAL_SCATTER, AS_IF = 0.33, 2.0  # scatter at first, of the least change that is told; runs that it counts as
+USUAL_SCATTER, AS_IF = 0.33, 2.0  # scatter at first, of the least change that is reported; runs that it counts as
 
 
 @dataclass(frozen=True, eq=False)

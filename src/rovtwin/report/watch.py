@@ -21,7 +21,7 @@ def watch_figure(found: Any, shown: list[int], changed: set[tuple[int, int]]) ->
     Args:
         found: `rovtwin.scenario.watching.Watch`.
         shown: Which quantities.
-        changed: Pairs of run and quantity that are told as changed.
+        changed: Pairs of run and quantity that have changed.
     """
     rows = -(-len(shown) // COLUMNS)
     figure = new_figure(1.7 * rows + 0.4)
@@ -52,12 +52,12 @@ def write_watch(found: Any, folder: Path) -> Path:
     changed = found.changes
     names = [reading.quantity.name for reading in found.runs[0].run.readings]
     shown = [i for i in range(len(names)) if any(one.run.readings[i].learnt for one in found.runs)]
-    told = {(k, names.index(c.reading.quantity.name)) for k, some in enumerate(changed) for c in some}
+    marked = {(k, names.index(c.reading.quantity.name)) for k, some in enumerate(changed) for c in some}
     items: list[Any] = []
     if shown:
         items.append(
             save(
-                watch_figure(found, shown, told), Path(folder), "watch", "Quantities over the runs",
+                watch_figure(found, shown, marked), Path(folder), "watch", "Quantities over the runs",
                 "Against the description, with two standard deviations; red: changed; grey: not learnt. Band: the runs "
                 "of the baseline, or the identification.",
             )

@@ -10,7 +10,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.identification.logs.readers import detect, read_records
 from rovtwin.monitoring.change import Change, causes
 from rovtwin.monitoring.evidence import Estimated, estimated
-from rovtwin.monitoring.monitor import watched
+from rovtwin.monitoring.monitor import SHORTEST, watched
 from rovtwin.monitoring.quantities import Quantities
 from rovtwin.monitoring.reference import identified_std
 from rovtwin.monitoring.trend import Baseline, Drift, Run, baseline, changed_since, drifts
@@ -141,14 +141,17 @@ def watch_runs(
 def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float], None]) -> WatchedRun:
     model, blocks, seconds, notes = vehicle.model(), [], 0.0, list(_other_vehicle(vehicle, log))
     records = read_records(log, vehicle)
-    for record in records:
+    long = [record for record in records if record.duration >= SHORTEST]
+    if long and len(long) < len(records):
+        notes.append(f"{len(records) - len(long)} of {len(records)} parts are shorter than {SHORTEST:g} s: left out")
+    for record in long or records:
         monitor = watched(model, vehicle.thruster_names, record, progress)
         blocks += monitor.blocks
         seconds += monitor.time
         if monitor.far > STRANGE:
             notes.append(
                 f"{monitor.far:.0%} of its readings are far from what the description foresees: a sign, an axis or the "
-                "clock may be wrong; look at it with rovtwin log check"
+                "clock may be wrong; look at it with rovtwin evidence check"
             )
         if monitor.unexplained:
             notes.append(
