@@ -11,7 +11,7 @@ from rovtwin.core.flow import Environment, Reference
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.control import ControlInput
-from rovtwin.gnc.level_speed import LevelSpeed
+from rovtwin.gnc.level_speed import EASY, LevelSpeed
 from rovtwin.gnc.scales import ANY, MARGIN, VehicleScales
 from rovtwin.gnc.sustained import SustainedSpeed
 from rovtwin.gnc.tracking import Tracking
@@ -71,21 +71,47 @@ def test_a_dive_is_slower_the_faster_the_vehicle_goes_through_the_water():
     assert still == ANY and 0.0 < fast < slow < 0.35
 
 
+def heading(level, preferred, way, current, now, aside):
+    return float(level.heading(*(jnp.asarray(v, dtype=float) for v in (preferred, way, current, now, aside))))
+
+
 def test_a_vehicle_that_is_level_for_longer_sideways_turns_its_side_into_the_current():
-    aside = jnp.asarray(2.0)
-
-    def heading(preferred, current, now):
-        return float(LEVEL.heading(jnp.asarray(preferred), jnp.asarray(current), jnp.asarray(now), aside))
-
-    assert heading(0.3, (-0.19, 0.0), 0.3) == 0.3, "weak: as it was"
-    assert heading(0.0, (0.0, 0.7), 0.0) == 0.0, "from the side already"
+    still = (0.0, 0.0)
+    assert heading(LEVEL, 0.3, still, (-0.1, 0.0), 0.3, 2.0) == 0.3, "weak: as it was"
+    assert heading(LEVEL, 0.0, still, (0.0, 0.7), 0.0, 2.0) == 0.0, "from the side already"
     for now in (0.1, -0.1):  # ahead: to the side to which it looks
-        turned = heading(0.0, (-0.6, 0.0), now)
+        turned = heading(LEVEL, 0.0, still, (-0.6, 0.0), now, 2.0)
         assert np.sign(turned) == np.sign(now)
         w = 0.8 * np.array([np.cos(turned), -np.sin(turned)])
         assert np.hypot(*(w / [0.4, 1.0])) == pytest.approx(1.0, rel=1e-6)
-    longer = LevelSpeed(jnp.array([1.0, 0.4]))
-    assert longer.heading(jnp.asarray(0.0), jnp.array([-0.9, 0.0]), jnp.asarray(0.0), aside) == 0.0
+
+
+LONGER_AHEAD = LevelSpeed(jnp.array([0.5, 0.3]))
+
+
+def test_a_vehicle_that_is_level_for_longer_ahead_turns_its_bow_into_what_it_goes_through():
+    """A current from abeam on a leg north: through the water it goes north-east."""
+    way, current = (0.15, 0.0), (0.0, -0.3)
+    turned = heading(LONGER_AHEAD, 0.0, way, current, 0.0, 2.0)
+    w = np.subtract(way, current)
+    off = np.arctan2(w[1], w[0]) - turned
+    through = np.hypot(*w) * np.array([np.cos(off), np.sin(off)])
+    assert np.hypot(*(through / [0.5, 0.3])) == pytest.approx(EASY, rel=1e-6)
+    assert 0.0 < turned < np.arctan2(w[1], w[0]), "no further than it has to"
+    assert heading(LONGER_AHEAD, 0.0, way, (0.0, -0.1), 0.0, 2.0) == 0.0, "weak: it crabs"
+    assert heading(LONGER_AHEAD, 0.0, (0.0, 0.0), (-0.35, 0.0), 0.0, 2.0) == 0.0, "from ahead already"
+    # More than it stands up to anywhere: straight into it, bow or stern, whichever looks there.
+    assert heading(LONGER_AHEAD, 0.0, (0.0, 0.0), (0.0, -0.6), 0.1, 2.0) == pytest.approx(np.pi / 2, abs=1e-3)
+    assert heading(LONGER_AHEAD, 0.0, (0.0, 0.0), (0.0, -0.6), -0.1, 2.0) == pytest.approx(-np.pi / 2, abs=1e-3)
+
+
+def test_a_current_that_thrust_in_sway_does_not_stem_turns_the_bow():
+    """Nothing tips it: what runs across the heading is what sway thrust stems, 0.2 m/s of 0.3."""
+    free = LevelSpeed(jnp.array([ANY, ANY]))
+    turned = heading(free, 0.0, (0.4, 0.0), (0.0, -0.3), 0.0, 0.2)
+    assert np.sin(np.arctan2(0.3, 0.4) - turned) * 0.5 == pytest.approx(0.2, rel=1e-6)
+    assert heading(free, 0.0, (0.4, 0.0), (0.0, -0.15), 0.0, 0.2) == 0.0
+    assert heading(free, 0.0, (0.4, 0.0), (0.0, -0.3), 0.0, 0.0) == 0.0, "no thrust in sway: who crabs is carried"
 
 
 def test_control_counts_as_what_tracking_gives():

@@ -1,6 +1,7 @@
 """What a vehicle cannot do of a mission, said before it is flown, with the numbers."""
 
 import pytest
+import yaml
 from tests.scenario.test_stalls import NO_SWAY
 
 from rovtwin.core.errors import ConfigError
@@ -46,6 +47,45 @@ def test_a_place_and_heading_in_a_cross_current_without_sway():
     assert "a current of 0.1 m/s to the east cannot be stemmed heading 0 deg" in noted[0]
     assert "no thrust in sway" in noted[0] and "it looks into the current (270 deg)" in noted[0]
     assert lines("double_blueye", "world.current=[0, 0.1, 0]", name="station_keeping") == ([], [])
+
+
+FORCE, HEAVE = {"ahead": 16, "astern": 13}, [0, 0, 1]
+DISC = {
+    "name": "disc",
+    "mass": 12.0,
+    "volume": 0.01203,
+    "inertia": [0.18, 0.18, 0.32],
+    "center_of_buoyancy": [0, 0, -0.03],
+    "shape": {"ellipsoid": [0.23, 0.23, 0.08]},
+    "thrusters": [
+        {"name": "bow", "position": [0.2, 0, 0], "direction": [0, 1, 0], "force": FORCE},
+        {"name": "right", "position": [-0.1, 0.1732, 0], "direction": [-0.866, -0.5, 0], "force": FORCE},
+        {"name": "left", "position": [-0.1, -0.1732, 0], "direction": [0.866, -0.5, 0], "force": FORCE},
+        {"name": "fore", "position": [0.14, 0, 0], "direction": HEAVE, "force": {"ahead": 12, "astern": 10}},
+        {"name": "aft", "position": [-0.14, 0, 0], "direction": HEAVE, "force": {"ahead": 8, "astern": 6}},
+    ],
+    "sensors": [{"name": kind, "kind": kind} for kind in ("imu", "attitude", "pressure")],
+}
+
+
+def test_what_it_does_not_stem_sideways_it_meets_with_its_bow():
+    """What rights the disc in roll, not thrust, is what it lacks; with a heading of its own it is another matter."""
+    refused, noted = lines(DISC, "world.current=[0, 0.34, 0]")
+    assert refused == [] and noted[0].startswith(
+        "the leg to way-point 1: 0.34 m/s of a current of 0.34 m/s to the east"
+    )
+    assert "that it stems sideways and stays level; it turns its bow into the current" in noted[0]
+    _, kept = lines(DISC, "world.current=[0, 0.34, 0]", "autopilot=thesis")
+    assert any("swept off" in line for line in kept)
+
+
+@pytest.mark.slow
+def test_a_disc_flies_a_square_in_a_current_that_it_does_not_stem_sideways(tmp_path):
+    """It was swept off by 29 m, rolling by 20 degrees."""
+    path = tmp_path / "disc.yaml"
+    path.write_text(yaml.safe_dump(DISC))
+    scores = score_seeds(load_scenario("square", [f"vehicle={path}", "world.current=[0, 0.34, 0]"]), [1, 2])
+    assert all(score["completed"] for score in scores)
 
 
 def test_a_current_faster_than_the_vehicle_is_refused_with_both_numbers(capsys):

@@ -62,7 +62,7 @@ def test_a_thesis_sea_that_no_water_could_have_is_said_to_be_none():
 
 def test_lines():
     assert "cannot hold" in verdict(compose(in_a_sea(current=0.5)))[1]
-    assert "tips it over" in verdict(compose(in_a_sea(current=0.3, vehicle="double_blueye_thesis")))[1]
+    assert "tip it over" in verdict(compose(in_a_sea(current=0.3, vehicle="double_blueye_thesis")))[1]
     assert "holds: to keep still takes" in verdict(compose(in_a_sea(0.27, 3.0)))[1]
     buoyant = verdict(compose(load_scenario("square", ["world.water=sea"])))[1]
     assert "takes 0 N rms, 0 N at times, of 20 N; heave 7.36 N rms of" in buoyant
@@ -116,7 +116,7 @@ def test_what_would_tip_over_along_its_nose_turns_its_side_to_the_flow():
     limits = Limits.of(composed.model)
     assert limits.level[0] < 0.5 < limits.level[1]
     report = sea_report(composed)
-    assert report["verdict"] == "turns" and "tips it over" in report["line"]
+    assert report["verdict"] == "turns" and "tip it over" in report["line"]
     assert "its side to the current" in report["line"]
     assert report["places"][0]["other_heading_deg"] % 180 == pytest.approx(90)
 

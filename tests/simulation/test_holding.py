@@ -89,6 +89,18 @@ def test_a_flow_that_tips_it_over_is_none_it_can_hold():
     assert across.verdict != "capsizes"
 
 
+def test_what_stands_up_to_a_flow_from_ahead_and_not_from_abeam_turns():
+    """The verdict said "holds" and the list below it "at most 0.3 m/s from abeam"."""
+    strong = vehicle(thrusters=thrusters_from(jnp.eye(6), jnp.full(6, 1000.0)))
+    current = World(ConstantCurrent([0.0, 0.4, 0.0]))
+    for controlled, verdict in (((0.6, 0.5), "holds"), ((0.6, 0.3), "turns"), ((0.35, 0.3), "capsizes")):
+        found = holding(strong, current, KEY, PLACE, 0.0, 10.0, controlled=controlled)
+        assert found.verdict == verdict and found.upright == pytest.approx(controlled[1])
+        assert (verdict == "holds") == (stemmed(strong, [np.pi / 2], controlled)[0] > 0.4)
+    slanting = holding(strong, current, KEY, PLACE, np.pi / 4, 10.0, controlled=(0.6, 0.3))
+    assert slanting.upright == pytest.approx(1.0 / np.hypot(np.sqrt(0.5) / 0.6, np.sqrt(0.5) / 0.3))
+
+
 @pytest.mark.parametrize("from_astern", [False, True])
 def test_what_it_stands_up_to_from_ahead_and_from_astern_is_not_the_same(from_astern):
     """A hull whose heave drag acts behind CO, like a tail's: 391 kg u^2 = 5.89 N m + c u ahead, - c u backwards."""

@@ -21,6 +21,7 @@ from rovtwin.gnc.scales import ANY, MARGIN, VehicleScales
 from rovtwin.vehicle.model import Model
 
 SPARE = 0.5  # share of the level speed in surge with which it is to get on against a current
+EASY = 0.8  # share of the level speed at the heading that is chosen: the rest is the feedback's
 TILT = 0.35  # largest angle to which a dive may tilt the vehicle [rad]
 NEVER = 1e-12  # for roots that have a gradient at zero
 
@@ -62,18 +63,37 @@ class LevelSpeed(eqx.Module):
         turns = MARGIN**2 * jnp.sqrt(_square(w / self.axes**2) + NEVER)
         return jnp.minimum(TILT * (1.0 - stands) / turns, ANY)
 
-    def heading(self, preferred: Array, current: Array, heading: Array, aside: Array) -> Array:
+    def heading(self, preferred: Array, way: Array, current: Array, heading: Array, aside: Array) -> Array:
         """Heading nearest to a preferred one at which the vehicle makes way against the current and stays level [rad].
 
-        Where sway is level for longer than surge it turns its side into the current, as far as it has to, and the side
-        with which it looks there already.
+        Where surge is level for longer than sway, or thrust in sway too weak, it turns its bow or its stern, whichever
+        looks there already, as far as it has to into the velocity through the water that its way over ground takes.
+        Where sway is level for longer it turns its side into the current in the same manner.
 
         Args:
             preferred: Heading [rad].
+            way: Velocity over ground that is wanted, n [m/s], shape (2,); SPARE of the level speed counts.
             current: In n [m/s], shape (2,).
             heading: That it has [rad].
-            aside: Largest speed through the water that thrusters push it sideways [m/s].
+            aside: Largest speed through the water that thrusters push it sideways [m/s]; 0: none do.
         """
+        ahead, beside = 1.0 / (EASY * self.axes) ** 2
+        turned, has_to = self._side_first(preferred, current, heading, aside)
+        speed = jnp.sqrt(way @ way + NEVER)
+        w = way * jnp.minimum(1.0, SPARE * self.axes[0] / speed) - current
+        size2 = w @ w + NEVER
+        limited = beside > ahead
+        most = (1.0 - size2 * ahead) / (size2 * jnp.where(limited, beside - ahead, 1.0))
+        most = jnp.clip(jnp.where(limited, most, 1.0), 0.0, jnp.where(aside > 0.0, aside**2 / size2, 1.0))
+        course = jnp.arctan2(w[1], w[0] + NEVER)
+        off, now = wrap(preferred - course), wrap(heading - course)
+        sideways = jnp.where(jnp.sin(off) >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.minimum(most, 1.0) + NEVER)
+        lengthways = jnp.where(jnp.cos(now) >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.maximum(1.0 - most, 0.0) + NEVER)
+        bow = wrap(course + jnp.arctan2(sideways, lengthways))
+        return jnp.where(has_to, turned, jnp.where(jnp.sin(off) ** 2 > most, bow, preferred))
+
+    def _side_first(self, preferred: Array, current: Array, heading: Array, aside: Array) -> tuple[Array, Array]:
+        """Heading with as much of the side in the current as it takes [rad], and whether it takes it, bool."""
         size2 = (jnp.sqrt(current @ current + NEVER) + SPARE * self.axes[0]) ** 2
         course = jnp.arctan2(-current[1], -current[0] + NEVER)
         ahead, beside = 1.0 / self.axes**2
@@ -83,8 +103,7 @@ class LevelSpeed(eqx.Module):
         off, now = wrap(preferred - course), wrap(heading - course)
         sideways = jnp.where(now >= 0.0, 1.0, -1.0) * jnp.sqrt(least + NEVER)
         lengthways = jnp.where(jnp.cos(off) >= 0.0, 1.0, -1.0) * jnp.sqrt(1.0 - least + NEVER)
-        turned = wrap(course + jnp.arctan2(sideways, lengthways))
-        return jnp.where(better & (least > jnp.sin(off) ** 2), turned, preferred)
+        return wrap(course + jnp.arctan2(sideways, lengthways)), better & (least > jnp.sin(off) ** 2)
 
 
 def _square(x: Array) -> Array:

@@ -172,11 +172,12 @@ class PathGuidance(Block):
             piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.eta[5])
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
-        heading = self._heading(piece, direction, input.estimate)
+        heading = self._heading(piece, direction, piece.speed, input.estimate)
         level = jnp.concatenate([place, piece.end[2:]])
         eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
-        # A way-point at which the vehicle stays asks for no heading of its own.
-        eta = eta.at[5].set(jnp.where((memory.phase == HOLD) & ~piece.fixed_heading, memory.eta[5], eta[5]))
+        # A way-point at which the vehicle stays asks for no heading of its own, but for one at which it can stay.
+        stays = self._heading(piece, memory.eta[5], jnp.zeros(()), input.estimate)
+        eta = eta.at[5].set(jnp.where(memory.phase == HOLD, stays, eta[5]))
         eta = jnp.where(mode == MODE_IDLE, _level(input.estimate.eta[:3], input.estimate.eta[5]), eta)
 
         pace = self._pace(piece, input.estimate, eta, direction)
@@ -197,10 +198,11 @@ class PathGuidance(Block):
         possible, after = self._sustained(piece, estimate, eta, direction)
         return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
 
-    def _heading(self, piece: Piece, direction: Array, estimate: Estimate) -> Array:
-        """What the mission asks for; else along the path, or the nearest at which a vehicle that crabs stays level."""
+    def _heading(self, piece: Piece, direction: Array, speed: Array, estimate: Estimate) -> Array:
+        """What the mission asks for; else along the path, or the nearest at which a vehicle that crabs keeps up."""
         if not self.steered and self.turns and self.sustained is not None:
-            direction = self.sustained.level_heading(direction, estimate)
+            way = speed * jnp.stack([jnp.cos(direction), jnp.sin(direction)])
+            direction = self.sustained.level_heading(direction, way, estimate)
         return jnp.where(piece.fixed_heading, piece.heading, direction)
 
     def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Array) -> Progress:
@@ -240,7 +242,7 @@ class PathGuidance(Block):
         if self.steered:
             here, behind = (self.sustained.made_good(course, current) for course in (direction, following))
         else:
-            heading = self._heading(piece, following, estimate)
+            heading = self._heading(piece, following, piece.speed, estimate)
             here = self.sustained.along(direction, eta[5], current)
             behind = self.sustained.along(following, heading, current)
             # In the corner the vehicle is pushed to its inner side, beside holding against the current.

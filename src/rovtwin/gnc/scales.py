@@ -24,6 +24,7 @@ from rovtwin.vehicle.trim import by_products, steady_speed
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
 LAGS = np.array([0.1, 0.1, 0.16, 0.2, 0.2, 0.2])  # c, largest product of bandwidth and the thrusters' lag [rad]
+QUICKEST = 0.55  # least lag of thrusters that is counted on, times the root of length over gravity: nobody's is zero
 CRABS = 0.4  # share of the top speed in surge that sway has to reach for a vehicle to crab along its path
 ANY = 100.0  # speed that no vehicle reaches [m/s]: finite, for what is computed from it
 LEAST = 0.1  # share of cruise that is flown though nothing rights the vehicle
@@ -70,8 +71,7 @@ class VehicleScales:
         net[HEAVE] = float(model.weight - model.buoyancy)
         force = np.where(upper > lower, np.maximum(np.minimum(upper + net, -lower - net), 0.0), 0.0)
         acceleration = force / np.diagonal(np.asarray(model.mass))
-        lag = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
-        bandwidth = _bandwidth(acceleration, length, lag)
+        bandwidth = _bandwidth(acceleration, length, _lag(model))
         return cls(
             length=length,
             force=force,
@@ -155,9 +155,13 @@ def straight(model: Model) -> np.ndarray:
     turning = np.zeros(6)
     turning[3:] = (added[2] - added[1]) * aside**2, (added[2] - added[0]) * ahead**2, (added[1] - added[0]) * ahead**2
     stiffness = np.maximum(STRAIGHT * np.maximum(turning, 0.0) - righting(model), 0.0)
-    slowest = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
-    most = LAGGED / slowest if slowest > 0.0 else np.inf
-    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.mass))), most)
+    return np.minimum(np.sqrt(stiffness / np.diagonal(np.asarray(model.mass))), LAGGED / _lag(model))
+
+
+def _lag(model: Model) -> float:
+    """Of the thrusters, as it counts for bandwidths [s]: the slowest one's, and not none though nobody stated any."""
+    stated = float(np.max(np.asarray(model.thrusters.time_constant), initial=0.0))
+    return max(stated, QUICKEST * float(np.sqrt(size(model) / GRAVITY)))
 
 
 def _speeds(model: Model, force: np.ndarray, acceleration: np.ndarray, length: float) -> np.ndarray:
@@ -198,7 +202,7 @@ def _upright_dive(model: Model) -> float:
 
 def _bandwidth(acceleration: np.ndarray, length: float, lag: float) -> np.ndarray:
     own = np.sqrt(acceleration / np.repeat([length, 1.0], 3)) * [LEVEL, LEVEL, DEPTH, TURN, TURN, TURN]
-    w = np.minimum(own, LAGS / lag if lag > 0.0 else np.inf)
+    w = np.minimum(own, LAGS / lag)
     some = w > 0.0
     if not some.any():
         return np.sqrt(np.full(6, GRAVITY / length))  # nothing to control: any frequency of its size will do

@@ -103,9 +103,15 @@ class SustainedSpeed(eqx.Module):
         slower = jnp.min(self.most[:, 1])
         return jnp.where(slower < FREE, slower, 0.0)
 
-    def level_heading(self, preferred: Array, estimate: Estimate) -> Array:
-        """Heading nearest to a preferred one at which it gets on against the current and stays level [rad]."""
-        return self.level.heading(preferred, self.current(estimate), estimate.eta[5], self.aside_speed())
+    def level_heading(self, preferred: Array, way: Array, estimate: Estimate) -> Array:
+        """Heading nearest to a preferred one at which it keeps up a way over ground and stays level [rad].
+
+        Args:
+            preferred: Heading [rad].
+            way: Velocity over ground, n [m/s], shape (2,).
+            estimate: With the heading that it has, and what disturbs it.
+        """
+        return self.level.heading(preferred, way, self.current(estimate), estimate.eta[5], self.aside_speed())
 
     def drag_aside(self, speed: float) -> Array:
         """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""

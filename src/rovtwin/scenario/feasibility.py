@@ -86,7 +86,7 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
     if not any(finding.refused for finding in found):
         for leg in legs:
             current = current_at(scenario.world, leg.depth) if known_world else np.zeros(2)
-            found += _on_leg(limits, leg, current, steers(scenario, model))
+            found += _on_leg(limits, leg, current, steers(scenario, model), _turns_bow(scenario))
         if known_world:
             found += [*_in_tank(limits, legs, scenario.world), *_over_nothing(legs, scenario.world), *_unseen(scenario)]
     return sorted(_once(found), key=lambda finding: not finding.refused)
@@ -194,7 +194,12 @@ def steers(scenario: Scenario, model: Model) -> bool:
     return section.guidance.steering == "los" or not VehicleScales.of(model).crabs
 
 
-def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool) -> Iterator[Finding]:
+def _turns_bow(scenario: Scenario) -> bool:
+    """Whether a vehicle that crabs turns its bow into a current that it does not stem sideways."""
+    return not isinstance(scenario.autopilot, ThesisSection)
+
+
+def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns: bool) -> Iterator[Finding]:
     """What speed, current, heading and corner ask of a leg and of the stay at its end."""
     ahead, size = float(limits.top[SURGE, 1]), float(np.hypot(*current))
     best = max(ahead, float(limits.top[SWAY].max()))
@@ -211,7 +216,7 @@ def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool) -> It
     if steered and limits.can(YAW) and size > max(limits.turns_in, SOME):
         yield _turned_across(limits, leg, size, flow)
     if leg.length > 0.5 * limits.length:
-        yield from _made_good(limits, leg, current, flow)
+        yield from _made_good(limits, leg, current, flow, turns and limits.can(YAW))
         yield from _stops(limits, leg)
     if leg.point.heading_deg is not None and size > SOME:
         yield from _held_heading(limits, leg, current, flow, float(limits.through[SURGE, 1]) if steered else 0.0)
@@ -242,7 +247,7 @@ def _turned_across(limits: Limits, leg: _Leg, size: float, flow: str) -> Finding
     return Finding(what, f"{held}, and is carried off while it turns", False)
 
 
-def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Iterator[Finding]:
+def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, turns: bool) -> Iterator[Finding]:
     along = float(current @ [math.cos(leg.direction), math.sin(leg.direction)])
     across = float(current @ [-math.sin(leg.direction), math.cos(leg.direction)])
     ahead, leg_speed = float(limits.through[SURGE, 1]), leg.point.speed or 0.0
@@ -258,9 +263,11 @@ def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str) -> Ite
         gives = "it stays level up to" if level else "the thrusters give"
         yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and {gives} {most:.2g} m/s over ground{why}",
                       f"it is flown at about {max(planned, 0.1 * leg_speed):.2g} m/s", False)  # fmt: skip
-    if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY):
+    if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY) and leg.point.heading_deg is None:
+        pushed = float(limits.top[SWAY, 0 if across > 0 else 1])
+        stems = "thrust in sway can stem" if aside >= pushed else "it stems sideways and stays level"
         yield Finding(f"{name}: {abs(across):.2g} m/s of {flow} run across it, more than the {aside:.2g} m/s that "
-                      "thrust in sway can stem",
+                      f"{stems}", "it turns its bow into the current" if turns else
                       "looking along the leg it is swept off; lay the leg along the current", False)  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from rovtwin.simulation.world import World
 WORST_FIRST = ("capsizes", "drifts", "turns", "swept", "holds")
 SIDES = {"ahead": 0.0, "off the bow": 0.25 * math.pi, "abeam": 0.5 * math.pi, "astern": math.pi}
 FORCES = slice(0, 3)
+NOSE, ABEAM = math.cos(math.radians(15.0)), math.cos(math.radians(75.0))  # shares of a flow that have a name
 HEAVE_SAID = 0.05  # rms of heave from which the line names it [N]
 
 
@@ -109,10 +110,11 @@ def verdict_line(found: list[Holding]) -> str:
 
 
 def _tips(h: Holding) -> str:
-    flow = float(np.linalg.norm(h.mean_flow))
-    return (
-        f"cannot hold: a flow of {flow:.2g} m/s along its nose tips it over; it stays level up to {h.upright:.2g} m/s"
-    )
+    flow = float(np.hypot(*h.mean_flow[:2]))
+    off = math.atan2(-h.mean_flow[1], -h.mean_flow[0]) - h.heading
+    ahead = abs(math.cos(off))
+    where = "along its nose" if ahead > NOSE else "from abeam" if ahead < ABEAM else "off its bow or quarter"
+    return f"cannot hold: a flow of {flow:.2g} m/s {where} can tip it over: it stays level in up to {h.upright:.2g} m/s"
 
 
 def _cannot(h: Holding) -> str:

@@ -66,8 +66,8 @@ class Holding:
         other: Heading with the bow, or the side, into the mean flow, whichever is the easier to hold [rad].
         share_other: The share for the mean with that heading; inf where the flow tips the vehicle over.
         side: Whether it is the side.
-        upright: Flow along the nose up to which righting moment and control keep it level, from the side from which the
-            mean flow comes, ahead or astern [m/s].
+        upright: Flow up to which righting moment and control keep it level, from where the mean flow comes, or along
+            the nose where there is none [m/s].
     """
 
     place: np.ndarray
@@ -89,9 +89,8 @@ class Holding:
 
     @property
     def tips(self) -> bool:
-        """Whether the flow along its nose, as far as it does not carry it off, tips it over."""
-        stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
-        return abs(_along(self.mean_flow, self.heading)) * stood_up_to > self.upright
+        """Whether the flow, as far as it does not carry it off, tips it over."""
+        return float(np.hypot(*self.mean_flow[:2])) - self.drift > self.upright
 
     @property
     def verdict(self) -> Verdict:
@@ -126,8 +125,9 @@ def holding(
         heading: [rad].
         duration: Of the record [s].
         dt: Between its samples [s].
-        controlled: Largest flows along the nose and from the side that the autopilot goes against [m/s], and it turns
-            to whichever it stands up to; None: what rights it limits, and nothing turns it but its bow into the flow.
+        controlled: Largest flows along the nose and from the side that the autopilot goes against [m/s], semi-axes of
+            an ellipse, and it turns to whichever it stands up to; None: what rights it in pitch limits, and nothing
+            turns it but its bow into the flow.
     """
     start = Start.at(place, heading)
     steps = max(2, round(duration / dt))
@@ -138,11 +138,9 @@ def holding(
     mean = flow.mean(axis=0)
     means = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.asarray(wrench.mean(axis=0))))
     most = at_most(thrust_share(model.thrusters, means), 95.0)
-    # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
-    along = _along(mean, heading)
-    upright = controlled[0] if controlled else stability(model, astern=along > 0).pitch_depth_held
+    upright = _upright(model, mean, heading, controlled)
     share, other, side = most, heading, False
-    if most > 1.0 or abs(along) > upright:
+    if most > 1.0 or float(np.hypot(*mean[:2])) > upright:
         share, other, side = _elsewhere(model, place, flow, heading, controlled)
     return Holding(
         place=np.asarray(start.position),
@@ -162,6 +160,20 @@ def holding(
         share_other=share,
         side=side,
     )
+
+
+def _upright(model: Model, flow: np.ndarray, heading: float, controlled: tuple[float, float] | None) -> float:
+    """As `Holding.upright`; a flow so large that thrust gives way first is for `Holding.tips` to judge."""
+    from_astern = float(flow[0] * np.cos(heading) + flow[1] * np.sin(heading))
+    if not np.any(flow[:2]):
+        ahead, aside = 1.0, 0.0
+    else:
+        ahead = abs(from_astern) / float(np.hypot(*flow[:2]))
+        aside = math.sqrt(max(1.0 - ahead**2, 0.0))
+    if controlled is not None:
+        return 1.0 / math.hypot(ahead / controlled[0], aside / controlled[1])
+    # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
+    return stability(model, astern=from_astern > 0).pitch_depth_held / max(ahead, 1e-6)
 
 
 def at_most(values: np.ndarray, percent: float) -> float:
@@ -270,11 +282,6 @@ def _beyond(wanted: np.ndarray, met: np.ndarray, part: slice) -> np.ndarray:
 
 def _sound(thrusters: Thrusters) -> Thrusters:
     return eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(thrusters.health))
-
-
-def _along(flow: np.ndarray, heading: float) -> float:
-    """The part of a flow in n that runs towards the nose [m/s]."""
-    return float(flow[0] * np.cos(heading) + flow[1] * np.sin(heading))
 
 
 def _mostly(required: np.ndarray) -> np.ndarray:
