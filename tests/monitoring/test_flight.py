@@ -76,7 +76,7 @@ def test_it_says_what_the_whole_log_says(flown):
         whole.second(jax.tree.map(lambda leaf, i=k * a_second: leaf[i : i + a_second], steps))
     expected = Quantities(vehicle.model(), vehicle.thruster_names, whole.factors).read(whole.found())
     assert len(monitor._monitor.blocks) == 2
-    for one, other in zip(said, expected, strict=True):
+    for one, other in zip(said.readings, expected, strict=True):
         assert abs(one.value - other.value) < 0.1 * other.std, one.quantity.name
         assert one.std == pytest.approx(other.std, rel=0.02)
 
@@ -85,7 +85,7 @@ def test_readings_that_come_late_are_put_where_they_belong(flown):
     vehicle, given = flown
     _, prompt = fed(vehicle, given, mounts_of(given))
     _, late = fed(vehicle, given, mounts_of(given), late=0.4)
-    for one, other in zip(prompt, late, strict=True):
+    for one, other in zip(prompt.readings, late.readings, strict=True):
         assert abs(one.value - other.value) < 0.2 * one.std
 
 
@@ -94,7 +94,7 @@ def test_sensors_are_turned_as_they_are_mounted(flown):
     rotation = np.asarray(rotation_from_euler(np.radians([10.0, -20.0, 90.0])))
     _, straight = fed(vehicle, given, mounts_of(given))
     _, askew = fed(vehicle, given, mounts_of(given, gyro=Mount(NOISE["gyro"], rotation=rotation)), rotation=rotation)
-    for one, other in zip(straight, askew, strict=True):
+    for one, other in zip(straight.readings, askew.readings, strict=True):
         assert other.value == pytest.approx(one.value, abs=1e-6)
 
 

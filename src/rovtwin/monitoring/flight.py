@@ -6,7 +6,7 @@ for an update may take longer than a tick.
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,6 +16,7 @@ from rovtwin.core.flow import Measurements
 from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.mounting import Mount
 from rovtwin.identification.logs.record import Record, Signal
+from rovtwin.monitoring.change import Change, changes
 from rovtwin.monitoring.monitor import BLOCK, NEEDED, Monitor
 from rovtwin.monitoring.quantities import Quantities, Reading
 from rovtwin.monitoring.readings import levers_of, seen
@@ -27,11 +28,31 @@ FADING = 300.0  # what was seen so long ago counts half [s]
 USED = {"position": "horizontal", "pressure": "depth", "attitude": "attitude", "gyro": "gyro", "dvl": "velocity"}
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a flight says of the vehicle so far.
+
+    Attributes:
+        readings: All quantities.
+        changes: Those that have changed beyond chance, the surest first; none where there is no reference.
+        doubts: Why none of it is to be relied on, in words.
+        seconds: That were looked at [s].
+    """
+
+    readings: list[Reading]
+    changes: list[Change]
+    doubts: list[str]
+    seconds: float
+
+
 class FlightMonitor:
     """Takes ticks as they come, and gives the quantities once a second.
 
     Attributes:
         quantities: What it gives.
+        reference: Standard deviation with which each quantity was known before the flight, shape (q,), NaN where it
+            was not; None: there is nothing to compare with, and nothing is called a change.
+        found: The last that it gave, None before.
         trouble: Why it has stopped, "" while it runs.
     """
 
@@ -49,9 +70,11 @@ class FlightMonitor:
         self._signals = {name: _empty(name, mount) for name, mount in self._mounts.items()}
         self._t, self._command = np.zeros(1), np.zeros((1, len(thrusters)))
         self._monitor = Monitor(model, thrusters, levers_of(self._by_signal()), FADING)
-        self._read: tuple[int, list[Reading]] = (-1, [])
+        self._block = -1
         self._second: int | None = None
-        self._busy: Future[list[Reading]] | None = None
+        self._busy: Future[Found] | None = None
+        self.reference: np.ndarray | None = None
+        self.found: Found | None = None
         self._beside = ThreadPoolExecutor(1, thread_name_prefix="monitor")
         self.quantities = Quantities(model, thrusters, self._monitor.factors)
         self.trouble = "" if all(name in self._mounts for name in NEEDED) else "no attitude or no gyro on board"
@@ -62,10 +85,11 @@ class FlightMonitor:
             return
         self._monitor.begin(np.zeros(3), np.zeros(3))
         self._monitor.second(seen(self._model, self._window(0.0), self._monitor.filter.h))
+        self._monitor.hold(np.zeros(len(self._monitor.factors.each)))
         self._monitor.begin(np.zeros(3), np.zeros(3))
 
-    def take(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> list[Reading] | None:
-        """Ticks in a row; the quantities, if a second has been done since.
+    def take(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> Found | None:
+        """Ticks in a row; what is found, if a second has been done since.
 
         Args:
             t: Of the ticks [s], shape (ticks,), on the clock of the readings.
@@ -79,7 +103,7 @@ class FlightMonitor:
             done = None
             if self._busy is not None and self._busy.done():
                 busy, self._busy = self._busy, None
-                done = busy.result()
+                done = self.found = busy.result()
             if self._busy is None and (windows := self._next(float(t[-1]))):
                 self._busy = self._beside.submit(self._update, windows)
         except Exception as error:  # what watches must not end what flies
@@ -91,13 +115,17 @@ class FlightMonitor:
         """Let go of the thread; what it is at is not waited for."""
         self._beside.shutdown(wait=False, cancel_futures=True)
 
-    def _update(self, windows: list[Record]) -> list[Reading]:
+    def _update(self, windows: list[Record]) -> Found:
         for window in windows:
             self._monitor.second(seen(self._model, window, self._monitor.filter.h))
-        many = round(self._monitor.time) // BLOCK
-        if many != self._read[0]:  # evidence comes by blocks
-            self._read = many, self.quantities.read(self._monitor.found())
-        return self._read[1]
+        block, before = round(self._monitor.time) // BLOCK, self.found
+        if block == self._block and before is not None:  # evidence comes by blocks
+            return replace(before, seconds=self._monitor.time)
+        self._block = block
+        readings = self.quantities.read(self._monitor.found())
+        known = self.reference
+        beyond = [] if known is None else changes(readings, np.zeros(len(known)), known)
+        return Found(readings, beyond, self._monitor.doubts, self._monitor.time)
 
     def _next(self, now: float) -> list[Record]:
         """Seconds of which all has come; the first one is that in which everything on board has been heard."""

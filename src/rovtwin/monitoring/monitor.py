@@ -25,6 +25,7 @@ LATE = 60.0  # a sensor that speaks so long after the others is not waited for [
 PASSES = 2  # through a whole record: in the second all of it is linearised about what the first has found
 SHORTEST = 2.0 * BLOCK  # record that is looked at [s]
 NEEDED = ("attitude", "gyro")
+STRANGE = 0.03  # share of readings far from what is foreseen, beyond which what is found is doubted
 
 
 class Monitor:
@@ -99,6 +100,28 @@ class Monitor:
         noise = np.asarray(self._memory.log_noise)
         return [axis for axis, learnt in zip(AXES, noise, strict=True) if learnt > MOST_NOISE - 0.5]
 
+    @property
+    def doubts(self) -> list[str]:
+        """Why what it finds is not to be relied on, in words; nothing where nothing speaks against it."""
+        lines = []
+        if self.far > STRANGE:
+            lines.append(
+                f"{self.far:.0%} of its readings are far from what the description foresees: a sign, an axis or the "
+                "clock may be wrong; look at it with rovtwin evidence check"
+            )
+        if self.unexplained:
+            lines.append(
+                f"it moves in {', '.join(self.unexplained)} in ways that no factors explain: what it tells "
+                "is not to be relied on"
+            )
+        return lines
+
+    def hold(self, theta: np.ndarray) -> None:
+        """Linearise about these factors from now on, shape (p,); the motion that was found moves as they say."""
+        assert self._memory is not None, "begin() comes first"
+        self._memory = self.filter.held_at(self._memory, jnp.asarray(theta - self._held))
+        self._held = theta
+
     def _within(self, theta: np.ndarray) -> np.ndarray:
         """Factors about which it may be linearised."""
         std = np.sqrt(np.diag(self.factors.covariance))
@@ -121,9 +144,7 @@ class Monitor:
         std = np.sqrt(np.diag(self.factors.covariance))
         wanted = self._within(self.found().theta)
         if np.max(np.abs(wanted - self._held) / std) > RELINEARISE:
-            shift = jnp.asarray(wanted - self._held)
-            assert self._memory is not None
-            self._memory, self._held = self.filter.held_at(self._memory, shift), wanted
+            self.hold(wanted)
 
 
 def watched(

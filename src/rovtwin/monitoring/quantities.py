@@ -90,7 +90,7 @@ class Reading:
         if unit == "%":
             value, std = np.expm1(value), np.exp(value) * std
         digits = int(np.clip(1 - np.floor(np.log10(max(factor * std, 1e-9))), 0, 3)) if factor * std < 1 else 0
-        return f"{factor * value:+.{digits}f} ± {factor * std:.{digits}f} {unit}"
+        return f"{factor * value:+z.{digits}f} ± {factor * std:.{digits}f} {unit}"
 
 
 class Quantities:

@@ -19,7 +19,6 @@ from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.identified import fingerprint
 
-STRANGE = 0.03  # share of readings far from what is foreseen, beyond which a log is doubted
 USUAL = 3  # runs of a baseline, where there are more
 ALONE = (
     "Differences from the description may be its own errors: give more runs, or identify the vehicle and watch the "
@@ -148,16 +147,7 @@ def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float],
         monitor = watched(model, vehicle.thruster_names, record, progress)
         blocks += monitor.blocks
         seconds += monitor.time
-        if monitor.far > STRANGE:
-            notes.append(
-                f"{monitor.far:.0%} of its readings are far from what the description foresees: a sign, an axis or the "
-                "clock may be wrong; look at it with rovtwin evidence check"
-            )
-        if monitor.unexplained:
-            notes.append(
-                f"it moves in {', '.join(monitor.unexplained)} in ways that no factors explain: what it tells "
-                "is not to be relied on"
-            )
+        notes += monitor.doubts
         notes += record.notes
     found = estimated(blocks, monitor.factors.covariance)
     readings = Quantities(model, vehicle.thruster_names, monitor.factors).read(found)

@@ -16,10 +16,7 @@ from rovtwin.core.log import Log, LogWriter
 from rovtwin.core.numerics import jax
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.replay import ReplayLink
-from rovtwin.monitoring.change import causes, changes
-from rovtwin.monitoring.flight import USED, FlightMonitor
-from rovtwin.monitoring.reference import identified_std
-from rovtwin.scenario.compose_sensors import mount_of, rotated
+from rovtwin.scenario.compose_sensors import rotated
 from rovtwin.scenario.compose_trial import needs_position
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.decisions import decisions
@@ -29,6 +26,7 @@ from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.fitting import assumptions, fitted
 from rovtwin.scenario.flight import Flight, Progress, new_folder
 from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.scenario.live.beside import changed, monitor_of
 from rovtwin.scenario.live.manoeuvres import Cue, Prompter, touched_spans
 from rovtwin.scenario.live.readiness import NEEDED, NEEDED_IN_TESTS, TO_COME_HOME, Ears, Readiness, listen
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
@@ -92,7 +90,9 @@ def fly_live(
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)
         metadata = metadata_of(scenario, composed, folder, thrust)
-        monitor = _monitor_of(composed, scenario, warn) if thrust else None
+        monitor, unwatched = monitor_of(composed, scenario) if thrust else (None, "")
+        if unwatched:
+            warn(f"what has changed of the vehicle is not watched: {unwatched}")
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, monitor)
         with (
             LogWriter(folder / "log.mcap", channels, metadata) as log,
@@ -108,35 +108,10 @@ def fly_live(
                     link.arm()
                 ending = loop.fly(recorder, lambda utc: log.annotate(beginning(scenario, utc)), progress, tell)
             link.stop()
-            summary = _summary(recorder, composed, ending, loop.pace) | _changed(recorder, composed, monitor)
+            summary = _summary(recorder, composed, ending, loop.pace) | changed(monitor, unwatched)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
         (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
     return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
-
-
-def _monitor_of(composed: Composed, scenario: Scenario, warn: Callable[[str], None]) -> FlightMonitor | None:
-    """The monitor of a flight, compiled: nothing waits for it once the vehicle flies. What watches ends no flight."""
-    mounts = {name: mount_of(sensor) for name, sensor in composed.loop.twin.sensors.items() if sensor.kind in USED}
-    try:
-        monitor = FlightMonitor(composed.vehicle.model(), composed.thruster_names, mounts, scenario.control_dt)
-        monitor.warm()
-    except Exception as error:
-        warn(f"what has changed of the vehicle is not watched: {error}")
-        return None
-    return monitor
-
-
-def _changed(recorder: LiveRecorder, composed: Composed, monitor: FlightMonitor | None) -> dict[str, Any]:
-    """What of an identified vehicle is not as it was, in words, or why that is not known."""
-    if monitor is None:
-        return {}
-    if monitor.trouble:
-        return {"changed": [], "monitor": f"stopped: {monitor.trouble}"}
-    std = identified_std(composed.vehicle, [reading.quantity.name for reading in recorder.watched])
-    if std is None or not recorder.watched:
-        return {"changed": []}
-    found = changes(recorder.watched, np.zeros(len(std)), std)
-    return {"changed": [f"{change.difference} since the identification" for change in found] + causes(found)}
 
 
 def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bool = True) -> dict[str, str]:

@@ -10,7 +10,6 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.flow import AutopilotOutput, Measurements
 from rovtwin.core.log import Channel
 from rovtwin.monitoring.flight import FlightMonitor
-from rovtwin.monitoring.quantities import Reading
 from rovtwin.scenario.channels import autopilot_samples, log_channels, nis_samples, sensor_samples
 from rovtwin.scenario.loop import Record
 from rovtwin.scenario.recorder import NOT_IN_TESTS, Write
@@ -85,16 +84,11 @@ class _Spool:
 
 
 class LiveRecorder:
-    """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate.
-
-    Attributes:
-        watched: What the monitor said last, of all that it looks at.
-    """
+    """Takes a second of ticks at a time; `flown` is what scores are made of, judged by the estimate."""
 
     def __init__(self, scenario: Scenario, write: Write, folder: Path, monitor: FlightMonitor | None = None):
         """Samples go to `write`; what the scores are made from waits in the folder. `monitor` is closed with it."""
         self._monitor = monitor
-        self.watched: list[Reading] = []
         self._dt = scenario.control_dt
         self._log_every = scenario.rates.control // scenario.log.rate
         self._sensors, self._write = scenario.log.sensors, write
@@ -128,10 +122,9 @@ class LiveRecorder:
     def _watch(self, t: np.ndarray, measurements: Measurements, command: np.ndarray) -> None:
         if self._monitor is None or (found := self._monitor.take(t, measurements, command)) is None:
             return
-        self.watched = found
         at = t[-1:]
-        self._write("monitor/value", at, np.array([[reading.value for reading in found]]))
-        self._write("monitor/std", at, np.array([[reading.std for reading in found]]))
+        self._write("monitor/value", at, np.array([[reading.value for reading in found.readings]]))
+        self._write("monitor/std", at, np.array([[reading.std for reading in found.readings]]))
 
     def close(self) -> None:
         """Forget what the scores are made from."""
