@@ -5,9 +5,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
+from tests.console.known import identified
 
 from rovtwin.console.launch import end
 from rovtwin.console.wire import Place
@@ -15,6 +18,7 @@ from rovtwin.console.wire import Place
 FIGURES = Path(__file__).parents[1] / "figures"
 PORT = 8790
 SMALL, LARGE = {"width": 1366, "height": 768}, {"width": 1920, "height": 1080}
+CHANGED = ["world.thruster_health={port.surge: 0.6}", "world.net_buoyancy=-2.0"]
 CONSOLE = ["console", "lawnmower_calm", "--set", "cameras=[{scene: pool}]"]
 
 
@@ -40,38 +44,50 @@ def take(page: Page, name: str, *tabs: str, size: dict | None = None, wait: floa
     page.screenshot(path=FIGURES / f"console_{name}.png")
 
 
+@contextmanager
+def console(folder: str, *arguments: str) -> Iterator[Page]:
+    """A page on `rovtwin ARGUMENTS`, 1366 by 768; runs lie in the folder."""
+    place = Place.of(PORT)
+    command = [sys.executable, "-m", "rovtwin.cli", *arguments, "--no-browser", "--port", str(PORT), "--runs", folder]
+    started = subprocess.Popen(command)
+    try:
+        with sync_playwright() as playwright:
+            chromium = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=["--no-sandbox", "--enable-unsafe-swiftshader"]
+            )
+            page = chromium.new_page(viewport=SMALL)
+            for _ in range(100):
+                try:
+                    page.goto(f"http://127.0.0.1:{PORT}/", wait_until="domcontentloaded")
+                    break
+                except Exception:
+                    time.sleep(0.5)
+            yield page
+            chromium.close()
+    finally:
+        started.send_signal(2)
+        started.wait(20)
+        end(place)
+
+
 def main() -> None:
     """Take them all."""
-    place = Place.of(PORT)
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "rovtwin.cli", *CONSOLE, "--no-browser", "--port", str(PORT), "--runs", folder]
-        console = subprocess.Popen(command)
-        try:
-            with sync_playwright() as playwright:
-                program = shutil.which("chromium")
-                chromium = playwright.chromium.launch(
-                    executable_path=program, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
-                )
-                page = chromium.new_page(viewport=SMALL)
-                for _ in range(100):
-                    try:
-                        page.goto(f"http://127.0.0.1:{PORT}/", wait_until="domcontentloaded")
-                        break
-                    except Exception:
-                        time.sleep(0.5)
-                fly(page)
-                take(page, "chart")
-                take(page, "scene", "3-D", "Plots", size=LARGE, wait=6.0)
-                page.get_by_label("Dark or daylight colours").click()
-                take(page, "daylight", "Chart", "World", size=SMALL)
-                page.get_by_label("Dark or daylight colours").click()
-                take(page, "pilot", "Pilot", "Camera", size=SMALL)
-                take(page, "phone", size={"width": 390, "height": 844})
-                chromium.close()
-        finally:
-            console.send_signal(2)
-            console.wait(20)
-            end(place)
+        with console(folder, *CONSOLE) as page:
+            fly(page)
+            take(page, "chart")
+            take(page, "scene", "3-D", "Plots", size=LARGE, wait=6.0)
+            page.get_by_label("Dark or daylight colours").click()
+            take(page, "daylight", "Chart", "World", size=SMALL)
+            page.get_by_label("Dark or daylight colours").click()
+            take(page, "pilot", "Pilot", "Camera", size=SMALL)
+            take(page, "phone", size={"width": 390, "height": 844})
+        changes = [f"vehicle={identified(Path(folder) / 'known.yaml')}", *CHANGED]
+        settings = [part for change in changes for part in ("--set", change)]
+        with console(folder, "console", "lawnmower_calm", *settings) as page:
+            fly(page)
+            page.wait_for_function("() => rovtwin.last.state.changed.length > 1", timeout=120_000)
+            take(page, "changes", "Changes")
 
 
 if __name__ == "__main__":

@@ -92,6 +92,13 @@ def test_the_way_point_mission(page, served):
     # Armed before it was planned, and yet the folder tells what was flown.
     assert len(load_scenario(str(served.folder / found["folder"] / "scenario.yaml"), (), None).waypoints) == 6
     assert summary["completed"] and (served.folder / found["folder"] / "log.mcap").stat().st_size > 100_000
+    # The monitor beside it: a vehicle that was not identified has nothing that could be called a change.
+    assert summary["changed"] == [] and "monitor" not in summary
+    page.wait_for_function("() => rovtwin.last.watch.note.startsWith('The last flight')")
+    changes = page.text_content("#changes")
+    assert "not identified" in changes and "net buoyancy" in changes
+    assert page.locator("#changes tr.changed").count() == 0
+    assert page.locator("#changes tr:not(.unknown) .figures").count() > 5
 
 
 def test_stop_is_one_click_or_escape_and_arming_goes_on_from_there(page):

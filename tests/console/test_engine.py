@@ -68,6 +68,17 @@ class FakeHelm:
         pass
 
 
+class FakeWatch:
+    def __init__(self):
+        self.coming, self.names = [], []
+
+    def news(self):
+        return self.coming.pop() if self.coming else ""
+
+    def message(self, armed):
+        return {"kind": "watch", "armed": armed}
+
+
 class FakeYard:
     """Has a vehicle ready as often as it is asked to begin."""
 
@@ -82,6 +93,7 @@ class FakeYard:
         self._made = SimpleNamespace(
             link=link, ears=ears, composed=composed, readiness=readiness, helm=FakeHelm(), close=link.close
         )
+        self._made.watch = FakeWatch()
 
     def ready(self):
         made, self._made = self._made, None
@@ -90,7 +102,7 @@ class FakeYard:
 
 class FakeTeller:
     def __init__(self, address):
-        self.events, self.states = [], []
+        self.events, self.states, self.again = [], [], False
 
     def publish(self, message):
         self.states.append(message)
@@ -105,7 +117,7 @@ class FakeTeller:
         return True
 
     def all_due(self):
-        return False
+        return self.again
 
     def close(self):
         pass
@@ -207,6 +219,20 @@ def test_a_vehicle_that_is_lost_as_it_is_taken_over_is_closed(engine):
     run(engine, 2)
     assert told == ["close"] and said(engine, "link lost: no word from it") == ["danger"]
     engine._yard.begin, engine.over = begin, False
+
+
+def test_what_has_changed_of_the_vehicle_is_an_event_an_alert_and_a_message(engine):
+    watch = armed(engine).vessel.watch
+    watch.coming, watch.names = ["surge drag +14 ± 3 % since the identification"], ["surge drag"]
+    turn(engine)
+    turn(engine)
+    assert said(engine, "surge drag +14 ± 3 %") == ["warning"]
+    (alert,) = engine._teller.states[-1]["alerts"]
+    assert alert["level"] == "warning" and alert["what"] == "changed: surge drag"
+    engine._plan_told = dict
+    engine._teller.again = True
+    turn(engine)
+    assert engine._teller.states[-1] == {"kind": "watch", "armed": True}
 
 
 def test_events_are_told_with_the_time_of_the_tick(engine):
@@ -312,7 +338,7 @@ def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
         return fine
 
     yard = vessel.Shipyard(SimpleNamespace(is_twin=False, link="x", sensors=("good", "bad")), 1.0, lambda *_: None)
-    yard._helm = (None, None, None)
+    yard._helm = (None, None, None, None)
     monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: closed.append("link")))
     monkeypatch.setattr(vessel, "source", source)
     with pytest.raises(LinkError):

@@ -45,6 +45,7 @@ class Alert:
 def alerts(state: dict[str, Any], thrusters: list[str]) -> list[dict[str, str]]:
     """What is worth a word in a state, the gravest first."""
     found = [*_of_stop(state), *_of_supervisor(state), *_of_sensors(state), *_of_thrusters(state, thrusters)]
+    found += _of_vehicle(state)
     return [asdict(alert) for alert in sorted(found, key=lambda alert: alert.level != "danger")]
 
 
@@ -96,3 +97,12 @@ def _of_thrusters(state: dict[str, Any], names: list[str]) -> list[Alert]:
         return []
     cause = "the force that should be there is missing"
     return [Alert("warning", f"no longer used: {', '.join(lost)}", cause, "recover it, check the propeller")]
+
+
+def _of_vehicle(state: dict[str, Any]) -> list[Alert]:
+    """What has changed of it since its identification, without the figures: those change all the time."""
+    changed = state.get("changed")
+    if not changed:
+        return []
+    cause = "the vehicle does not move as it did when it was identified"
+    return [Alert("warning", f"changed: {', '.join(changed)}", cause, "see Changes, then recover it and look")]

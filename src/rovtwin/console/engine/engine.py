@@ -117,7 +117,7 @@ class Engine:
         self.operator_heard()
         vessel.helm.idle()
         if self.test is None:  # a test has a log of its own each time
-            self._logbook.open(self.scenario_with(self.plan), vessel.composed, vessel.helm)
+            self._logbook.open(self.scenario_with(self.plan), vessel.composed, vessel.helm, vessel.watch)
         self.switch.ask(asked_at)
 
     def disarm(self) -> None:
@@ -152,7 +152,7 @@ class Engine:
 
     def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
-        self._logbook.open(self.scenario_with(self.plan), self.vessel.composed, helm)
+        self._logbook.open(self.scenario_with(self.plan), self.vessel.composed, helm, self.vessel.watch)
         self._logbook.begin(self._now)
         self.event("info", f"logged in {self._logbook.folder}")
         helm.start()
@@ -307,6 +307,7 @@ class Engine:
             self._teller.publish(self._plan_told())
             if self._ticker is not None:
                 self._teller.publish(self._setup_told())
+                self._teller.publish(self.vessel.watch.message(self.switch.armed))
 
     def _state(self) -> dict[str, Any]:
         now = time.monotonic()
@@ -337,6 +338,7 @@ class Engine:
             state |= {"phase": "idle", "reason": "", "u": np.zeros_like(state["u"]), "progress": 0.0}
         if (news := self._changes.of(state["phase"], state["reason"], state["gives_up_heading"])) is not None:
             self.event(*news)
+        state["changed"] = ticker.vessel.watch.names
         return state | {"alerts": alerts(state, ticker.vessel.composed.thruster_names)}
 
     def _plan_told(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.console.engine.steering import Steering
+from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.core.datum import utc_now
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.jsontext import to_json
@@ -16,6 +17,7 @@ from rovtwin.core.log import LogWriter
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
+from rovtwin.scenario.live.beside import changed
 from rovtwin.scenario.live.flight import metadata_of, write_scenario
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
 from rovtwin.scenario.provenance import beginning
@@ -36,14 +38,17 @@ class FlightLog:
         began: Time at which it starts, by the clock of the helm's readings [s].
     """
 
-    def __init__(self, scenario: Scenario, composed: Composed, helm: Steering, folder: Path):
-        """Raises ConfigError or LogError where the folder cannot be written."""
+    def __init__(
+        self, scenario: Scenario, composed: Composed, helm: Steering, folder: Path, watch: VehicleWatch | None = None
+    ):
+        """With what `watch` finds in it. Raises ConfigError or LogError where the folder cannot be written."""
         self.folder, self.began = new_folder(folder), 0.0
-        self._composed, self._helm = composed, helm
+        self._composed, self._helm, self._watch = composed, helm, watch
+        self._monitor = None if watch is None else watch.begin()
         metadata = metadata_of(scenario, composed, self.folder)
-        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names)
+        channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, self._monitor)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
-        self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder)
+        self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder, self._monitor)
         self._rows: list[Any] = []
         self._scenario = scenario
         self._flown: Scenario | None = None
@@ -70,7 +75,7 @@ class FlightLog:
             self._flush()
             if self._flown is not None:
                 self._log.annotate({"scenario": write_scenario(self._flown, self._composed, self.folder)})
-            summary = self._summary(ending)
+            summary = self._summary(ending) | changed(self._monitor, self._watch.unwatched if self._watch else "")
             self._log.annotate({"summary": to_json(summary)})
         finally:
             self._log.close()
@@ -110,6 +115,7 @@ class Logbook:
         self._runs, self._event = runs, event
         self._flight: FlightLog | None = None
         self._opening: Future[FlightLog] | None = None
+        self._watch: VehicleWatch | None = None
         self._beside = ThreadPoolExecutor(1)
 
     @property
@@ -117,10 +123,11 @@ class Logbook:
         """Of the flight under way, "" if there is none."""
         return "" if self._flight is None else str(self._flight.folder)
 
-    def open(self, scenario: Scenario, composed: Composed, helm: Steering) -> None:
+    def open(self, scenario: Scenario, composed: Composed, helm: Steering, watch: VehicleWatch) -> None:
         """Open the log of a flight to come, beside the loop: it takes some tenths of a second."""
         folder = run_folder(scenario.name, self._runs)
-        self._opening = self._beside.submit(FlightLog, scenario, composed, helm, folder)
+        self._watch = watch
+        self._opening = self._beside.submit(FlightLog, scenario, composed, helm, folder, watch)
 
     @property
     def is_opening(self) -> bool:
@@ -148,6 +155,8 @@ class Logbook:
         try:
             if self._flight is not None:
                 self._flight.add(late_ms, link_age)
+                if self._watch is not None and (news := self._watch.news()):
+                    self._event("warning", news)
         except Exception as error:
             self._event("danger", f"flying on without a log: {error}")
             self.close("the log failed")

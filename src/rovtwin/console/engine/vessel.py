@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.trial_helm import TrialHelm
+from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.console.engine.world import WorldOpener
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
@@ -71,12 +72,16 @@ class Vessel:
     helm: Helm | TrialHelm
     composed: Composed
     limits: Limits
+    watch: VehicleWatch
 
     def close(self) -> None:
         """Stop the thrusters and let go of it."""
         self.link.close()
         for one in self.sources:
             one.close()
+
+
+Compiled = tuple[Composed, Helm | TrialHelm, Limits, VehicleWatch]
 
 
 class Shipyard:
@@ -91,7 +96,7 @@ class Shipyard:
         self.wanted, self.speed, self._say = wanted, speed, say
         self.clock = Clock(speed)
         self._made: Vessel | None = None
-        self._helm: tuple[Composed, Helm | TrialHelm, Limits] | None = None
+        self._helm: Compiled | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self) -> None:
@@ -120,11 +125,11 @@ class Shipyard:
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
             try:
-                composed, helm, limits = self._helm or self._compiled()
+                composed, helm, limits, watch = self._helm or self._compiled()
             except BaseException:
                 opening.add_done_callback(lambda done: done.exception() or done.result().close())
                 raise
-            self._helm = composed, helm, limits
+            self._helm = composed, helm, limits, watch
             link = opening.result()
         sources: list[Source] = []
         try:
@@ -144,7 +149,7 @@ class Shipyard:
             for one in (link, *sources):
                 one.close()
             raise
-        return Vessel(link, sources, ears, readiness, helm, composed, limits)
+        return Vessel(link, sources, ears, readiness, helm, composed, limits, watch)
 
     def _open(self) -> HostedLink:
         wanted = self.wanted
@@ -154,9 +159,9 @@ class Shipyard:
             made, patience = opener(wanted.link, wanted.scenario, self.clock), CONNECTING
         return HostedLink(made, len(vehicle_of(wanted.scenario).thruster_names), wanted.stop_at, patience)
 
-    def _compiled(self) -> tuple[Composed, Helm | TrialHelm, Limits]:
+    def _compiled(self) -> Compiled:
         scenario = self.wanted.scenario
         composed = compose(scenario)
         _ = composed.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
         kind = TrialHelm if scenario.test else Helm
-        return composed, kind(composed, scenario), Limits.of(composed)
+        return composed, kind(composed, scenario), Limits.of(composed), VehicleWatch(composed, scenario)

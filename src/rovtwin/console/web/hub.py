@@ -90,7 +90,7 @@ class Hub:
         self._browsers.append(browser)
         self.rights.come(browser.name)
         browser.put(self._text(self._pulse_told()))
-        for kind in ("setup", "history", "state"):
+        for kind in ("setup", "history", "watch", "state"):
             if kind in self.client.last:
                 browser.put(encode(self.client.last[kind]).decode())
         for text in self._kept.values():

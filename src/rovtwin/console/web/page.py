@@ -22,7 +22,7 @@ def page(is_test: bool = False) -> None:
         ui.element("div").props('id=alerts role=alert aria-live=assertive aria-label="Alerts"')
         with ui.element("main").classes("views"):
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
-            tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots")})
+            tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots"), "Changes": later("changes")})
             tabs("side", "Actions", acting | {title: section(name) for title, name in forms.items()})
         with ui.element("footer").classes("strip"):
             with ui.element("div").classes("cell"):
