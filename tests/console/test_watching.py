@@ -19,6 +19,7 @@ from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Progress, Refe
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jnp
 from rovtwin.monitoring.factors import Factors, changed
+from rovtwin.monitoring.flight import Found
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import load_scenario
 
@@ -116,6 +117,15 @@ def test_the_next_flight_begins_with_nothing(flown):
     kept, before = watch._monitor, watch.message(armed=False)
     assert watch.begin() is not kept and watch.names == [] and watch.news() == ""
     assert before["rows"] and watch.message(armed=True)["rows"] == []
+
+
+def test_a_mistake_in_it_ends_no_flight_and_no_log(known, monkeypatch):
+    scenario, composed = known
+    watch = VehicleWatch(composed, scenario)
+    watch.begin().found = Found([], [], [], 20.0)
+    monkeypatch.setattr(watch, "_rows_of", lambda found: 1 / 0)
+    assert watch.news() == "" and watch.news() == "" and watch.names == []
+    assert watch.message(armed=True)["note"] == "Not watched: ZeroDivisionError: division by zero."
 
 
 def test_what_is_not_watched_says_why(known, tmp_path):

@@ -1,5 +1,6 @@
 """What the monitor beside the autopilot finds of a vehicle in flight: for the page, and as events."""
 
+import logging
 from typing import Any
 
 from rovtwin.monitoring.change import Change, causes
@@ -9,6 +10,8 @@ from rovtwin.monitoring.quantities import Reading
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.live.beside import SINCE, monitor_of
 from rovtwin.scenario.schema import Scenario
+
+logger = logging.getLogger(__name__)
 
 IN_A_ROW = 2  # blocks of evidence in which a change has to be seen: a flight is looked at many times
 GROUPS = {  # by the first part of a quantity's name
@@ -54,14 +57,24 @@ class VehicleWatch:
         return self._monitor
 
     def news(self) -> str:
-        """What has changed that is news in this flight, in words; "" for nothing."""
+        """What has changed that is news in this flight, in words; "" for nothing. It fails at nothing."""
+        try:
+            return self._news()
+        except Exception as error:  # a mistake of ours, which must end neither the flight nor its log
+            logger.exception("what has changed of the vehicle")
+            self._monitor, self.unwatched = None, f"{type(error).__name__}: {error}"
+            self._forget()
+            return ""
+
+    def _news(self) -> str:
         found = None if self._monitor is None else self._monitor.found
         if found is None or (block := round(found.seconds) // BLOCK) == self._block:
             return ""
-        self._block, self._rows = block, self._rows_of(found)
+        self._block = block
         seen = {change.reading.quantity.name: change for change in found.changes}
         self._in_a_row = {name: self._in_a_row.get(name, 0) + 1 for name in seen}
         self.changed = [seen[name] for name, many in self._in_a_row.items() if many >= IN_A_ROW]
+        self._causes, self._rows = causes(self.changed), self._rows_of(found)
         return "; ".join(self._fresh_lines())
 
     @property
@@ -77,9 +90,7 @@ class VehicleWatch:
         (`interval`), whether the flight says anything of it (`learnt`) and whether it `changed`; of a thruster that
         only seems stronger, since another one of its axis is weaker, which that is (`mirrors`).
         """
-        names, monitor = {change.reading.quantity.name for change in self.changed}, self._monitor
-        found = None if monitor is None else monitor.found
-        images = self._mirrored(found)
+        found = None if self._monitor is None else self._monitor.found
         return {
             "kind": "watch",
             "watched": not self.unwatched,
@@ -87,17 +98,17 @@ class VehicleWatch:
             "against": f"the identification of {self._composed.vehicle.name}" if self._is_compared else "",
             "vehicle": self._composed.vehicle.name,
             "seconds": 0.0 if found is None else found.seconds,
-            "rows": [r | {"changed": r["name"] in names, "mirrors": images.get(r["name"], "")} for r in self._rows],
-            "causes": causes(self.changed),
+            "rows": self._rows,
+            "causes": self._causes,
             "doubts": [] if found is None else found.doubts,
         }
 
-    def _mirrored(self, found: Found | None) -> dict[str, str]:
+    def _mirrored(self, found: Found) -> dict[str, str]:
         """Thrusters that only seem stronger, by quantity: the one of their axis whose loss theirs is the image of."""
         images = {}
         for change in self.changed:
             lost = change.reading
-            for other in [] if found is None or not lost.quantity.group else found.readings:
+            for other in found.readings if lost.quantity.group else []:
                 same = other.quantity.group == lost.quantity.group and other.quantity != lost.quantity
                 if same and other.value * lost.value < 0.0 and abs(other.value) > 2.0 * other.std:
                     images[other.quantity.name] = lost.quantity.name.partition(".")[2]
@@ -106,6 +117,7 @@ class VehicleWatch:
     def _forget(self) -> None:
         self._block = 0
         self._rows: list[dict[str, Any]] = []
+        self._causes: list[str] = []
         self._in_a_row: dict[str, int] = {}
         self._announced: set[str] = set()
         self.changed: list[Change] = []
@@ -113,7 +125,7 @@ class VehicleWatch:
     def _fresh_lines(self) -> list[str]:
         """Changes and causes that are new; they are not new again."""
         lines = {change.reading.quantity.name: f"{change.difference} {SINCE}" for change in self.changed}
-        lines |= {cause: cause for cause in causes(self.changed)}
+        lines |= {cause: cause for cause in self._causes}
         new = [line for key, line in lines.items() if key not in self._announced]
         self._announced |= lines.keys()
         return new
@@ -129,10 +141,11 @@ class VehicleWatch:
 
     def _rows_of(self, found: Found) -> list[dict[str, Any]]:
         known = None if self._monitor is None else self._monitor.reference
-        rows = []
+        names, images, rows = {c.reading.quantity.name for c in self.changed}, self._mirrored(found), []
         for i, reading in enumerate(found.readings):
             width = 0.0 if known is None or known[i] != known[i] else float(known[i])
-            rows.append(_row(reading, (reading.std**2 + width**2) ** 0.5))
+            row, name = _row(reading, (reading.std**2 + width**2) ** 0.5), reading.quantity.name
+            rows.append(row | {"changed": name in names, "mirrors": images.get(name, "")})
         order = list(dict.fromkeys(GROUPS.values()))
         return sorted(rows, key=lambda row: order.index(row["group"]))
 
