@@ -155,8 +155,9 @@ COLUMNS = (
 def table_row(runs: list[dict[str, Any]]) -> list[str]:
     """A row of the table of scores under COLUMNS: means over the runs, the largest of the maxima.
 
-    A run that stays at one place has its distance from there instead of the cross-track distance. NEES stands beside
-    the interval of its mean over these runs if the filter were consistent, and the effective number of samples.
+    A run that stays at one place has its distance from there instead of the cross-track distance, and says so. NEES
+    stands beside the interval of its mean over these runs if the filter were consistent, and the effective number of
+    samples.
     """
     done = sum(run["completed"] for run in runs)
     path = "station" if any(run["station_rms_m"] is not None for run in runs) else "cross_track"
@@ -164,7 +165,8 @@ def table_row(runs: list[dict[str, Any]]) -> list[str]:
     low, high = nees_interval(runs)
     return [
         f"{done}/{len(runs)}",
-        f"{mean_over(runs, f'{path}_rms_m'):.2f} / {max(largest, default=float('nan')):.2f}",
+        f"{mean_over(runs, f'{path}_rms_m'):.2f} / {max(largest, default=float('nan')):.2f}"
+        + (" off its place" if path == "station" else ""),
         f"{mean_over(runs, 'depth_rms_m'):.3f}",
         f"{mean_over(runs, 'duration_s'):.0f}",
         f"{mean_over(runs, 'position_error_rms_m'):.3f}",

@@ -220,6 +220,7 @@ def _performance(found: dict[str, Any]) -> Group:
 def _about_performance(found: dict[str, Any]) -> list[str]:
     lines = [
         "top speed: drag = thrust, with net buoyancy in heave; so also the largest steady current held on the axis",
+        "each axis alone: moments that the thrusters make beside it are not balanced, which may take some of its force",
         "stops: full reverse from top speed, with the thrusters' lag; coasts: no thrust, until a tenth of it is left",
     ]
     top, limit = (

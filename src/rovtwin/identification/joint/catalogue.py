@@ -14,6 +14,7 @@ from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
 # Linear damping that a file leaves at zero starts as this share of the quadratic, at 1 m/s or 1 rad/s.
+_ROUNDING = 1e-9  # of the rigid body, below which added mass is none
 _LINEAR_FLOOR = 0.03
 _STARTS = {"time_constant": 0.05, "dead_band": 0.01}  # [s], [1], of a thruster whose file gives none
 _WIDEST = 0.9  # of the bound of a coupling, beyond which it has no room to move
@@ -41,9 +42,9 @@ def catalogue(
 
 def _hydrodynamics(model: Model) -> Iterable[Parameter]:
     model = _started(model)
-    added = np.asarray(model.added_mass).diagonal()
+    added, rigid = (np.asarray(m).diagonal() for m in (model.added_mass, model.rigid_body_mass))
     for i, direction in enumerate(DIRECTIONS):
-        if added[i] > 0:
+        if added[i] > _ROUNDING * rigid[i]:  # a disc has none in yaw, by formula and but for rounding
             yield Parameter(f"added_mass.{direction}", UNITS["added"][i], float(added[i]), True)
     for kind in DAMPINGS:
         diagonal = np.asarray(getattr(model, f"{kind}_ahead" if "astern" not in kind else kind)).diagonal()
