@@ -124,8 +124,9 @@ def campaign(seed):
 
 
 def pull(model, rng):
-    """A bollard pull, 2 % wide."""
-    full = 2 * float(model.thrusters.force_ahead[0])
+    """A bollard pull of all thrusters that push ahead, 2 % wide."""
+    row, thrusters = np.asarray(model.thrusters.configuration)[0], model.thrusters
+    full = float(np.sum(np.where(row > 0.0, row * thrusters.force_ahead, -row * thrusters.force_astern)))
     return {"bollard": {"direction": "surge", "force": full * (1 + PULL * rng.standard_normal()), "sd": PULL * full}}
 
 

@@ -5,6 +5,7 @@ import pytest
 from tests.identification import payloads
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.interaction import added_mass_std
 from rovtwin.identification.joint.payload import predicted_change
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
@@ -288,6 +289,21 @@ def test_more_cannot_go_than_there_is():
 
 
 # --- against the panel method
+
+
+def test_a_thruster_is_not_known_to_be_tomorrow_what_it_is_today():
+    """A fit that tells two forces to 1e-5 took their next difference for the scale of all forces, 8 widths off."""
+    vehicle = load_vehicle("double_blueye")
+    sure = identify(vehicle, []).file()
+    sure["identified"]["estimate"]["covariance"] = (
+        1e-10 * np.array(sure["identified"]["estimate"]["covariance"])
+    ).tolist()
+    old = vehicle_from_dict(sure, "identified.yaml")
+    for new in (vehicle, nested("double_blueye", BOX)):
+        found = identify(new, [], old=old)
+        at = [i for i, name in enumerate(found.parameters.names) if ".force_" in name]
+        correlation = found.covariance[np.ix_(at, at)] / 0.01**2
+        np.testing.assert_allclose(correlation, np.eye(len(at)), atol=1e-3)
 
 
 @pytest.mark.slow
