@@ -71,8 +71,8 @@ def test_a_dive_is_slower_the_faster_the_vehicle_goes_through_the_water():
     assert still == ANY and 0.0 < fast < slow < 0.35
 
 
-def heading(level, preferred, way, current, now, aside):
-    return float(level.heading(*(jnp.asarray(v, dtype=float) for v in (preferred, way, current, now, aside))))
+def heading(level, preferred, way, current, now, aside, astern=2.0):
+    return float(level.heading(*(jnp.asarray(v, dtype=float) for v in (preferred, way, current, now, aside, astern))))
 
 
 def test_a_vehicle_that_is_level_for_longer_sideways_turns_its_side_into_the_current():
@@ -103,6 +103,8 @@ def test_a_vehicle_that_is_level_for_longer_ahead_turns_its_bow_into_what_it_goe
     # More than it stands up to anywhere: straight into it, bow or stern, whichever looks there.
     assert heading(LONGER_AHEAD, 0.0, (0.0, 0.0), (0.0, -0.6), 0.1, 2.0) == pytest.approx(np.pi / 2, abs=1e-3)
     assert heading(LONGER_AHEAD, 0.0, (0.0, 0.0), (0.0, -0.6), -0.1, 2.0) == pytest.approx(-np.pi / 2, abs=1e-3)
+    weak = heading(LONGER_AHEAD, 0.0, (0.0, 0.0), (0.0, -0.6), -0.1, 2.0, astern=0.5)
+    assert weak == pytest.approx(np.pi / 2, abs=1e-3), "the stern looks there, and thrust astern is too weak"
 
 
 def test_a_current_that_thrust_in_sway_does_not_stem_turns_the_bow():

@@ -204,3 +204,24 @@ def test_without_thrust_in_yaw_no_dive_and_no_corner_waits_for_a_heading(heading
     speed = np.hypot(*np.asarray(setpoint.nu)[:, :2].T)
     corner = np.hypot(*(np.asarray(setpoint.eta)[:, :2] - [3.0, 0.0]).T) < 0.3
     assert speed[corner].min() > 0.05
+
+
+@pytest.mark.parametrize(("phase", "mode"), [(DIVE, 0), (GO, 0), (HOLD, 0), (FINISHED, 0), (HOLD, MODE_PAUSED)])
+@pytest.mark.parametrize("end", [(6.0, 0.0), (0.0, 0.0)], ids=["leg north", "leg without length"])
+def test_a_vehicle_looks_where_it_can_stay_whatever_it_is_about(phase, mode, end):
+    """The speed of a leg that a current has a part along hid that sway does not stem what is left when it waits."""
+    guidance, current = PathGuidance.of(load_vehicle("double_blueye").model()), jnp.array([0.15, -0.25])
+    sustained = guidance.sustained
+    estimate = estimate_of([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    estimate = eqx.tree_at(lambda e: e.bias, estimate, estimate.bias.at[:2].set(-sustained._drag(-current)))
+    np.testing.assert_allclose(sustained.current(estimate), current, atol=1e-9)
+    memory = guidance.init(jax.random.key(0), START)
+    memory = eqx.tree_at(lambda m: m.phase, memory, jnp.asarray(phase))
+    given = GuidanceInput(estimate, route([end], depth=3.0), Mode(jnp.asarray(mode or MODE_RUNNING), jnp.asarray(0)))
+    psi = 0.0
+    for _ in range(20):  # it settles at once
+        memory, setpoint = guidance.step(memory, given, DT)
+        psi, before = float(setpoint.eta[5]), psi
+    assert psi == pytest.approx(before, abs=1e-6)
+    stemmed = abs(np.sin(psi) * float(current[0]) - np.cos(psi) * float(current[1]))
+    assert stemmed <= float(sustained.aside_speed()) + 1e-6

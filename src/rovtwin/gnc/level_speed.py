@@ -63,11 +63,14 @@ class LevelSpeed(eqx.Module):
         turns = MARGIN**2 * jnp.sqrt(_square(w / self.axes**2) + NEVER)
         return jnp.minimum(TILT * (1.0 - stands) / turns, ANY)
 
-    def heading(self, preferred: Array, way: Array, current: Array, heading: Array, aside: Array) -> Array:
+    def heading(
+        self, preferred: Array, way: Array, current: Array, heading: Array, aside: Array, astern: Array
+    ) -> Array:
         """Heading nearest to a preferred one at which the vehicle makes way against the current and stays level [rad].
 
-        Where surge is level for longer than sway, or thrust in sway too weak, it turns its bow or its stern, whichever
-        looks there already, as far as it has to into the velocity through the water that its way over ground takes.
+        Where surge is level for longer than sway, or thrust in sway too weak, it turns its bow as far as it has to into
+        the velocity through the water that its way over ground takes; or its stern, if that looks there already and
+        thrust astern is enough.
         Where sway is level for longer it turns its side into the current in the same manner.
 
         Args:
@@ -76,6 +79,7 @@ class LevelSpeed(eqx.Module):
             current: In n [m/s], shape (2,).
             heading: That it has [rad].
             aside: Largest speed through the water that thrusters push it sideways [m/s]; 0: none do.
+            astern: The same backwards.
         """
         ahead, beside = 1.0 / (EASY * self.axes) ** 2
         turned, has_to = self._side_first(preferred, current, heading, aside)
@@ -88,7 +92,9 @@ class LevelSpeed(eqx.Module):
         course = jnp.arctan2(w[1], w[0] + NEVER)
         off, now = wrap(preferred - course), wrap(heading - course)
         sideways = jnp.where(jnp.sin(off) >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.minimum(most, 1.0) + NEVER)
-        lengthways = jnp.where(jnp.cos(now) >= 0.0, 1.0, -1.0) * jnp.sqrt(jnp.maximum(1.0 - most, 0.0) + NEVER)
+        lengthways = jnp.sqrt(jnp.maximum(1.0 - most, 0.0) + NEVER)
+        bow_first = (jnp.cos(now) >= 0.0) | (lengthways * jnp.sqrt(size2) > astern)
+        lengthways = jnp.where(bow_first, 1.0, -1.0) * lengthways
         bow = wrap(course + jnp.arctan2(sideways, lengthways))
         return jnp.where(has_to, turned, jnp.where(jnp.sin(off) ** 2 > most, bow, preferred))
 

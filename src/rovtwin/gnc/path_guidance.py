@@ -39,7 +39,7 @@ from rovtwin.core.flow import (
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.guidance import GuidanceInput
-from rovtwin.gnc.path import Piece, piece_of
+from rovtwin.gnc.path import SHORT, Piece, piece_of
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
 from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_IDLE, MODE_PAUSED, MODE_RUNNING, Mode
 from rovtwin.gnc.sustained import SustainedSpeed, slow_place
@@ -172,12 +172,9 @@ class PathGuidance(Block):
             piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.eta[5])
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
-        heading = self._heading(piece, direction, piece.speed, input.estimate)
+        heading = self._heading(piece, direction, going, input.estimate)
         level = jnp.concatenate([place, piece.end[2:]])
         eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
-        # A way-point at which the vehicle stays asks for no heading of its own, but for one at which it can stay.
-        stays = self._heading(piece, memory.eta[5], jnp.zeros(()), input.estimate)
-        eta = eta.at[5].set(jnp.where(memory.phase == HOLD, stays, eta[5]))
         eta = jnp.where(mode == MODE_IDLE, _level(input.estimate.eta[:3], input.estimate.eta[5]), eta)
 
         pace = self._pace(piece, input.estimate, eta, direction)
@@ -198,11 +195,16 @@ class PathGuidance(Block):
         possible, after = self._sustained(piece, estimate, eta, direction)
         return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
 
-    def _heading(self, piece: Piece, direction: Array, speed: Array, estimate: Estimate) -> Array:
-        """What the mission asks for; else along the path, or the nearest at which a vehicle that crabs keeps up."""
+    def _heading(self, piece: Piece, direction: Array, moves: Array, estimate: Estimate) -> Array:
+        """What the mission asks for; else along the path, or the nearest at which a vehicle that crabs keeps up.
+
+        On a leg it keeps up the leg's speed, and everywhere it can stay: it starts, waits and is paused there, too.
+        """
         if not self.steered and self.turns and self.sustained is not None:
+            speed = jnp.where(moves & (piece.length > SHORT), piece.speed, 0.0)
             way = speed * jnp.stack([jnp.cos(direction), jnp.sin(direction)])
             direction = self.sustained.level_heading(direction, way, estimate)
+            direction = self.sustained.level_heading(direction, jnp.zeros(2), estimate)
         return jnp.where(piece.fixed_heading, piece.heading, direction)
 
     def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Array) -> Progress:
@@ -242,7 +244,7 @@ class PathGuidance(Block):
         if self.steered:
             here, behind = (self.sustained.made_good(course, current) for course in (direction, following))
         else:
-            heading = self._heading(piece, following, piece.speed, estimate)
+            heading = self._heading(piece, following, jnp.asarray(True), estimate)
             here = self.sustained.along(direction, eta[5], current)
             behind = self.sustained.along(following, heading, current)
             # In the corner the vehicle is pushed to its inner side, beside holding against the current.

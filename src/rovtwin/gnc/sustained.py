@@ -111,7 +111,8 @@ class SustainedSpeed(eqx.Module):
             way: Velocity over ground, n [m/s], shape (2,).
             estimate: With the heading that it has, and what disturbs it.
         """
-        return self.level.heading(preferred, way, self.current(estimate), estimate.eta[5], self.aside_speed())
+        current, aside, astern = self.current(estimate), self.aside_speed(), self.most[1, 0]
+        return self.level.heading(preferred, way, current, estimate.eta[5], aside, astern)
 
     def drag_aside(self, speed: float) -> Array:
         """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""

@@ -90,7 +90,8 @@ class Holding:
     @property
     def tips(self) -> bool:
         """Whether the flow, as far as it does not carry it off, tips it over."""
-        return float(np.hypot(*self.mean_flow[:2])) - self.drift > self.upright
+        stood_up_to = 1.0 - self.drift / max(float(np.linalg.norm(self.mean_flow)), 1e-9)
+        return float(np.hypot(*self.mean_flow[:2])) * stood_up_to > self.upright
 
     @property
     def verdict(self) -> Verdict:
@@ -173,7 +174,7 @@ def _upright(model: Model, flow: np.ndarray, heading: float, controlled: tuple[f
     if controlled is not None:
         return 1.0 / math.hypot(ahead / controlled[0], aside / controlled[1])
     # Water that runs towards the nose comes from astern: to it the vehicle goes backwards.
-    return stability(model, astern=from_astern > 0).pitch_depth_held / max(ahead, 1e-6)
+    return stability(model, astern=from_astern > 0).pitch_depth_held / ahead if ahead > 1e-6 else math.inf
 
 
 def at_most(values: np.ndarray, percent: float) -> float:

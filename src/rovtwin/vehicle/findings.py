@@ -180,7 +180,7 @@ def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
     if missing:
         yield f"allocation has rank {rank(T)} of 6: no thruster reaches {', '.join(missing)}"
     if not np.any(np.asarray(model.thrusters.time_constant)):
-        yield "no thruster states a time_constant: the twin's answer at once, as none does; most take 0.1 to 0.3 s"
+        yield "no thruster states a time_constant: the twin's follow at once, real ones in 0.1 to 0.3 s"
     for mounted in vehicle.assembly.thrusters:
         item = mounted.item
         if not isinstance(item, Thruster):

@@ -36,23 +36,24 @@ class VehicleWatch:
     """The monitors of a vessel's flights, one after the other.
 
     Attributes:
-        unwatched: Why flights are not watched, "" where they are.
+        unwatched: Why flights, or this one, are not watched, "" where they are.
         changed: What has changed in the flight under way, or in the last one.
     """
 
     def __init__(self, composed: Composed, scenario: Scenario):
         """Compiles, so that no flight waits for it."""
         self._composed, self._scenario = composed, scenario
-        first, self.unwatched = (None, IN_A_TEST) if scenario.test else monitor_of(composed, scenario)
+        first, self._never = (None, IN_A_TEST) if scenario.test else monitor_of(composed, scenario)
+        self.unwatched = self._never
         self._is_compared = first is not None and first.reference is not None
         self._monitor: FlightMonitor | None = None
         self._forget()
 
     def begin(self) -> FlightMonitor | None:
         """A monitor for the flight to come; what the last one found is forgotten. None where none can be."""
-        if not self.unwatched:
-            self._monitor, failed = monitor_of(self._composed, self._scenario)
-            self.unwatched = failed
+        self._monitor, self.unwatched = None, self._never
+        if not self._never:
+            self._monitor, self.unwatched = monitor_of(self._composed, self._scenario)
         self._forget()
         return self._monitor
 
@@ -73,7 +74,9 @@ class VehicleWatch:
         self._block = block
         seen = {change.reading.quantity.name: change for change in found.changes}
         self._in_a_row = {name: self._in_a_row.get(name, 0) + 1 for name in seen}
-        self.changed = [seen[name] for name, many in self._in_a_row.items() if many >= IN_A_ROW]
+        known = {change.reading.quantity.name: change for change in self.changed}
+        sure = {name: seen[name] for name in seen if name in known or self._in_a_row[name] >= IN_A_ROW}
+        self.changed = list((sure | {name: known[name] for name in known if name not in sure}).values())
         self._causes, self._rows = causes(self.changed), self._rows_of(found)
         return "; ".join(self._fresh_lines())
 
@@ -108,7 +111,7 @@ class VehicleWatch:
         images = {}
         for change in self.changed:
             lost = change.reading
-            for other in found.readings if lost.quantity.group else []:
+            for other in found.readings if lost.quantity.group and lost.value < 0.0 else []:
                 same = other.quantity.group == lost.quantity.group and other.quantity != lost.quantity
                 if same and other.value * lost.value < 0.0 and abs(other.value) > 2.0 * other.std:
                     images[other.quantity.name] = lost.quantity.name.partition(".")[2]
@@ -128,7 +131,8 @@ class VehicleWatch:
         lines |= {cause: cause for cause in self._causes}
         new = [line for key, line in lines.items() if key not in self._announced]
         self._announced |= lines.keys()
-        return new
+        doubts = [] if self._monitor is None or self._monitor.found is None else self._monitor.found.doubts
+        return [f"in doubt ({'; '.join(doubts)}): {new[0]}", *new[1:]] if new and doubts else new
 
     def _note(self, armed: bool, found: Found | None) -> str:
         if self.unwatched:

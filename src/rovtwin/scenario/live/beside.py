@@ -19,10 +19,10 @@ def monitor_of(composed: Composed, scenario: Scenario) -> tuple[FlightMonitor | 
 
     What watches ends no flight: whatever fails here is a reason.
     """
-    if scenario.test and any(span["hand"] for span in touched_spans(scenario)):
-        return None, "hands hold the vehicle in this test"
-    mounts = {name: mount_of(sensor) for name, sensor in composed.loop.twin.sensors.items() if sensor.kind in USED}
     try:
+        if scenario.test and any(span["hand"] for span in touched_spans(scenario)):
+            return None, "hands hold the vehicle in this test"
+        mounts = {name: mount_of(sensor) for name, sensor in composed.loop.twin.sensors.items() if sensor.kind in USED}
         # Thrusters by the names that the identification gives them; those of `composed` are for channels.
         vehicle = composed.vehicle
         monitor = FlightMonitor(vehicle.model(), vehicle.thruster_names, mounts, scenario.control_dt)
@@ -46,7 +46,10 @@ def changed(monitor: FlightMonitor | None, unwatched: str = "") -> dict[str, Any
         return {"changed": [], "monitor": f"did not run: {unwatched}"} if unwatched else {}
     if monitor.trouble:
         return {"changed": [], "monitor": f"stopped: {monitor.trouble}"}
-    return {"changed": [] if monitor.found is None else words(monitor.found.changes)}
+    if monitor.found is None:
+        return {"changed": []}
+    doubts = {"monitor": "in doubt: " + "; ".join(monitor.found.doubts)} if monitor.found.doubts else {}
+    return {"changed": words(monitor.found.changes)} | doubts
 
 
 def words(found: Sequence[Change]) -> list[str]:
