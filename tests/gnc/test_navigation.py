@@ -4,6 +4,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 from tests.gnc.observer_cases import double_body
+from tests.vehicle.discrepancies import block, random_part
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Slot
@@ -15,6 +16,8 @@ from rovtwin.gnc.navigation.sea import SeaState
 from rovtwin.gnc.navigation.state import ERRORS, NavigationState
 from rovtwin.gnc.navigation.tuning import Mount, Tuning
 from rovtwin.gnc.observer import ObserverInput
+from rovtwin.vehicle.discrepancy import discrepancy_from, kernels
+from rovtwin.vehicle.schema import LearnedDiscrepancy
 from rovtwin.vehicle.thrusters import command_for_force
 
 DT = 0.02
@@ -56,6 +59,44 @@ def test_slopes_are_derivatives(model, state, opinion):
     }
     expected = slope_of(lambda x: makers[opinion](x).value, state)
     np.testing.assert_allclose(makers[opinion](state).slope, expected, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def learned(model):
+    rng = np.random.default_rng(11)
+    parts = [random_part(rng, "surge", "motion"), random_part(rng, "sway", "thrust")]
+    found = LearnedDiscrepancy.model_validate(block(parts))
+    return model.replace(discrepancy=discrepancy_from(found, model.thrusters.configuration, "learned", 1.0))
+
+
+def test_slopes_hold_with_a_learned_discrepancy(model, learned, state):
+    expected = slope_of(lambda x: motion.by_model(learned, x, TAU, TURNING).value, state)
+    found = motion.by_model(learned, state, TAU, TURNING)
+    np.testing.assert_allclose(found.slope, expected, atol=1e-9)
+    assert np.abs(found.value - motion.by_model(model, state, TAU, TURNING).value).max() > 1e-4
+
+
+def test_what_a_learned_discrepancy_leaves_open_is_process_noise(model, learned, state):
+    def doubt(at, model):
+        return np.asarray(motion.learned_doubt(model, at, TAU, TURNING.omega))
+
+    fast = eqx.tree_at(lambda s: s.velocity, state, jnp.full(3, 30.0))
+    assert np.all(doubt(fast, learned)[:2] >= doubt(state, learned)[:2]) and doubt(fast, learned)[0] > 1e-4
+    inverse = np.asarray(motion.force_inverse(learned))
+    discrepancy = learned.discrepancy
+    _, whole = kernels(discrepancy, jnp.full(6, 30.0), TAU)  # thrust is where it was
+    prior = np.asarray(jnp.sum(discrepancy.along * discrepancy.std**2 * whole, axis=1))[:3]
+    np.testing.assert_allclose(doubt(fast, learned), inverse**2 @ prior, rtol=1e-6)
+    assert motion.learned_doubt(model, fast, TAU, TURNING.omega) == 0.0
+
+    def velocity_std(model):
+        filter = NavigationFilter(model, Tuning.of(model))
+        memory = eqx.tree_at(lambda m: m.x.velocity, filter.init(None, Start.at((0.0, 0.0, 2.0))), fast.velocity)
+        command = Command(jnp.zeros(model.thrusters.count))
+        after, _ = jax.jit(lambda m: filter.step(m, ObserverInput({"pressure": slot(2.0)}, command), DT))(memory)
+        return np.sqrt(np.diag(after.P))[3]
+
+    assert velocity_std(learned) > velocity_std(model)
 
 
 def slot(*values, t=0.0):

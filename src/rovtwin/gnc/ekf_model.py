@@ -16,7 +16,7 @@ Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Cont
 
 from rovtwin.core.frames import cross, euler_rate_matrix, rotation_from_euler, skew
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
+from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 
 STATES = 18
@@ -43,6 +43,7 @@ def state_rate(model: Model, x: Array, tau: Array, bias_decay: Array) -> Array:
     R_nb = rotation_from_euler(euler)
     wrench = (
         tau
+        + learned_wrench(model, nu, tau)
         + jnp.concatenate([R_nb.T @ b[:3], b[3:]])
         - coriolis_wrench(model.mass, nu)
         - damping_wrench(model, nu)
@@ -53,7 +54,10 @@ def state_rate(model: Model, x: Array, tau: Array, bias_decay: Array) -> Array:
 
 
 def state_jacobian(model: Model, x: Array, bias_decay: Array) -> Array:
-    """F = df/dx, shape (18, 18); tau enters f linearly and leaves no trace in it."""
+    """F = df/dx, shape (18, 18); tau enters f linearly and leaves no trace in it.
+
+    The slope of a learned discrepancy is left out: it is small beside the damping's.
+    """
     euler, nu, b = x[3:6], x[6:12], x[12:]
     R_nb, T = rotation_from_euler(euler), euler_rate_matrix(euler)
     axes = _angle_axes(euler, R_nb)

@@ -30,7 +30,7 @@ from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.scales import YAW, VehicleScales
 from rovtwin.gnc.sustained import SustainedSpeed, turned
-from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
+from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import wrench_limits
 from rovtwin.vehicle.thrusters import lag, static_force
@@ -207,7 +207,7 @@ class ThrusterHealth(Block):
         down_b = rotation_from_euler(estimate.eta[3:])[2]
         momentum = model.mass @ nu
         tau = model.thrusters.configuration @ (memory.health * force)
-        flow = self._flow(estimate)
+        flow = self._flow(estimate) - learned_wrench(model, self.sustained.through_water(estimate), tau)
         known = tau - coriolis_wrench(model.rigid_body_mass, nu) - flow - restoring_wrench(model, down_b)
         return momentum, jnp.where(memory.age > 0.0, (momentum - memory.momentum) / dt - known, 0.0)
 

@@ -27,7 +27,7 @@ from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
 from rovtwin.gnc.shared_thrust import SharedThrust
 from rovtwin.gnc.sustained import SustainedSpeed, turned
-from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
+from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import pushed_axes
 
@@ -168,6 +168,8 @@ class Tracking(Block):
             - disturbance
             + jnp.concatenate([jnp.zeros(3), memory])
         )
+        # What is learned of thrust depends on the answer: one round of putting it in is enough for some per cent.
+        wanted = wanted - learned_wrench(model, self._through_water(estimate, nu, nu_ref), wanted)
         if self.tilting is not None:
             current = jnp.concatenate([self.sustained.current(estimate), jnp.zeros(1)])
             nu_r = nu.at[:3].add(-R_bn @ current)
@@ -224,7 +226,12 @@ class Tracking(Block):
         model = self.model
         forces = coriolis_wrench(model.mass, nu_ref) + damping_wrench(model, nu_ref)
         moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
-        nu_r = moves.at[:2].add(-turned(estimate.eta[5]).T @ self.sustained.current(estimate))
+        nu_r = self._through_water(estimate, nu, nu_ref)
         rigid = coriolis_wrench(model.rigid_body_mass, moves)
         moments = rigid + coriolis_wrench(model.added_mass, nu_r) + damping_wrench(model, nu_r)
         return jnp.concatenate([forces[:3], moments[3:]])
+
+    def _through_water(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
+        """Velocity through the water, b, shape (6,): the reference's along the axes that follow it."""
+        moves = jnp.where(self.K_d > 0.0, nu_ref, nu)
+        return moves.at[:2].add(-turned(estimate.eta[5]).T @ self.sustained.current(estimate))

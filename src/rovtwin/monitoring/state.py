@@ -24,7 +24,7 @@ from rovtwin.core.frames import (
 )
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.monitoring.factors import changed
-from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, restoring_wrench
+from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
 
 POSITION, ATTITUDE, VELOCITY, RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
@@ -92,8 +92,9 @@ def acceleration(model: Model, inverse: Array, x: Motion, thrust: Array) -> Arra
     R_nb = rotation_from_quaternion(x.attitude)
     omega, flow = x.nu[3:], R_nb.T[:, :2] @ x.current
     nu_r = x.nu - jnp.concatenate([flow, jnp.zeros(3)])
-    pushed = model.thrusters.configuration @ thrust + jnp.concatenate([R_nb.T @ x.force, x.moment])
-    water = coriolis_wrench(model.mass, nu_r) + damping_wrench(model, nu_r)
+    tau, drag = model.thrusters.configuration @ thrust, damping_wrench(model, nu_r)
+    pushed = tau + jnp.concatenate([R_nb.T @ x.force, x.moment])
+    water = coriolis_wrench(model.mass, nu_r) + drag - learned_wrench(model, nu_r, tau, drag)
     f = pushed - water - restoring_wrench(model, R_nb[2])
     held = jax.lax.stop_gradient(inverse @ f)
     relative = held + inverse @ (f - model.mass @ held)

@@ -1,8 +1,10 @@
 """The plant: 6-DOF equations of motion in matrix form, one step and a roll-out.
 
     eta_dot = J(eta) nu
-    M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau + tau_env - M_RB a_c + m_f a_f
+    M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau + tau_d(nu_r, tau) + tau_env - M_RB a_c + m_f a_f
     nu_dot = nu_r_dot + d(nu_c)/dt
+
+tau_d is what tests have found to be missing (`vehicle/discrepancy.py`); most models have none.
 
 M = M_RB + M_A. Writing the rigid body's part in nu_r is exact, not an approximation: the frame that moves with the
 local water is inertial but for its acceleration, which the last two terms hold (a_c along the vehicle's path on the
@@ -26,6 +28,7 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import cross, quaternion_normalise, quaternion_rate, rotation_from_quaternion
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.vehicle.discrepancy import discrepancy_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.surroundings import surroundings_wrench
 from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
@@ -75,6 +78,20 @@ def damping_wrench(model: Model, nu_r: Array) -> Array:
     return model.damping @ jnp.concatenate([ahead, astern, ahead * ahead, astern * astern])
 
 
+def learned_wrench(model: Model, nu_r: Array, tau: Array, drag: Array | None = None) -> Array | float:
+    """What the model was found to lack, b at CO [N, N m], shape (6,); 0.0, and no work, for a model without.
+
+    Args:
+        model: Uses `discrepancy`, and the damping.
+        nu_r: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
+        tau: Wrench of the thrusters, b at CO, shape (6,).
+        drag: D(nu_r) nu_r where it is known already.
+    """
+    if model.discrepancy is None:
+        return 0.0
+    return discrepancy_wrench(model.discrepancy, nu_r, tau, damping_wrench(model, nu_r) if drag is None else drag)
+
+
 def restoring_wrench(model: Model, down_b: Array) -> Array:
     """g(eta), shape (6,), from the direction of gravity seen in b, shape (3,). Fossen (2021), eq. 4.6."""
     weight, buoyancy = model.weight * down_b, model.buoyancy * down_b
@@ -112,7 +129,9 @@ def acceleration(
     carried = model.rigid_body_mass[:, :3] @ a_path
     if environment.surface is not None:
         carried = carried + (1.0 - wet) * (model.added_mass[:, :3] @ a_path)  # the dry part carries no water along
-    force = force + wet * pressure - carried - coriolis_wrench(model.mass, nu_r) - wet * damping_wrench(model, nu_r)
+    drag = damping_wrench(model, nu_r)
+    water = learned_wrench(model, nu_r, tau, drag) - drag
+    force = force + wet * pressure - carried - coriolis_wrench(model.mass, nu_r) + wet * water
     nu_r_dot = model.mass_inverse @ force
     return nu_r_dot.at[:3].add(a_path - cross(omega, v_c))
 

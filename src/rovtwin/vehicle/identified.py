@@ -9,7 +9,9 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import schema
 from rovtwin.vehicle.assembly import Assembly, Mounted, with_hydrodynamics, with_restoring
 from rovtwin.vehicle.files import with_meshes
+from rovtwin.vehicle.learned import discrepancy_arrays
 from rovtwin.vehicle.mesh_solid import digest
+from rovtwin.vehicle.propulsion import configuration
 
 # For what tests find. A pair that is driven as one gives the same force however far apart its two are.
 _NO_MATTER = (
@@ -41,7 +43,8 @@ def with_identified(total: Assembly, file: schema.VehicleFile, where: str) -> As
     """Totals with what tests have found in place of the parts' values.
 
     Raises:
-        ConfigError: The parts are not those it was identified with, or it names a thruster that is not there.
+        ConfigError: The parts are not those it was identified with, it names a thruster that is not there, or what it
+            learned does not fit the vehicle.
     """
     found = file.identified
     if found is None:
@@ -56,6 +59,8 @@ def with_identified(total: Assembly, file: schema.VehicleFile, where: str) -> As
     unknown = [name for name in found.thrusters if name not in names]
     if unknown:
         raise ConfigError(f"{where}: identified.thrusters: found '{unknown[0]}', expected one of {', '.join(names)}")
+    if found.discrepancy is not None:
+        discrepancy_arrays(found.discrepancy, configuration(total.thrusters), where)  # so that mistakes show here
     total = with_hydrodynamics(total, found.hydrodynamics, where)
     total = with_restoring(total, found.restoring, where)
     return replace(total, thrusters=tuple(_identified(t, found.thrusters.get(t.name)) for t in total.thrusters))

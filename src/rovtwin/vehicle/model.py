@@ -6,6 +6,7 @@ import equinox as eqx
 
 from rovtwin.core.numerics import Array, as_array, module_for
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.discrepancy import Discrepancy
 from rovtwin.vehicle.hull import Hull, cube
 from rovtwin.vehicle.thrusters import Thrusters
 
@@ -31,6 +32,7 @@ class Model(eqx.Module):
         displaced_mass: Mass of the displaced water [kg]; B / gravity unless B is an apparent value.
         thrusters: See `Thrusters`.
         hull: Where the buoyancy sits and how far the body reaches; at the surface and at walls.
+        discrepancy: What these equations lack, learned from tests; None: nothing, and nothing is computed.
         mass: M = M_RB + M_A, shape (6, 6); derived.
         mass_inverse: Its inverse; derived.
         damping: The four damping matrices side by side, shape (6, 24), as `damping_wrench` uses them; derived.
@@ -49,6 +51,7 @@ class Model(eqx.Module):
     displaced_mass: Array
     thrusters: Thrusters
     hull: Hull
+    discrepancy: Discrepancy | None
     mass: Array
     mass_inverse: Array
     damping: Array
@@ -69,6 +72,7 @@ class Model(eqx.Module):
         quadratic_damping_astern: Any = None,
         displaced_mass: Any = None,
         hull: Hull | None = None,
+        discrepancy: Discrepancy | None = None,
     ):
         """All by name; what is None astern equals ahead.
 
@@ -92,6 +96,7 @@ class Model(eqx.Module):
         self.displaced_mass = as_array(xp.divide(self.buoyancy, GRAVITY) if displaced_mass is None else displaced_mass)
         self.thrusters = thrusters
         self.hull = cube(center_of_buoyancy, self.displaced_mass) if hull is None else hull
+        self.discrepancy = discrepancy
         self.mass = as_array(xp.add(self.rigid_body_mass, self.added_mass))
         self.mass_inverse = as_array(xp.linalg.inv(self.mass))
         linear = [self.linear_damping_ahead, xp.negative(self.linear_damping_astern)]
@@ -121,6 +126,7 @@ _PARAMETERS = (
     "displaced_mass",
     "thrusters",
     "hull",
+    "discrepancy",
 )
 
 

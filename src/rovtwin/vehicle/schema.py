@@ -409,6 +409,42 @@ class Estimate(Strict):
     )
 
 
+Seven = Annotated[list[Number], Field(min_length=7, max_length=7)]
+
+
+class DiscrepancyPart(Strict):
+    """One component of the learned wrench, as a Gaussian process: see `vehicle/discrepancy.py`."""
+
+    axis: Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
+    of: Literal["motion", "thrust"] = Field(description="motion: of nu_r; thrust: also of the thrusters' wrench there")
+    std: Positive = Field(description="of the wrench before any test [N, N m]")
+    lengths: Annotated[list[Positive | None], Field(min_length=7, max_length=7)] = Field(
+        description="of nu_r, and of the thrusters' wrench along the axis, over which it changes; null: it does not"
+    )
+    centres: Annotated[list[Seven], Field(min_length=1)] = Field(description="nu_r and wrench of each kernel function")
+    weights: list[Number] = Field(description="of the independent features made of the kernel functions")
+    covariance: list[list[Number]] = Field(description="of the weights; the identity before any test")
+
+    @model_validator(mode="after")
+    def _same_count(self) -> "DiscrepancyPart":
+        m = len(self.centres)
+        if len(self.weights) != m:
+            raise ValueError(f"found {len(self.weights)} weights and {m} centres, expected as many")
+        if [len(row) for row in self.covariance] != [m] * m:
+            raise ValueError(f"covariance: expected {m} rows of {m}, as there are weights")
+        return self
+
+
+class LearnedDiscrepancy(Strict):
+    """A wrench that the equations of motion lack, learned from tests."""
+
+    parts: Annotated[list[DiscrepancyPart], Field(min_length=1)]
+    speeds: Annotated[list[Positive], Field(min_length=6, max_length=6)] = Field(
+        description="typical of each component of nu_r in the tests [m/s, rad/s]"
+    )
+    reason: str = Field("", description="how much better predictions are with it, and why it was taken")
+
+
 class Identified(Strict):
     """Totals that tests have found, in place of what the parts give; holds for exactly these parts."""
 
@@ -416,6 +452,7 @@ class Identified(Strict):
     hydrodynamics: Hydrodynamics
     restoring: Restoring
     thrusters: dict[str, IdentifiedThruster] = {}
+    discrepancy: LearnedDiscrepancy | None = Field(None, description="what the equations of motion lack, learned")
     estimate: Estimate
 
 

@@ -92,6 +92,7 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
         "instruments": [_instrument(one) for one in instruments(vehicle)],
         "tethers": [_tether(t) for t in vehicle.tethers],
         "batteries": [_battery(source, vehicle.thruster_names) for source in vehicle.power_sources],
+        "learned": _learned(vehicle),
         "sources": sources(vehicle),
         "findings": findings(vehicle, model),
     }
@@ -208,6 +209,16 @@ def _tether(mounted: Any) -> dict[str, Any]:
         "tangential_drag": item.tangential_drag,
         "stiffness_N": item.stiffness,
     }
+
+
+def _learned(vehicle: Vehicle) -> dict[str, Any] | None:
+    """The discrepancy that tests have found, None without one: parts with the size of the wrench they hold."""
+    found = None if vehicle.file.identified is None else vehicle.file.identified.discrepancy
+    if found is None:
+        return None
+    parts = [{"axis": part.axis, "of": part.of, "prior_std": part.std, "functions": len(part.weights)}
+             for part in found.parts]  # fmt: skip
+    return {"parts": parts, "reason": found.reason}
 
 
 def _battery(source: PowerSource, thrusters: Sequence[str]) -> dict[str, Any]:

@@ -26,6 +26,8 @@ def tables(found: dict[str, Any]) -> list[Any]:
         shown.append(_tethers(found))
     if found["batteries"]:
         shown.append(_batteries(found))
+    if found["learned"]:
+        shown.append(_learned(found["learned"]))
     if found["sources"]:
         inside = f"{found['name']}."  # what all places have in common takes width and says nothing
         rows = [(s["where"].removeprefix(inside), s["source"]) for s in found["sources"]]
@@ -33,6 +35,16 @@ def tables(found: dict[str, Any]) -> list[Any]:
     if found["findings"]:
         shown.append(_pairs("to know", [("-", line) for line in found["findings"]]))
     return shown
+
+
+def _learned(found: dict[str, Any]) -> Any:
+    """What tests have found the equations of motion to lack."""
+    rows = []
+    for part in found["parts"]:
+        unit = "N" if part["axis"] in AXES[:3] else "N m"
+        inputs = "velocity" if part["of"] == "motion" else "velocity and thrust"
+        rows.append((part["axis"], f"of {inputs}, {_g(part['prior_std'])} {unit} before any test"))
+    return _pairs("learned wrench beside the equations", [*rows, ("why", found["reason"])] if found["reason"] else rows)
 
 
 def ballast_tables(found: dict[str, Any]) -> list[Any]:

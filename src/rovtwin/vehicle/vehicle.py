@@ -126,6 +126,7 @@ class Vehicle:
             ConfigError: The parts make no vehicle that can move: M not positive definite, damping that drives.
         """
         from rovtwin.core.numerics import as_array
+        from rovtwin.vehicle.discrepancy import discrepancy_from
         from rovtwin.vehicle.model import Model
         from rovtwin.vehicle.thrusters import Thrusters
 
@@ -134,12 +135,17 @@ class Vehicle:
         require_sound(total, np.asarray(body["rigid_body_mass"]), self.where)
         arrays = thruster_arrays(total.thrusters, supply_voltage, self.where)
         tabulated = arrays.pop("tabulated")
+        found, learned = self.file.identified and self.file.identified.discrepancy, None
+        if found is not None:
+            ratio = total.density / replace(self, water_density=None).assembly.density
+            learned = discrepancy_from(found, np.asarray(arrays["configuration"]), self.where, ratio)
         return Model(
             **body,
             thrusters=Thrusters(
                 **{key: as_array(value) for key, value in arrays.items()},
                 tabulated=as_array(np.asarray(tabulated) > 0, bool),
             ),
+            discrepancy=learned,
         )
 
     def _total(self, water_density: float | None, net_buoyancy: float | None) -> Assembly:

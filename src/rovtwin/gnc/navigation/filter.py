@@ -190,6 +190,7 @@ class NavigationFilter(Block):
         waves = self._waves(memory.sea, x)
         by_model = motion.by_model(self.model, x, tau, turning)
         doubt = (tuning.acceleration_share * by_model.value) ** 2 * tuning.acceleration_memory
+        doubt = doubt + motion.learned_doubt(self.model, x, tau, turning.omega) * tuning.acceleration_memory
         slow = tuning.acceleration_noise**2 + doubt
         R_nb = rotation_from_quaternion(x.attitude)
         quick = (R_nb * R_nb).T @ waves.density

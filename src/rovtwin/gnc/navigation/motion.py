@@ -27,7 +27,7 @@ from rovtwin.core.frames import (
     rotation_from_quaternion,
     skew,
 )
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
@@ -45,6 +45,8 @@ from rovtwin.gnc.navigation.state import (
     NavigationState,
 )
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.discrepancy import discrepancy_variance
+from rovtwin.vehicle.dynamics import learned_wrench
 from rovtwin.vehicle.model import Model
 
 
@@ -80,13 +82,14 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
     scale = jnp.exp(x.drag)
     drag = scale * damping_force(model, nu_r)
     momentum = model.mass[:3] @ nu_r
-    force = tau[:3] + steady + jnp.append(x.force_b, 0.0) - drag - cross(omega, momentum)
+    learned, dlearned_dv = learned_force(model, nu_r, tau)
+    force = tau[:3] + learned + steady + jnp.append(x.force_b, 0.0) - drag - cross(omega, momentum)
     inverse = force_inverse(model)
     along = cross(omega, current_b)
     value = inverse @ (force - model.mass[:3, 3:] @ turning.omega_dot) - along
 
     S_c, S_w = skew(current_b), skew(omega)
-    dforce_dv = -scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.mass[:3, :3])
+    dforce_dv = dlearned_dv - scale[:, None] * damping_force_slope(model, nu_r) - product(S_w, model.mass[:3, :3])
     dv = product(inverse, dforce_dv)
     dattitude = product(inverse, skew(steady)) - product(dv, S_c) - product(S_w, S_c)
     dcurrent = -product(dv + S_w, R_bn)[:, :2]
@@ -100,6 +103,41 @@ def by_model(model: Model, x: NavigationState, tau: Array, turning: Turning) -> 
         (DRAG, -inverse * drag),
     )
     return Acceleration(value, slope)
+
+
+def learned_force(model: Model, nu_r: Array, tau: Array) -> tuple[Array | float, Array | float]:
+    """Force that the model was found to lack [N], shape (3,), and its derivative by v_r, shape (3, 3).
+
+    Args:
+        model: Without a learned discrepancy both are 0.0.
+        nu_r: Velocity through the water, b at CO, shape (6,).
+        tau: Wrench of the thrusters, b at CO, shape (6,).
+    """
+    if model.discrepancy is None:
+        return 0.0, 0.0
+
+    def force(v_r: Array) -> Array:
+        return jnp.asarray(learned_wrench(model, jnp.concatenate([v_r, nu_r[3:]]), tau))[:3]
+
+    value, along = jax.linearize(force, nu_r[:3])
+    return value, jnp.stack([along(direction) for direction in jnp.eye(3)], axis=1)
+
+
+def learned_doubt(model: Model, x: NavigationState, tau: Array, omega: Array) -> Array | float:
+    """Variance of the acceleration that the learned discrepancy leaves open [m^2/s^4], shape (3,); 0.0 without one.
+
+    Args:
+        model: Uses `discrepancy` and the inertia.
+        x: Nominal state.
+        tau: Wrench of the thrusters, b at CO, shape (6,).
+        omega: Angular velocity, b [rad/s], shape (3,).
+    """
+    if model.discrepancy is None:
+        return 0.0
+    R_bn = rotation_from_quaternion(x.attitude).T
+    nu_r = jnp.concatenate([x.velocity - R_bn[:, 0] * x.current[0] - R_bn[:, 1] * x.current[1], omega])
+    variance = discrepancy_variance(model.discrepancy, nu_r, tau)[:3]
+    return jnp.sum(force_inverse(model) ** 2 * variance, axis=1)
 
 
 def by_accelerometer(x: NavigationState, reading: Array, lever: Array, turning: Turning) -> Acceleration:

@@ -13,7 +13,7 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.problem import Static
-from rovtwin.vehicle.dynamics import damping_wrench
+from rovtwin.vehicle.dynamics import damping_wrench, learned_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import static_force
 
@@ -87,7 +87,8 @@ def _bollard(parameters: Parameters, pull: Bollard, where: str) -> tuple[Predict
     u = jnp.asarray(pull.command * np.sign(np.where(np.abs(row) > 0.05 * np.abs(row).max(), row, 0.0)))
 
     def predict(model: Model) -> Array:
-        return (model.thrusters.configuration[axis] @ static_force(model.thrusters, u))[None]
+        tau = model.thrusters.configuration @ static_force(model.thrusters, u)
+        return (tau + learned_wrench(model, jnp.zeros(6), tau))[axis][None]
 
     return predict, np.array([pull.force]), pull.sd
 
@@ -99,6 +100,6 @@ def _towing(table: Towing, where: str) -> tuple[Predicted, np.ndarray, float]:
     nu = jnp.zeros((len(table.speed), 6)).at[:, axis].set(jnp.asarray(table.speed))
 
     def predict(model: Model) -> Array:
-        return jax.vmap(lambda v: damping_wrench(model, v)[axis])(nu)
+        return jax.vmap(lambda v: (damping_wrench(model, v) - learned_wrench(model, v, jnp.zeros(6)))[axis])(nu)
 
     return predict, np.array(table.force), table.sd
