@@ -10,8 +10,24 @@ from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle.dynamics import State, rollout
 
 STEP = 0.01
-NOISE = {"horizontal": 0.03, "depth": 1e-3, "attitude": 1e-3, "gyro": 3e-4, "accelerometer": 0.0308, "velocity": 0.005}
-RATE = {"horizontal": 15.0, "depth": 20.0, "attitude": 50.0, "gyro": 50.0, "accelerometer": 50.0, "velocity": 10.0}
+NOISE = {
+    "position": 0.03,
+    "horizontal": 0.03,
+    "depth": 1e-3,
+    "attitude": 1e-3,
+    "gyro": 3e-4,
+    "accelerometer": 0.0308,
+    "velocity": 0.005,
+}
+RATE = {
+    "position": 15.0,
+    "horizontal": 15.0,
+    "depth": 20.0,
+    "attitude": 50.0,
+    "gyro": 50.0,
+    "accelerometer": 50.0,
+    "velocity": 10.0,
+}
 
 
 @jax.jit
@@ -32,14 +48,20 @@ def record(
     model, t_command, command, duration, seed=0, signals=("horizontal", "depth", "attitude", "gyro"), start=None, **kw
 ):
     """What sensors read of a run of the plant."""
-    rng = np.random.default_rng(seed + 1000)
     steps = round(duration / STEP)
     held = command[np.searchsorted(t_command, (np.arange(steps) + 0.5) * STEP, side="right") - 1]
     state = State.at(model, Start.at([0.0, 0.0, 1.0]) if start is None else start)
     path = _simulate(model, state, jnp.asarray(held))
+    return records_of(path, t_command, command, duration, seed, signals, **kw)
+
+
+def records_of(path, t_command, command, duration, seed, signals, **kw):
+    """What sensors read along a path of the plant."""
+    rng, steps = np.random.default_rng(seed + 1000), round(duration / STEP)
     t = STEP * np.arange(1, steps + 1)
     euler = np.asarray(jax.vmap(euler_from_quaternion)(path.attitude))
     truth = {
+        "position": np.asarray(path.position),
         "horizontal": np.asarray(path.position)[:, :2],
         "depth": np.asarray(path.position)[:, 2:],
         "attitude": euler,

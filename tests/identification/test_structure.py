@@ -13,7 +13,7 @@ from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.structure import (
     LADDER,
     Rung,
-    _better,
+    change_between,
     climbed,
     folds,
     lines_about,
@@ -78,7 +78,7 @@ def oracle(gains, scatter=0.0):
     return predicted
 
 
-def test_a_rung_is_kept_where_it_predicts_better_and_only_there():
+def test_a_rung_is_kept_where_it_predictschange_between_and_only_there():
     gains = {"linear": 0.5, "quadratic": 0.1, "astern": -0.2, "thrusters": 0.005, "symmetric": 0.05}
     kept, rungs = climbed(EVERYTHING.names, oracle(gains))
     assert {rung.name: rung.kept for rung in rungs} == {
@@ -106,9 +106,9 @@ def test_what_is_not_free_stays_at_what_is_most_likely_before():
 
 
 def test_a_rung_that_ends_a_run_away_is_kept_and_one_that_begins_one_is_not():
-    assert _better({(0, "p"): 0.0, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1}) == (-np.inf, 0.0)
-    assert _better({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): 0.0, (1, "p"): 0.1}) == (np.inf, 0.0)
-    change, std = _better({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1})
+    assert change_between({(0, "p"): 0.0, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1}) == (-np.inf, 0.0)
+    assert change_between({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): 0.0, (1, "p"): 0.1}) == (np.inf, 0.0)
+    change, std = change_between({(0, "p"): np.inf, (1, "p"): 0.0}, {(0, "p"): np.inf, (1, "p"): 0.1})
     assert change == pytest.approx(-0.05) and np.isfinite(std)
     said = lines_about([Rung("quadratic", ("a",), -np.inf, 0.0, True), Rung("full", ("b",), np.inf, 0.0, False)])
     assert "follow the motion where they ran away: kept" in said[0] and "run away: left" in said[1]

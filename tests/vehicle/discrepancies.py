@@ -9,12 +9,11 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 def random_part(rng, axis, of, m=5):
     """A part with m kernel functions, of which half of the variance is known, as plain data."""
-    centres = 0.5 * rng.normal(size=(m, 7))
-    lengths = rng.uniform(0.8, 2.5, 7).tolist()
-    if of == "motion":
-        centres[:, 6], lengths[6] = 0.0, None
-    else:
-        centres[:, 6], lengths[6] = rng.uniform(-8.0, 8.0, m), 6.0
+    own = 6 + AXES.index(axis)
+    centres, lengths = 0.5 * rng.normal(size=(m, 12)), [*rng.uniform(0.8, 2.5, 6).tolist(), *[None] * 6]
+    centres[:, 6:] = 0.0
+    if of == "thrust":
+        centres[:, own], lengths[own] = rng.uniform(-8.0, 8.0, m), 6.0
     a = rng.normal(size=(m, 3 * m))
     covariance = 0.5 * np.linalg.inv(np.eye(m) + a @ a.T / m)
     return {
@@ -46,7 +45,21 @@ def file_with(vehicle, seed=0, of=("motion", "thrust"), axes=("surge", "sway", "
             "net_buoyancy": float(model.buoyancy - model.weight),
             "center_of_buoyancy": np.asarray(model.center_of_buoyancy).tolist(),
         },
-        "estimate": {"parameters": [], "covariance": []},
+        "estimate": {
+            "parameters": [
+                {
+                    "name": "added_mass.surge",
+                    "unit": "kg",
+                    "value": float(model.added_mass[0, 0]),
+                    "base": float(model.added_mass[0, 0]),
+                    "positive": True,
+                    "std": 0.05,
+                    "prior_std": 0.3,
+                    "verdict": "learnt",
+                }
+            ],
+            "covariance": [[0.0025]],
+        },
         "discrepancy": block([random_part(rng, axis, of[i % len(of)]) for i, axis in enumerate(axes)]),
     }
     return data

@@ -47,6 +47,15 @@ def identify(
             "left out (auto, some three times as long); or up to linear, quadratic, astern, thrusters, symmetric.",
         ),
     ] = None,
+    discrepancy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|off",
+            help="A wrench that the equations of motion lack, learned from velocity and thrust (auto): kept only where "
+            "it predicts blocks of the logs better, over 5 s, that were left out; some five times as long. Off is the "
+            "default.",
+        ),
+    ] = None,
     track: Annotated[
         str | None,
         typer.Option(help="aruco: positions from the markers in the pictures beside each log, not from its sensor."),
@@ -129,7 +138,9 @@ def identify(
             prior=said.file.prior if said else None,
             anchors=said.file.anchors if said else (),
             old=old,
-            options=({} if said is None else dict(said.file.options)) | ({"structure": structure} if structure else {}),
+            options=({} if said is None else dict(said.file.options))
+            | ({"structure": structure} if structure else {})
+            | ({"discrepancy": discrepancy} if discrepancy else {}),
             progress=told,
         )
     result = replace(result, findings=[*used.remarks, *result.findings], records=[*result.records, *used.left_out])
@@ -138,6 +149,7 @@ def identify(
     more += ["--fit-share", f"{fit_share:g}"] if fit_share is not None else []
     more += ["--structure", structure] if structure else []
     more += [word for name in trust or [] for word in ("--trust", Path(name).name)]
+    more += ["--discrepancy", discrepancy] if discrepancy else []
     more += ["--trust-logs"] if trust_logs else []
     more += ["--keep"] if keep else []
     more += ["--track", track] if track else []
@@ -295,9 +307,22 @@ def as_object(result: "Identification") -> dict[str, Any]:
         "converged": result.solution is None or result.solution.converged,
         "reliable": not result.doubts,
         "standing": _standing(result),
+        "discrepancy": _discrepancy(result),
         "doubts": result.doubts,
         "seconds": result.seconds,
     }
+
+
+def _discrepancy(result: "Identification") -> dict[str, Any]:
+    """Whether a learned wrench was taken, along which axes, and the comparison where there was one."""
+    parts = [] if result.discrepancy is None else [[part.axis, part.of] for part in result.discrepancy.parts]
+    found: dict[str, Any] = {"parts": parts}
+    if (made := result.acceptance) is not None:
+        errors = {name: {"without": pair[0], "with": pair[1]} for name, pair in made.errors.items()}
+        figures = {"change": made.change, "std": made.std}
+        found |= {key: None if value != value else value for key, value in figures.items()}
+        found |= {"blocks": made.blocks, "rms": errors, "taken": made.taken, "words": made.words}
+    return found
 
 
 def _standing(result: "Identification") -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.cross_validation import CrossValidation
+from rovtwin.identification.discrepancy.acceptance import learned
 from rovtwin.identification.joint.build import offsets_of, problem_of
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
@@ -36,8 +38,10 @@ from rovtwin.identification.judgement.verdict import blind_directions, verdicts
 from rovtwin.identification.judgement.whiteness import residual_analysis
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.result import Identification
-from rovtwin.identification.structure import ALL, CHOSEN, Rung, climbed, lines_about, restricted, rung_of, up_to
+from rovtwin.identification.structure import ALL, CHOSEN, Rung, climbed, folds, lines_about, restricted, rung_of, up_to
 from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.discrepancy import without_discrepancy
+from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how far it is, 0 to 1."""
@@ -80,7 +84,8 @@ def identify(
     if any(r.command.shape[1] != len(vehicle.thruster_names) for r in [*records, *validate]):
         raise IdentificationError(f"{vehicle.name}: a test has another number of thrusters than the vehicle")
     parameters, start = parameters_and_prior(vehicle, records, free, prior, old, settings)
-    findings = about_parts(vehicle, old)
+    parameters, held, more = _held_discrepancy(parameters, vehicle, old, settings)
+    findings = about_parts(vehicle, old) + more
     summary = _listed(records, "fit") + _listed(validate, "held out")
     if not records and settings.structure != ALL:
         raise IdentificationError(
@@ -92,20 +97,35 @@ def identify(
         _, held_out = _predicted(parameters, mean, (), validate, settings)
         return Identification(
             vehicle, parameters, start, mean, C, nothing, [], findings, summary, None, [], held_out, {},
-            seconds=time.perf_counter() - begin, doubts=doubts_of_prior(old), options=settings,
+            seconds=time.perf_counter() - begin, doubts=doubts_of_prior(old), options=settings, discrepancy=held,
         )  # fmt: skip
     if not records:
         raise IdentificationError(f"{vehicle.name}: anchors alone: found no test log; give at least one")
+    learning = settings.discrepancy == CHOSEN
+    if learning:
+        folds(records, "discrepancy", "off")  # before minutes are spent
     told("preparing", 0.0)
     if not settings.accelerometer:
         records, validate = ([r.without("accelerometer") for r in some] for some in (records, validate))
     parameters, start, ladder, begun = _structured(parameters, start, records, anchors, old, settings, told)
+    fitted_at = begun + (0.9 - begun) * (0.3 if learning else 1.0)
     problem = problem_of(parameters, start, records, anchors, settings)
     solution = estimate(
         problem,
         max_steps=settings.max_steps,
-        progress=lambda k, change: told(_step(k, change), begun + (0.9 - begun) * k / settings.max_steps),
+        progress=lambda k, change: told(_step(k, change), begun + (fitted_at - begun) * k / settings.max_steps),
     )
+    acceptance = None
+    if learning:
+        problem, solution, acceptance = learned(
+            problem,
+            solution,
+            anchors,
+            settings,
+            lambda words, share: told(words, fitted_at + (0.9 - fitted_at) * share),
+        )
+        parameters, held = problem.shooting.parameters, acceptance.block
+        findings = [*findings, acceptance.words]
     response = scale_response(problem, solution)
     solution = with_scale(solution, response)
     theta = solution.unknowns.theta
@@ -129,8 +149,25 @@ def identify(
     return Identification(
         vehicle, parameters, start, theta, C, verdicts(start, solution, against), blind, findings, summary, solution,
         fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,
-        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), offsets, settings, ladder,
+        doubts_about(solution, problem, residuals, held_out) + doubts_of_prior(old), offsets, settings, ladder, held,
+        acceptance,
     )  # fmt: skip
+
+
+def _held_discrepancy(
+    parameters: Parameters, vehicle: Vehicle, old: Vehicle | None, settings: Options
+) -> tuple[Parameters, LearnedDiscrepancy | None, list[str]]:
+    """Parameters to start with, the learned wrench of an earlier result that stays as it was, and remarks about it."""
+    before = old or vehicle
+    found = None if before.file.identified is None else before.file.identified.discrepancy
+    if found is None:
+        return parameters, None, []
+    if parameters.model.discrepancy is None:
+        words = f"the learned wrench of {before.where} holds for its parts alone: left out"
+        return parameters, None, [f"{words}; tests of these parts may learn another (--discrepancy auto)"]
+    if settings.discrepancy == CHOSEN:
+        return replace(parameters, model=without_discrepancy(parameters.model)), None, []
+    return parameters, found, [f"the learned wrench of {before.where} stays as it was (--discrepancy auto: anew)"]
 
 
 def _structured(

@@ -110,7 +110,7 @@ def climbed(free: Sequence[str], predicted: Predicted) -> tuple[list[str], list[
         free: All that may be free.
         predicted: Fits and predicts, always the same blocks in the same order.
     """
-    errors = _errors(predicted([], "starting values"))
+    errors = errors_of(predicted([], "starting values"))
     kept: list[str] = []
     rungs: list[Rung] = []
     for name in LADDER:
@@ -118,8 +118,8 @@ def climbed(free: Sequence[str], predicted: Predicted) -> tuple[list[str], list[
         if not added:
             continue
         tried = [p for p in free if p in kept or p in added]
-        now = _errors(predicted(tried, name))
-        change, std = _better(now, errors)
+        now = errors_of(predicted(tried, name))
+        change, std = change_between(now, errors)
         # Something has to be free, also where the starting values predict as well.
         keep = not kept or change < -max(float(t.ppf(SURE, len({block for block, _ in now}) - 1)) * std, MARGIN)
         rungs.append(Rung(name, tuple(added), change, std, keep))
@@ -128,8 +128,15 @@ def climbed(free: Sequence[str], predicted: Predicted) -> tuple[list[str], list[
     return kept, rungs
 
 
-def folds(records: Sequence[Record]) -> list[tuple[list[Record], list[Record]]]:
+def folds(
+    records: Sequence[Record], option: str = "structure", off: str = "full"
+) -> list[tuple[list[Record], list[Record]]]:
     """Two divisions of the records into parts to fit and parts to predict.
+
+    Args:
+        records: Of the tests.
+        option: Whose choice it is, for messages, and
+        off: its value for none.
 
     Raises:
         IdentificationError: They are too short.
@@ -145,8 +152,8 @@ def folds(records: Sequence[Record]) -> list[tuple[list[Record], list[Record]]]:
             parts[(i + k) % 2].append(record.cut(float(start), float(end)))
     if len(parts[0]) + len(parts[1]) < LEAST_BLOCKS or not parts[0] or not parts[1]:
         raise IdentificationError(
-            f"structure: found {sum(r.duration for r in records):.0f} s of tests, expected {LEAST_BLOCKS} tests, or "
-            f"blocks of at least {SHORTEST:g} s, to fit some and predict the others; or choose: --structure full"
+            f"{option}: found {sum(r.duration for r in records):.0f} s of tests, expected {LEAST_BLOCKS} tests, or "
+            f"blocks of at least {SHORTEST:g} s, to fit some and predict the others; or choose: --{option} {off}"
         )
     return [(parts[0], parts[1]), (parts[1], parts[0])]
 
@@ -168,7 +175,7 @@ def lines_about(rungs: Sequence[Rung]) -> list[str]:
     return lines
 
 
-def _errors(predictions: Sequence[Prediction]) -> dict[tuple[int, str], float]:
+def errors_of(predictions: Sequence[Prediction]) -> dict[tuple[int, str], float]:
     """Logarithm of the rms prediction error, by block and component."""
     found = {}
     for i, one in enumerate(predictions):
@@ -178,7 +185,7 @@ def _errors(predictions: Sequence[Prediction]) -> dict[tuple[int, str], float]:
     return found
 
 
-def _better(now: dict[tuple[int, str], float], before: dict[tuple[int, str], float]) -> tuple[float, float]:
+def change_between(now: dict[tuple[int, str], float], before: dict[tuple[int, str], float]) -> tuple[float, float]:
     """Mean change over the blocks, each the mean of its components, and its standard error.
 
     Infinite where more predictions run away than before, or fewer.

@@ -54,6 +54,7 @@ def write_identification_report(result: Any, folder: Path) -> Path:
         _blind(result, folder),
         _tests(result, folder),
         _validation(result, folder),
+        _learned(result),
         _residuals(result, folder),
         Section("provenance", "Provenance", items=[tables.provenance_table(result)]),
     ]
@@ -167,6 +168,18 @@ def _validation(result: Any, folder: Path) -> Section:
     left = names[_DRAWN:]
     words = [f"Not drawn: {', '.join(left)}; their scores are below."] if left else []
     return Section("validation", "Held-out tests", words, (), [*items, tables.validation_table(result.held_out)])
+
+
+def _learned(result: Any) -> Section | None:
+    """The comparison of predictions with and without a learned wrench, and what was learned."""
+    made = result.acceptance
+    if made is None and result.discrepancy is None:
+        return None
+    words = [] if made is None else [made.words[0].upper() + made.words[1:] + "."]
+    items = [tables.learned_errors_table(made)] if made is not None and made.errors else []
+    if result.discrepancy is not None:
+        items.append(tables.learned_parts_table(result.discrepancy))
+    return Section("learned", "Learned beside the equations", words, (), items)
 
 
 def _residuals(result: Any, folder: Path) -> Section | None:

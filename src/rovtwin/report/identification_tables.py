@@ -274,3 +274,28 @@ def _hash(source: str) -> str:
         return f", sha256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}" if path.is_file() else ""
     except OSError:
         return ""
+
+
+def learned_errors_table(made: Any) -> Table:
+    """Errors of predicted blocks without and with the learned wrench, by component."""
+    rows = [
+        [component_name(name), *(number(scaled(name, x), 3) for x in pair), unit_of(name),
+         f"{100 * (pair[1] / max(pair[0], 1e-300) - 1.0):+.0f} %"]
+        for name, pair in made.errors.items()
+    ]  # fmt: skip
+    note = (
+        f"rms over {made.blocks} blocks, each predicted in open loop by what was fitted to the others. The decision is "
+        "by the mean of the logarithms over components, then blocks."
+    )
+    return Table("Predictions without and with it", ["Component", "Without", "With", "Unit", "Change"], rows, note)
+
+
+def learned_parts_table(learned: Any) -> Table:
+    """What was learned along which axis."""
+    rows = []
+    for part in learned.parts:
+        unit = FORCE_UNITS[DIRECTIONS.index(part.axis)]
+        inputs = "velocity" if part.of == "motion" else "velocity and thrust"
+        rows.append([part.axis, inputs, f"{part.std:.2g} {unit}", str(len(part.weights))])
+    note = "Size: standard deviation before the tests, which it has again far from them."
+    return Table("Parts", ["Axis", "A function of", "Size", "Kernel functions"], rows, note)

@@ -1,11 +1,11 @@
 """What an identified model lacks: a learned wrench of the velocity through the water and of the thrust.
 
 Each part is a Gaussian process of one component of the wrench, written with kernel functions at m places ("inducing
-points"), so that mean and variance cost m exponentials. Its inputs are z = (nu_r, tau_i): velocity through the water
-and the thrusters' wrench along the part's own axis. Parts are of two kinds:
+points"), so that mean and variance cost m exponentials. Its inputs are z = (nu_r, tau): velocity through the water and
+the thrusters' wrench. Parts are of two kinds:
 
     motion: depends on nu_r alone, and is zero at nu_r = 0;
-    thrust: depends on nu_r and tau_i, and is zero at tau_i = 0: thrust that is lost or turned aside by an inflow.
+    thrust: depends on nu_r and tau, and is zero at tau = 0: thrust that is lost or turned aside by an inflow.
 
 Both are what a process with the kernel rho(z, z') = exp(-|z - z'|^2 / 2), lengths taken out, becomes once it is known
 to be zero there. With `a` the inputs that have to vanish and `f` the others
@@ -23,6 +23,8 @@ process as the discrepancy of a model); Rasmussen and Williams (2006), Gaussian 
 8.3.
 """
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 
@@ -37,11 +39,11 @@ class Discrepancy(eqx.Module):
     Attributes:
         along: Which component of the wrench each part adds to, columns of unit vectors, shape (6, P).
         motion: 1 for parts of motion, 0 for parts of thrust, shape (P,).
-        anchored: 1 for the inputs that have to vanish for the part to, shape (P, 7).
+        anchored: 1 for the inputs that have to vanish for the part to, shape (P, 12).
         std: Prior standard deviation of each part [N, N m], shape (P,).
         inverse_lengths: One over the length over which a part changes with an input [s/m, s/rad, 1/N, 1/(N m)], 0 where
-            it does not, shape (P, 7).
-        centres: Places of the kernel functions [m/s, rad/s, N, N m], shape (P, m, 7).
+            it does not, shape (P, 12).
+        centres: Places of the kernel functions [m/s, rad/s, N, N m], shape (P, m, 12).
         coefficients: Of the kernel functions in the mean [N, N m], shape (P, m).
         reduction: G with k' G' G k the share of the prior's variance that the data have taken away, shape (P, m, m).
         speeds: Typical of each component of nu_r [m/s, rad/s], shape (6,): what excess energy is taken off by.
@@ -58,6 +60,23 @@ class Discrepancy(eqx.Module):
     speeds: Array
 
 
+def with_coefficients(discrepancy: Discrepancy, coefficients: Array) -> Discrepancy:
+    """The same with other coefficients of the mean, shape (P, m)."""
+    return eqx.tree_at(lambda d: d.coefficients, discrepancy, coefficients)
+
+
+def replace_discrepancy(model: Any, discrepancy: Discrepancy | None) -> Any:
+    """A Model with another discrepancy; nothing else is computed anew, as `Model.replace` would."""
+    return eqx.tree_at(
+        lambda m: m.discrepancy, model, discrepancy, is_leaf=lambda x: x is None or isinstance(x, Discrepancy)
+    )
+
+
+def without_discrepancy(model: Any) -> Any:
+    """A Model with its equations of motion alone."""
+    return replace_discrepancy(model, None)
+
+
 def kernels(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> tuple[Array, Array]:
     """k(z, centre) of every kernel function, shape (P, m), and k(z, z) of every part, shape (P,).
 
@@ -67,8 +86,7 @@ def kernels(discrepancy: Discrepancy, nu_r: Array, tau: Array) -> tuple[Array, A
         tau: Wrench of the thrusters, b at CO [N, N m], shape (6,).
     """
     d = discrepancy
-    own = jnp.sum(d.along * tau[:, None], axis=0)
-    z = jnp.concatenate([jnp.broadcast_to(nu_r, (own.shape[0], 6)), own[:, None]], axis=1) * d.inverse_lengths
+    z = jnp.concatenate([nu_r, tau]) * d.inverse_lengths
     c = d.centres * d.inverse_lengths[:, None, :]
     far = jnp.sum((z[:, None, :] - c) ** 2, axis=2)
     # What the process at z and at a centre have in common with its value where it is known to be zero.

@@ -6,7 +6,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.schema import DiscrepancyPart, LearnedDiscrepancy
 
-INPUTS = 7  # of a part: nu_r, and the thrusters' wrench along its axis
+INPUTS = 12  # of a part: nu_r and the thrusters' wrench
 JITTER = 1e-8  # added to the diagonal of kernel matrices, whose elements are at most 1
 _PUSHED = 1e-3  # of the largest lever or share of a thruster, below which none pushes along an axis
 
@@ -27,8 +27,8 @@ def whitening(anchored: np.ndarray, inverse_lengths: np.ndarray, centres: np.nda
 
 
 def anchored_inputs(of: str) -> np.ndarray:
-    """Which inputs have to vanish for a part `of` motion or thrust to, shape (7,)."""
-    return np.array([1.0] * 6 + [0.0] if of == "motion" else [0.0] * 6 + [1.0])
+    """Which inputs have to vanish for a part `of` motion or thrust to, shape (12,)."""
+    return np.repeat([1.0, 0.0] if of == "motion" else [0.0, 1.0], 6)
 
 
 def pushed(configuration: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ def discrepancy_arrays(
         ratio: Density of the water over that of the file's: forces of motion grow with it.
 
     Raises:
-        ConfigError: A part is about thrust along an axis in which no thruster pushes, or has no distribution.
+        ConfigError: A part depends on thrust along an axis in which no thruster pushes, or has no distribution.
     """
     most = max(len(part.weights) for part in found.parts)
     rows = [
@@ -63,18 +63,18 @@ def discrepancy_arrays(
 
 def _part(part: DiscrepancyPart, able: np.ndarray, where: str, most: int, ratio: float) -> dict[str, np.ndarray]:
     """Fields of Discrepancy of one part, without `along`; places beyond its own are zero and count nothing."""
-    axis, of_motion = AXES.index(part.axis), part.of == "motion"
-    if not of_motion and not able[axis]:
-        raise ConfigError(
-            f"{where}: found a part of thrust in {part.axis}, but no thruster of this vehicle pushes along it: it was "
-            "learned with another vehicle. Identify this one again, or take the block 'discrepancy' out"
-        )
+    of_motion = part.of == "motion"
     inverse = np.array([0.0 if length is None else 1.0 / length for length in part.lengths])
     anchored, m = anchored_inputs(part.of), len(part.weights)
-    if of_motion and inverse[6] > 0.0:
-        raise ConfigError(
-            f"{where}.lengths[6]: found {part.lengths[6]:g}, expected null: a part of motion has no thrust"
-        )
+    for i in np.flatnonzero(inverse[6:]):
+        found, axis = f"{where}.lengths[{6 + i}]: found {part.lengths[6 + i]:g}", AXES[i]
+        if of_motion:
+            raise ConfigError(f"{found}, expected null: a part of motion is no function of thrust")
+        if not able[i]:
+            raise ConfigError(
+                f"{found}, for thrust in {axis}, but no thruster of this vehicle pushes along it: it was learned with "
+                "another vehicle. Identify this one again, or take the block 'discrepancy' out"
+            )
     centres = np.array(part.centres)
     white = whitening(anchored, inverse, centres)
     covariance = np.array(part.covariance)

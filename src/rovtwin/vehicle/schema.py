@@ -409,19 +409,19 @@ class Estimate(Strict):
     )
 
 
-Seven = Annotated[list[Number], Field(min_length=7, max_length=7)]
+Twelve = Annotated[list[Number], Field(min_length=12, max_length=12)]
 
 
 class DiscrepancyPart(Strict):
     """One component of the learned wrench, as a Gaussian process: see `vehicle/discrepancy.py`."""
 
     axis: Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
-    of: Literal["motion", "thrust"] = Field(description="motion: of nu_r; thrust: also of the thrusters' wrench there")
+    of: Literal["motion", "thrust"] = Field(description="motion: of nu_r; thrust: also of the thrusters' wrench")
     std: Positive = Field(description="of the wrench before any test [N, N m]")
-    lengths: Annotated[list[Positive | None], Field(min_length=7, max_length=7)] = Field(
-        description="of nu_r, and of the thrusters' wrench along the axis, over which it changes; null: it does not"
+    lengths: Annotated[list[Positive | None], Field(min_length=12, max_length=12)] = Field(
+        description="of nu_r and of the thrusters' wrench over which it changes; null: it does not"
     )
-    centres: Annotated[list[Seven], Field(min_length=1)] = Field(description="nu_r and wrench of each kernel function")
+    centres: Annotated[list[Twelve], Field(min_length=1)] = Field(description="nu_r and wrench of each kernel function")
     weights: list[Number] = Field(description="of the independent features made of the kernel functions")
     covariance: list[list[Number]] = Field(description="of the weights; the identity before any test")
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.flow import Environment
+from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.loads import load_wrench, thrust_history
@@ -22,6 +23,7 @@ from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.path import KERNEL, smoothed_path
 from rovtwin.identification.joint.segments import Grid, Segments
 from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.model import Model
 
 WINDOW = 1.0  # over which the change of velocity is compared [s]
 _STEP = 0.1  # between the states at which the model is asked, at most [s]
@@ -48,6 +50,7 @@ class Balance:
         self.window = max(1, round(WINDOW / self.grid.step))
         self._kernel = _gauss(KERNEL / self.grid.step)
         self.gaps = jax.jit(self._gaps)
+        self.missing = jax.jit(self._missing)
         self.linearised = jax.jit(lambda *a: (self._gaps(*a), jax.jacfwd(self._gaps)(*a)))
 
     def arrays_of(self, segments: Segments) -> dict[str, Any]:
@@ -99,20 +102,35 @@ class Balance:
     def _gaps(self, theta: Array, arrays: dict[str, Any]) -> Array:
         """Shape (W, 6), zero where something was not seen."""
         model, extras = self.parameters.model_at(theta)
-        history = thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.grid.step)
-        # Thrust goes through the kernel that the states went through.
-        tau = _through(self._kernel, history[:, :, 0].reshape(-1, 6))
+        tau = self._thrust(model, arrays)
 
         def rate(x: Nodes, tau: Array, own: dict[str, Array]) -> Array:
             heavier = model
             if "ballast_mass" in own:
                 heavier = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
-            calm = Environment.calm(velocity=own["current"])
-            return acceleration(heavier, x.position, x.attitude, x.nu, tau + load_wrench(x, own, extras), calm)
+            calm = Environment.calm(velocity=own["current"], wrench=load_wrench(x, own, extras))
+            return acceleration(heavier, x.position, x.attitude, x.nu, tau, calm)
 
-        rates = jax.vmap(rate)(arrays["path"], tau[arrays["rows"]], arrays["own"])
+        rates = jax.vmap(rate)(arrays["path"], tau, arrays["own"])
         change = self.grid.step * rates.reshape(-1, self.window, 6).sum(axis=1)
         return arrays["used"] * (change - arrays["change"])
+
+    def _thrust(self, model: Model, arrays: dict[str, Any]) -> Array:
+        """Wrench of the thrusters at the path's states, through the kernel that these went through, shape (N, 6)."""
+        history = thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.grid.step)
+        return _through(self._kernel, history[:, :, 0].reshape(-1, 6))[arrays["rows"]]
+
+    def _missing(self, theta: Array, arrays: dict[str, Any]) -> tuple[Array, Array, Array]:
+        """What moves the vehicle beside the model's forces, mean over windows (W, 6), and nu_r and thrust there.
+
+        Where a component was not seen, nothing is missing along it. States and thrust have shape (W, window, 6).
+        """
+        model, _ = self.parameters.model_at(theta)
+        path, window = arrays["path"], (-1, self.window, 6)
+        missing = -self._gaps(theta, arrays) @ model.mass.T / (self.window * self.grid.step)
+        flow = jax.vmap(lambda q, c: rotation_from_quaternion(q).T @ c)(path.attitude, arrays["own"]["current"])
+        nu_r = jnp.concatenate([path.nu[:, :3] - flow, path.nu[:, 3:]], axis=1)
+        return missing, nu_r.reshape(window), self._thrust(model, arrays).reshape(window)
 
 
 def balanced(balance: Balance, segments: Segments, prior: Gaussian, static: Linear | None = None) -> np.ndarray:

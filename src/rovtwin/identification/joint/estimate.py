@@ -62,6 +62,7 @@ def estimate(
     max_steps: int = 60,
     progress: Callable[[int, float], None] | None = None,
     begin: Unknowns | None = None,
+    noise: Noise | None = None,
 ) -> Solution:
     """Levenberg-Marquardt steps; after each accepted one the noise is estimated anew.
 
@@ -69,13 +70,16 @@ def estimate(
         problem: Readings, prior and static evidence.
         max_steps: Of Gauss-Newton.
         progress: Called with the number of steps and the largest change in standard deviations.
-        begin: Where to begin; None: where forces balance. The noise begins as usual, at the wide end of the valley.
+        begin: Where to begin; None: where forces balance.
+        noise: To begin with, beside `begin`; None: as usual, at the wide end of the valley.
 
     Raises:
         IdentificationError: The readings are not numbers, or the model cannot be integrated at the start.
     """
-    here, noise = problem.start()
-    here = begin or here
+    if begin is None or noise is None:
+        start, noise = problem.start()
+        begin = begin or start
+    here = begin
     damping, change, steps, settled, idle = 1.0, np.inf, 0, False, 0
     variances = Variances(problem)
     fresh, going = True, None

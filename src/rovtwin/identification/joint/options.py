@@ -24,6 +24,9 @@ class Options(Strict):
     accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")
     max_steps: int = Field(80, ge=1, description="of Gauss and Newton")
     structure: str = Field("full", description="full; auto: as many parameters as predict better; or a rung's name")
+    discrepancy: Literal["off", "auto"] = Field(
+        "off", description="auto: learn a wrench that the equations lack, where predictions get better by it"
+    )
     groups: dict[str, list[str]] | None = Field(None, description="thrusters that share a curve, by name of the group")
 
     @classmethod

@@ -11,6 +11,7 @@ from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 _DIGITS = 8
 
@@ -26,6 +27,7 @@ def identified_file(
     findings: Sequence[str],
     tested: Mapping[str, tuple[float, float]],
     doubts: Sequence[str] = (),
+    discrepancy: LearnedDiscrepancy | None = None,
 ) -> dict[str, Any]:
     """A complete vehicle file as plain data, loadable by `vehicle_from_dict`."""
     model, _ = parameters.model_at(theta)
@@ -69,6 +71,7 @@ def identified_file(
             "center_of_buoyancy": [_short(x) for x in lever],
         },
         "thrusters": _thrusters(vehicle, model),
+        **({} if discrepancy is None else {"discrepancy": discrepancy.model_dump(mode="json")}),
         "estimate": estimate,
     }
     return data

@@ -19,6 +19,7 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.identification.joint.couplings import POWERS, bound_of, place_of, share_unit, with_added_mass, with_damping
 from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.discrepancy import with_coefficients
 from rovtwin.vehicle.model import Model
 
 DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -107,11 +108,14 @@ class Parameters:
         model: Starting values of everything, free or not.
         free: In the order of theta.
         groups: Thrusters that share their curve: indices by name of the group.
+        basis: Coefficients of the model's discrepancy by its weights, which are the last q of `free`, shape (q, P, m);
+            None where these are no parameters.
     """
 
     model: Model
     free: tuple[Parameter, ...]
     groups: Mapping[str, tuple[int, ...]]
+    basis: np.ndarray | None = None
 
     @property
     def names(self) -> list[str]:
@@ -167,6 +171,9 @@ class Parameters:
         changes |= _coupled(changes, value)
         changes |= _restoring(model, value)
         changes["thrusters"] = self._thrusters(value)
+        if self.basis is not None and model.discrepancy is not None:
+            coefficients = jnp.tensordot(theta[-len(self.basis) :], self.basis, axes=1)
+            changes["discrepancy"] = with_coefficients(model.discrepancy, coefficients)
         return model.replace(**changes), Extras(value.get("tether.drag", as_array(0.0)))
 
     def _damping(self, value: Mapping[str, Array]) -> dict[str, Array]:

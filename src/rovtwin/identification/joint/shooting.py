@@ -24,7 +24,8 @@ from rovtwin.identification.joint.parameters import Extras, Parameters
 from rovtwin.identification.joint.readings import gaps_along, offsets_by_signal, squared
 from rovtwin.identification.joint.segments import Segments
 from rovtwin.identification.joint.sensitivities import sensitivities
-from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.discrepancy import with_coefficients, without_discrepancy
+from rovtwin.vehicle.dynamics import acceleration, learned_wrench
 from rovtwin.vehicle.model import Model
 
 _CHUNK = 8  # segments at most that are simulated side by side, with all their derivatives: what fits into the cache
@@ -94,14 +95,30 @@ class Shooting:
 
     # One segment.
 
-    def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
-        """nu_dot in a segment, shape (6,), of parts, state and the thrusters' wrench."""
+    def _model(self, own: dict[str, Any], parts: Any) -> Model:
+        """The model of parts, with the ballast of a segment."""
         model: Model = eqx.combine(parts[0], self._static)
-        extras: Extras = parts[1]
         if "ballast_mass" in own:
             model = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
-        calm = Environment.calm(velocity=own["current"])
-        return acceleration(model, x.position, x.attitude, x.nu, wrench + load_wrench(x, own, extras), calm)
+        return model
+
+    def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
+        """nu_dot in a segment, shape (6,), of parts, state and the thrusters' wrench."""
+        return _accelerated(self._model(own, parts), parts[1], own, x, wrench)
+
+    def _rate_of_equations(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
+        """The same without what the model has learned beside its equations: linear in the wrench."""
+        return _accelerated(without_discrepancy(self._model(own, parts)), parts[1], own, x, wrench)
+
+    def _rate_learned(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
+        """What it has learned adds to nu_dot, shape (6,)."""
+        model, basis = self._model(own, parts), self.parameters.model.discrepancy
+        assert model.discrepancy is not None and basis is not None
+        # Of what it has learned only the coefficients are parameters: no derivatives by all the rest.
+        model = eqx.tree_at(lambda m: m.discrepancy, model, with_coefficients(basis, model.discrepancy.coefficients))
+        R_bn = rotation_from_quaternion(x.attitude).T
+        nu_r = jnp.concatenate([x.nu[:3] - R_bn @ own["current"], x.nu[3:]])
+        return model.mass_inverse @ learned_wrench(model, nu_r, wrench)
 
     def _path(self, parts: Any, tau: Array, node: Nodes, own: dict[str, Any]) -> tuple[Nodes, Array | None]:
         """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
@@ -143,8 +160,9 @@ class Shooting:
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
             path, rates = self._path(parts, tau, node, own)
-            rate = partial(self._rate, own)
-            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step)
+            learned = None if self.parameters.model.discrepancy is None else partial(self._rate_learned, own)
+            rate = partial(self._rate_of_equations, own)
+            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, learned)
 
             def gaps(errors: Array, more: Array) -> dict[str, Array]:
                 return self._gaps(jax.vmap(moved)(path, errors), None if rates is None else rates + more, own)
@@ -183,6 +201,12 @@ class Shooting:
         parts = self._parts(theta)
         _, own = self._per_segment(nodes, arrays)
         return _chunked(lambda s: self._path(parts, s[1], s[0], s[2])[0], (nodes, self._wrenches(parts, arrays), own))
+
+
+def _accelerated(model: Model, extras: Extras, own: dict[str, Any], x: Nodes, wrench: Array) -> Array:
+    """nu_dot in a segment, shape (6,): the thrusters' wrench apart from loads, since learned wrenches depend on it."""
+    calm = Environment.calm(velocity=own["current"], wrench=load_wrench(x, own, extras))
+    return acceleration(model, x.position, x.attitude, x.nu, wrench, calm)
 
 
 def _chunked(function: Any, segments: Any) -> Any:

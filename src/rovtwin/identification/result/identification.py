@@ -11,6 +11,7 @@ import numpy as np
 
 from rovtwin import __version__
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.discrepancy.acceptance import Acceptance
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
@@ -28,6 +29,7 @@ from rovtwin.identification.result import store, tables
 from rovtwin.identification.structure import Rung
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 if TYPE_CHECKING:
     import pandas
@@ -60,6 +62,9 @@ class Identification:
         offsets: Constant errors of the sensors, by signal, in its unit and in the order of its components.
         options: With which it was made.
         ladder: How the structure was chosen, where it was; of a result that was loaded its words in `findings` tell.
+        discrepancy: What the model has learned beside its equations; None: nothing.
+        acceptance: The comparison by which that was decided, where it was; of a result that was loaded its words in
+            `findings` tell.
         version: Of rovtwin, by which it was made.
     """
 
@@ -83,6 +88,8 @@ class Identification:
     offsets: dict[str, np.ndarray] = field(default_factory=dict)
     options: Options = field(default_factory=lambda: Options.read({}))
     ladder: list[Rung] = field(default_factory=list)
+    discrepancy: LearnedDiscrepancy | None = None
+    acceptance: Acceptance | None = None
     version: str = __version__
 
     def __repr__(self) -> str:
@@ -142,6 +149,7 @@ class Identification:
             [b.text for b in self.blind] + self.findings,
             self.tested,
             self.doubts,
+            self.discrepancy,
         )
 
     def summary(self, truth: Mapping[str, float] | None = None) -> pandas.DataFrame:
@@ -279,11 +287,14 @@ class Identification:
         return np.array(prediction_figure([log]).axes[: len(log.scores)])
 
     def save(self, path: str | Path, overwrite: bool = False) -> Path:
-        """Written as one netCDF file, to the last bit, but for `problem`, `ladder`, `solution.apart`; returns the path.
+        """Written as one netCDF file, to the last bit, but for `problem`, `ladder`, `acceptance`, `solution.apart`.
 
         Args:
             path: By custom with the ending `.nc`.
             overwrite: Whether a file that exists may be replaced.
+
+        Returns:
+            The path.
 
         Raises:
             LogError: The file cannot be written, or it exists.

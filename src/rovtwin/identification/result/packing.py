@@ -22,8 +22,10 @@ from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.judgement.verdict import Blind
 from rovtwin.identification.judgement.whiteness import Residuals
 from rovtwin.vehicle import Vehicle, vehicle_from_dict
+from rovtwin.vehicle.discrepancy import Discrepancy, replace_discrepancy, without_discrepancy
 from rovtwin.vehicle.files import with_meshes
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 if TYPE_CHECKING:
     from rovtwin.identification.result.identification import Identification
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 _TOLD = ("findings", "seconds", "doubts", "version")  # fields that are words as they are
 _SOLVED = ("converged", "steps", "cost", "stretches")  # of the solution
 _SOLVED_ARRAYS = ("information", "offset_std", "widening")
+_LEARNED = "discrepancy."  # what leaves of the model begin with that it has only where something was learned
 _SERIES = ("t", "measured", "predicted")
 _folders: list[tempfile.TemporaryDirectory[str]] = []  # mesh files of what was loaded, for as long as the process runs
 
@@ -68,6 +71,7 @@ def packed(result: Identification) -> Packed:
         "offsets": result.offsets,
         "options": result.options.model_dump(mode="json"),
         "solution": None,
+        "discrepancy": None if result.discrepancy is None else result.discrepancy.model_dump(mode="json"),
     }
     arrays |= meshes
     if result.solution is not None:
@@ -95,7 +99,7 @@ def unpacked(held: Packed, where: str) -> dict[str, Any]:
     groups = {group: tuple(rows) for group, rows in words["groups"].items()}
     theta, covariance = a["theta"], a["covariance"]
     offsets = {name: np.array(value) for name, value in words["offsets"].items()}
-    solved = words["solution"]
+    solved, learned = words["solution"], words.get("discrepancy")
     return {key: words[key] for key in _TOLD} | {
         "vehicle": vehicle,
         "parameters": Parameters(_model_unpacked(vehicle, a, where), free, groups),
@@ -108,6 +112,7 @@ def unpacked(held: Packed, where: str) -> dict[str, Any]:
         "tested": {name: tuple(ends) for name, ends in words["tested"].items()},
         "offsets": offsets,
         "options": Options.read(words["options"]),
+        "discrepancy": None if learned is None else LearnedDiscrepancy.model_validate(learned),
         "solution": None if solved is None else _solution_unpacked(solved, a, theta, covariance, offsets),
         **{
             group: [_prediction_unpacked(p, f"{group}/{k}/", a) for k, p in enumerate(words[group])]
@@ -128,16 +133,21 @@ def _leaves(model: Model) -> dict[str, Any]:
 
 def _model_unpacked(vehicle: Vehicle, arrays: Mapping[str, np.ndarray], where: str) -> Model:
     """The starting model: of the vehicle's kind, with the arrays that were kept."""
-    pattern = vehicle.model()
+    pattern = without_discrepancy(vehicle.model())
     names = _leaves(pattern)
-    kept = {place.removeprefix("model/") for place in arrays if place.startswith("model/")}
+    held = {place.removeprefix("model/"): array for place, array in arrays.items() if place.startswith("model/")}
+    learned = {name.removeprefix(_LEARNED): x for name, x in held.items() if name.startswith(_LEARNED)}
+    kept = {name for name in held if not name.startswith(_LEARNED)}
     if differing := sorted(kept ^ names.keys()):
         raise IdentificationError(
             f"{where}: model: found arrays {', '.join(sorted(kept))}, expected those of this rovtwin, which differ in "
             f"{', '.join(differing)}; read the file with the rovtwin that wrote it, or run rovtwin identify again"
         )
-    leaves = [as_array(arrays[f"model/{name}"], np.asarray(leaf).dtype) for name, leaf in names.items()]
-    return jax.tree.unflatten(jax.tree.structure(pattern), leaves)
+    leaves = [as_array(held[name], np.asarray(leaf).dtype) for name, leaf in names.items()]
+    model: Model = jax.tree.unflatten(jax.tree.structure(pattern), leaves)
+    if not learned:
+        return model
+    return replace_discrepancy(model, Discrepancy(**{name: as_array(x) for name, x in learned.items()}))
 
 
 def _vehicle_packed(vehicle: Vehicle) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
