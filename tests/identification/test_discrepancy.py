@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from tests.identification.broken import axis_steps
+from tests.identification.learned import study
 from tests.identification.synthetic import record
 from tests.vehicle.discrepancies import block, file_with, random_part
 
@@ -65,7 +66,7 @@ def test_derivatives_by_weights_and_parameters_are_those_of_the_simulation(learn
 # Where there is something to learn, and what: windows of a vehicle whose missing wrench is known.
 
 
-def windows(missing, seed=0, count=240, noise=0.05, able=(1, 1, 1, 0, 0, 1)):
+def windows(missing, seed=0, count=240, noise=0.05, able=(1, 1, 1, 0, 0, 1), axes=(1,)):
     """Windows of random motions and thrusts, in which `missing(nu, tau)` is what the model lacks."""
     rng = np.random.default_rng(seed)
     nu = rng.normal(size=(count, 1, 6)) * [0.3, 0.2, 0.2, 0.0, 0.0, 0.4] + 0.01 * rng.normal(size=(count, 5, 6))
@@ -73,7 +74,9 @@ def windows(missing, seed=0, count=240, noise=0.05, able=(1, 1, 1, 0, 0, 1)):
     tau = rng.normal(size=(count, 1, 6)) * [10.0, 8.0, 9.0, 0.0, 0.0, 3.0] * np.ones((1, 5, 1))
     wrench = np.mean(missing(nu, tau), axis=1)
     wrench = wrench + noise * rng.normal(size=wrench.shape)
-    return Windows(wrench, np.ones((count, 6), bool), nu, tau, np.array(able, bool))
+    seen = np.zeros((count, 6), bool)
+    seen[:, list(axes)] = True  # what is not seen costs nothing
+    return Windows(wrench, seen, nu, tau, np.array(able, bool))
 
 
 def duct(nu, tau):
@@ -87,8 +90,15 @@ def test_noise_alone_teaches_nothing():
     assert regressed(windows(lambda nu, tau: np.zeros_like(nu))) is None
 
 
-def test_a_duct_is_learned_as_thrust_in_sway_and_predicts_other_windows():
+@pytest.fixture(scope="module")
+def of_a_duct():
     found = regressed(windows(duct))
+    assert found is not None
+    return found
+
+
+def test_a_duct_is_learned_as_thrust_in_sway_and_predicts_other_windows(of_a_duct):
+    found = of_a_duct
     assert [(part.axis, part.of) for part in found.parts] == [("sway", "thrust")]
     learned = discrepancy_from(found, np.eye(6), "learned", 1.0)
     other = windows(duct, seed=1, noise=0.0)
@@ -101,8 +111,8 @@ def test_a_duct_is_learned_as_thrust_in_sway_and_predicts_other_windows():
     assert np.mean(np.abs(left) < 2.0 * np.sqrt(variance + 0.05**2)) > 0.85
 
 
-def test_what_is_learned_is_what_a_file_keeps():
-    found = regressed(windows(duct))
+def test_what_is_learned_is_what_a_file_keeps(of_a_duct):
+    found = of_a_duct
     again = LearnedDiscrepancy.model_validate(yaml.safe_load(yaml.safe_dump(found.model_dump(mode="json"))))
     for a, b in zip(
         jax.tree.leaves(discrepancy_from(found, np.eye(6), "", 1.0)),
@@ -118,8 +128,8 @@ def test_a_sparse_regression_finds_a_term_of_its_library_and_drops_the_others():
         out[..., 5] = 0.4 * tau[..., 1] * nu[..., 0]
         return out
 
-    found = sparse(windows(term))
-    assert [line for line in found.lines() if line.startswith("yaw")] == ["yaw: +0.4 Y u"] or "Y u" in found.lines()[-1]
+    found = sparse(windows(term, axes=range(6)))
+    assert any("Y u" in line for line in found.lines() if line.startswith("yaw"))
     at = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0])
     assert float(found.wrench(*at)[5]) == pytest.approx(0.6, rel=0.1)
     assert np.count_nonzero(found.coefficients) < 8
@@ -187,3 +197,12 @@ def test_with_other_parts_it_is_left_out(earlier):
     result = identify(vehicle_from_dict(data, "new.yaml"), old=earlier)
     assert result.discrepancy is None and result.model().discrepancy is None
     assert any("holds for its parts alone: left out" in line for line in result.findings)
+
+
+@pytest.mark.slow
+def test_predictions_of_a_vehicle_with_forces_that_its_model_lacks_err_half_as_much():
+    """Sway and yaw, where the duct is missing; the other axes are predicted no worse by more than a tenth."""
+    found = study("double_blueye")
+    for component in ("velocity.v", "gyro.r"):
+        assert found["learned"][component] < 0.5 * found["without"][component]
+    assert all(rms < 1.1 * found["without"][component] for component, rms in found["learned"].items())

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.vehicle.discrepancies import block, random_part
 
+from rovtwin.identification.discrepancy.acceptance import Acceptance
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
@@ -24,6 +26,7 @@ from rovtwin.report.identification import curves_of, write_identification_report
 from rovtwin.report.identification_tables import between, correlated_table, estimated, parameter_table, percent
 from rovtwin.report.identification_words import assumptions, excitation, is_coupling, verdict
 from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 FREE = ["added_mass.surge", "linear_damping.surge", "quadratic_damping.surge", "quadratic_damping.roll",
         "thrusters.surge.*"]  # fmt: skip
@@ -327,3 +330,15 @@ def test_the_report_of_a_real_estimate(vehicle, tmp_path):
     assert set(found.tested) == {"surge", "sway", "heave", "roll", "pitch", "yaw"} | {
         f"thrusters.{g}" for g in ("surge", "sway", "heave")
     }
+
+
+def test_a_learned_wrench_has_a_section_with_its_comparison(result, tmp_path):
+    part = random_part(np.random.default_rng(0), "sway", "thrust")
+    words = "learned wrench changes the error of predictions over 5 s by -37.6 % +- 6.9: taken"
+    made = Acceptance(-0.47, 0.1, 8, {"velocity.v": (0.023, 0.0067)}, True, words)
+    learned = LearnedDiscrepancy.model_validate(block([part]))
+    page = write_identification_report(replace(result, acceptance=made, discrepancy=learned), tmp_path).read_text()
+    assert "Learned beside the equations" in page and words[1:] in page
+    assert "-71 %" in page and "velocity and thrust" in page and "8 blocks" in page
+    without = write_identification_report(result, tmp_path / "without").read_text()
+    assert "Learned beside the equations" not in without

@@ -64,8 +64,8 @@ class Windows:
 
     @property
     def moved(self) -> np.ndarray:
-        """Which components of nu_r were measured and moved, shape (6,)."""
-        return (np.mean(self.seen, axis=0) > 0.2) & (self.speeds > _MOVED)
+        """Which components of nu_r moved, shape (6,); what is not measured stands still along the smoothed path."""
+        return self.speeds > _MOVED
 
     @property
     def inputs(self) -> np.ndarray:
