@@ -52,8 +52,8 @@ def identify(
         typer.Option(
             metavar="auto|off",
             help="A wrench that the equations of motion lack, learned from velocity and thrust (auto): kept only where "
-            "it predicts blocks of the logs better, over 5 s, that were left out; some five times as long. Off is the "
-            "default.",
+            "it predicts blocks of the logs better, over 5 s, that were left out; ten times as long and more. Off is "
+            "the default.",
         ),
     ] = None,
     track: Annotated[
