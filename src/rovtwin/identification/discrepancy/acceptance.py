@@ -108,7 +108,7 @@ def compared(
     """
     without: list[Prediction] = []
     having: list[Prediction] = []
-    halves = folds(records, "discrepancy", "off")
+    halves, found = folds(records, "discrepancy", "off"), 0
     for k, (fit, held_out) in enumerate(halves):
         words = f"learned wrench, half {k + 1} of {len(halves)}"
         progress(f"{words}: without", k / len(halves))
@@ -122,9 +122,12 @@ def compared(
         if block is None:
             having += plain
             continue
+        found += 1
         problem, solution = refitted(problem, solution, block, anchors, settings)
         predictor = Predictor(problem.shooting.parameters, held_out, HORIZON, settings.step)
         having += predictor(solution.unknowns.theta, offsets_of(problem, solution))
+    if not found:
+        return nothing_to_learn("neither half of the tests by itself says enough of what is missing to learn it")
     return decided(without, having)
 
 
