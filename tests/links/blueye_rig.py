@@ -29,10 +29,17 @@ class BlueyeRig:
         self._end.enter_context(patch.dict(os.environ, {"http_proxy": f"http://{hosts[0]}:{HTTP}"}))
         self._served = self._end.enter_context(serving(server, drones=self._drones))
         self._end.callback(wait_for_farewells)
-        assert wait_for(lambda: self._served.said)
+        try:
+            self._connect(double, hosts)
+        except BaseException:
+            self._end.close()  # or the next rig finds its ports taken
+            raise
+
+    def _connect(self, double: bool, hosts: tuple[str, ...]) -> None:
+        assert wait_for(lambda: self._served.said, 20.0)
         # Messages of states would come once within the test, which looks for gaps.
         rates = {"ErrorFlagsTel": 0.0, "AltitudeTel": 100.0}
-        options = {"clock": lambda: self.now, "timer": lambda: self.now, "rates": rates}
+        options = {"clock": lambda: self.now, "timer": lambda: self.now, "rates": rates, "timeout": 20.0}
         self.link = DoubleBlueyeLink(hosts, **options) if double else BlueyeLink(hosts[0], **options)
         self.link.arm()
         self._links = self.link._links if isinstance(self.link, DoubleBlueyeLink) else (self.link,)

@@ -273,7 +273,7 @@ def parameters_and_prior(
     parameters = choose(everything, chosen)
     start = default_prior(parameters, vehicle, said)
     if old is not None:
-        start = prior_from(old, parameters, start, change, said or ())
+        start = prior_from(old, parameters, start, change, said or (), later=bool(records))
     return parameters, start
 
 

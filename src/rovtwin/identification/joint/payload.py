@@ -219,7 +219,12 @@ def without_shape(vehicle: Vehicle) -> list[str]:
 
 
 def prior_from(
-    old: Vehicle, parameters: Parameters, prior: Gaussian, change: Change | None, said: Iterable[str] = ()
+    old: Vehicle,
+    parameters: Parameters,
+    prior: Gaussian,
+    change: Change | None,
+    said: Iterable[str] = (),
+    later: bool = False,
 ) -> Gaussian:
     """The prior of a new identification from an old one.
 
@@ -232,6 +237,7 @@ def prior_from(
         prior: The default one.
         change: Of the parts, None where they are the same.
         said: Patterns of names of which somebody stated something: they keep the given prior too.
+        later: Whether there are tests of another day. A change of parts is another day, too.
     """
     found = old.file.identified
     if found is None:
@@ -250,7 +256,7 @@ def prior_from(
     for i in rows:
         if not _of_the_parts(parameters.free[i].name):
             mean[i] = parameters.free[i].theta(found.estimate.parameters[known[parameters.free[i].name]].value)
-    for i in rows:
+    for i in rows if later or change is not None else ():
         C[i, i] += _ANOTHER_DAY.get(parameters.free[i].name.rpartition(".")[2], 0.0) ** 2
     if change is not None:
         for i in rows:
