@@ -42,6 +42,6 @@ class SeaCheck:
             return {"level": "error", "what": f"in this sea: {error}"}
         lines = [finding.line for finding in found] + ([f"in this sea: {said}"] if said else [])
         if not lines:
-            return {"level": "ok", "what": ""}
+            return {"level": "ok", "what": "nothing in it is beyond the vehicle"}
         level = "error" if any(finding.refused for finding in found) else LEVELS.get(worst, "error")
         return {"level": "warning" if found and level == "ok" else level, "what": ". ".join(lines)}
