@@ -22,6 +22,7 @@ from rovtwin.monitoring.factors import Factors, changed
 from rovtwin.monitoring.flight import Found
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.live import beside
 
 SECONDS, ZERO = 65.0, 7.0  # of the flight; an engine's clock when it is armed
 
@@ -139,3 +140,12 @@ def test_what_is_not_watched_says_why(known, tmp_path):
     log = FlightLog(scenario, composed, None, tmp_path / "run", watch)
     assert log.close("disarmed")["monitor"] == "did not run: no attitude or no gyro on board"
     assert "monitor/value" not in Log.read(tmp_path / "run" / "log.mcap")
+
+
+def test_a_watch_that_was_given_up_is_no_flight_without_changes():
+    """The page said "Not watched" and the summary listed what the monitor went on to find."""
+    assert beside.changed(None) == {}
+    assert beside.changed(None, "no gyro") == {"changed": [], "monitor": "did not run: no gyro"}
+    running = SimpleNamespace(trouble="", found=SimpleNamespace(changes=[], doubts=["a sign is wrong"]))
+    assert beside.changed(running, "ValueError: x") == {"changed": [], "monitor": "stopped: ValueError: x"}
+    assert beside.changed(running) == {"changed": [], "monitor": "in doubt: a sign is wrong"}

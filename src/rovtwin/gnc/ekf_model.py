@@ -56,7 +56,7 @@ def state_rate(model: Model, x: Array, tau: Array, bias_decay: Array) -> Array:
 def state_jacobian(model: Model, x: Array, bias_decay: Array) -> Array:
     """F = df/dx, shape (18, 18); tau enters f linearly and leaves no trace in it.
 
-    The slope of a learned discrepancy is left out: it is small beside the damping's.
+    The slope of a learned discrepancy is left out here; the error-state filter (`gnc.navigation`) has it.
     """
     euler, nu, b = x[3:6], x[6:12], x[12:]
     R_nb, T = rotation_from_euler(euler), euler_rate_matrix(euler)

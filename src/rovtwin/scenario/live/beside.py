@@ -17,7 +17,7 @@ SINCE = "since the identification"
 def monitor_of(composed: Composed, scenario: Scenario) -> tuple[FlightMonitor | None, str]:
     """The monitor of a flight, compiled: nothing waits for it once the vehicle flies; or None, and why there is none.
 
-    What watches ends no flight: whatever fails here is a reason.
+    Whatever fails here is such a reason, and ends no flight.
     """
     try:
         if scenario.test and any(span["hand"] for span in touched_spans(scenario)):
@@ -40,10 +40,12 @@ def changed(monitor: FlightMonitor | None, unwatched: str = "") -> dict[str, Any
 
     Args:
         monitor: Of the flight, None: there was none.
-        unwatched: Why there was none, "" where nobody wanted one.
+        unwatched: Why there was none, or why it was given up; "" where nobody wanted one, or nothing failed.
     """
+    if unwatched:
+        return {"changed": [], "monitor": f"{'did not run' if monitor is None else 'stopped'}: {unwatched}"}
     if monitor is None:
-        return {"changed": [], "monitor": f"did not run: {unwatched}"} if unwatched else {}
+        return {}
     if monitor.trouble:
         return {"changed": [], "monitor": f"stopped: {monitor.trouble}"}
     if monitor.found is None:
