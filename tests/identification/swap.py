@@ -14,7 +14,7 @@ import json
 
 import numpy as np
 from tests.identification.calibration import flown
-from tests.identification.synthetic import record, steps_command
+from tests.identification.synthetic import full_pull, record, steps_command
 
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.catalogue import catalogue, choose
@@ -125,8 +125,7 @@ def campaign(seed):
 
 def pull(model, rng):
     """A bollard pull of all thrusters that push ahead, 2 % wide."""
-    row, thrusters = np.asarray(model.thrusters.configuration)[0], model.thrusters
-    full = float(np.sum(np.where(row > 0.0, row * thrusters.force_ahead, -row * thrusters.force_astern)))
+    full = full_pull(model)
     return {"bollard": {"direction": "surge", "force": full * (1 + PULL * rng.standard_normal()), "sd": PULL * full}}
 
 

@@ -76,3 +76,9 @@ def records_of(path, t_command, command, duration, seed, signals, **kw):
         value = value + NOISE[name] * rng.standard_normal(value.shape)
         found[name] = Signal(t[rows], value, np.full(value.shape[1], NOISE[name]))
     return Record("synthetic", np.asarray(t_command), np.asarray(command), found, duration, **kw)
+
+
+def full_pull(model):
+    """What a scale reads while every thruster pushes ahead as hard as it can [N]."""
+    row, thrusters = np.asarray(model.thrusters.configuration)[0], model.thrusters
+    return float(np.sum(np.where(row > 0.0, row * thrusters.force_ahead, -row * thrusters.force_astern)))

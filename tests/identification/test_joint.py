@@ -11,7 +11,7 @@ from tests.identification.synthetic import record, steps_command
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.joint.agreement import parts, stretches
+from rovtwin.identification.joint.agreement import parts, stretches, widened
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import _not_astray, estimate
@@ -341,3 +341,20 @@ def test_what_a_log_says_by_itself_is_what_it_gives_alone(vehicle):
     agreed = identify(vehicle, same, free=free)
     assert agreed.solution is not None and agreed.solution.apart is not None
     assert agreed.solution.apart.disagreeing() == {} and "contradicted" not in agreed.verdicts
+
+
+def test_wider_intervals_know_nothing_better_than_before():
+    """A common scale that is known to 2 %, ratios to 1e-4: what widths are multiplied by must not tell the scale."""
+    rng = np.random.default_rng(0)
+    scale = np.array([1.0, 1.0, 2.1, 2.6])
+    covariance = 0.02**2 * np.outer(scale, scale) + 1e-8 * np.eye(4)
+    wider = np.array([1.0, 1.3, 1.1, 1.5])
+    grown = widened(covariance, wider)
+    np.testing.assert_allclose(np.sqrt(np.diag(grown) / np.diag(covariance)), wider)
+    for _ in range(20):
+        x = rng.standard_normal(4)
+        assert x @ np.linalg.solve(grown, x) <= x @ np.linalg.solve(covariance, x) * (1 + 1e-9)
+    known = np.sqrt(1.0 / (scale @ np.linalg.solve(grown, scale)))
+    assert known == pytest.approx(0.02, rel=1e-3)
+    rotated = covariance * np.outer(wider, wider)  # scaling rows and columns makes it known to 0.03 %
+    assert np.sqrt(1.0 / (scale @ np.linalg.solve(rotated, scale))) < 0.001

@@ -27,7 +27,7 @@ def test_a_log_that_grows_keeps_its_shapes(quick):
             "path": (rng.standard_normal((windows * span, 3)),),
             "own": {},
             "rows": np.arange(windows * span),
-            "command": np.zeros((segments, steps, 6)),
+            "command": np.zeros((segments, steps, 1, 6)),
             "fresh": np.zeros((segments, steps)),
             "change": np.ones((windows, 6)),
             "used": np.ones((windows, 6)),

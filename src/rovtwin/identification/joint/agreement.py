@@ -53,6 +53,21 @@ def widening(
     return np.sqrt(np.minimum(spread(slopes, information, A, divisions)[:n], widest))
 
 
+def widened(covariance: np.ndarray, wider: np.ndarray) -> np.ndarray:
+    """Covariance with widths `wider` times as large, shape (n, n), of which no combination is known better than before.
+
+    What comes to it is an error of its own, with the same correlations: C + F C F, F^2 = wider^2 - 1. Scaling rows and
+    columns would turn what is known least (the scale of all forces, along which all of them change together) away from
+    where it was, so that the next identification, with this as its prior, would take the scale as known.
+
+    Args:
+        covariance: Of an exact model, shape (n, n).
+        wider: Not below 1, shape (n,).
+    """
+    more = np.sqrt(wider**2 - 1.0)
+    return covariance * (1.0 + np.outer(more, more))
+
+
 def spread(slopes: np.ndarray, information: np.ndarray, A: np.ndarray, divisions: Sequence[np.ndarray]) -> np.ndarray:
     """What stretches make of the variances over those of an exact model, shape (m,), 1 where they agree.
 

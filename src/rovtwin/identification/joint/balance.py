@@ -68,11 +68,12 @@ class Balance:
         missed = np.concatenate([np.zeros((1, 6)), np.cumsum(1.0 - seen, axis=0)])
         clear = missed[end + 1] - missed[begin] < 0.5
         own = ("current", "tether", "ballast", "ballast_mass")
-        command = np.asarray(segments.arrays["command"])
+        # Close enough for a start: the mean command of a window, one in each of its steps.
+        command = np.einsum("skm,skmn->skn", *(np.asarray(segments.arrays[key]) for key in ("held", "command")))
         return {
             "path": jax.tree.map(lambda x: x[rows], path),
             "own": {k: np.asarray(segments.arrays[k])[rows // steps] for k in own if k in segments.arrays},
-            "command": command.reshape(count, steps, self.every, -1).mean(axis=2),
+            "command": command.reshape(count, steps, self.every, -1).mean(axis=2, keepdims=True),
             "fresh": fresh,
             "rows": rows,
             "change": path.nu[end] - path.nu[begin],
@@ -117,7 +118,9 @@ class Balance:
 
     def _thrust(self, model: Model, arrays: dict[str, Any]) -> Array:
         """Wrench of the thrusters at the path's states, through the kernel that these went through, shape (N, 6)."""
-        history = thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.grid.step)
+        command = arrays["command"]
+        held = jnp.ones(command.shape[:-1])
+        history = thrust_history(model.thrusters, command, held, arrays["fresh"], self.grid.step)
         return _through(self._kernel, history[:, :, 0].reshape(-1, 6))[arrays["rows"]]
 
     def _missing(self, theta: Array, arrays: dict[str, Any]) -> tuple[Array, Array, Array]:

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
-from rovtwin.identification.joint.agreement import stretches, widening
+from rovtwin.identification.joint.agreement import stretches, widened, widening
 from rovtwin.identification.joint.apart import Apart, logs_apart
 from rovtwin.identification.joint.arrow import Arrow, Factored
 from rovtwin.identification.joint.middle import moved_to_the_middle
@@ -224,7 +224,7 @@ def _solution(
     theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
     divisions = stretches(problem)
     wider = widening(problem, here.theta, blocks, noise, arrow, divisions)
-    covariance = covariance * np.outer(wider, wider)
+    covariance = widened(covariance, wider)
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
     apart = logs_apart(problem, here.theta, blocks, noise, arrow, divisions) if converged else None

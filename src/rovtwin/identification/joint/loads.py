@@ -9,16 +9,18 @@ from rovtwin.identification.joint.parameters import Extras
 from rovtwin.vehicle.thrusters import Thrusters, force_just_after, lag, static_force
 
 
-def thrust_history(thrusters: Thrusters, command: Array, fresh: Array, step: float) -> Array:
+def thrust_history(thrusters: Thrusters, command: Array, held: Array, fresh: Array, step: float) -> Array:
     """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6).
 
     Args:
         thrusters: With their lag.
-        command: Held over each step, shape (S, K, n).
+        command: Those of each step, one after the other, shape (S, K, m, n).
+        held: Share of the step that each is held, shape (S, K, m).
         fresh: 1 at steps where a record begins, with thrusters settled at its first command, shape (S, K).
         step: [s].
     """
-    target = jax.vmap(jax.vmap(lambda u: static_force(thrusters, u)))(command)
+    forces = jax.vmap(jax.vmap(jax.vmap(lambda u: static_force(thrusters, u))))(command)
+    target = jnp.einsum("skm,skmn->skn", held, forces)
     flat, begin = target.reshape(-1, target.shape[-1]), fresh.reshape(-1)
 
     def one(force: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:

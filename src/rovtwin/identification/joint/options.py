@@ -14,7 +14,7 @@ from rovtwin.vehicle import Vehicle
 class Options(Strict):
     """How the estimate is made; the defaults serve for small ROVs."""
 
-    step: Positive = Field(0.02, le=0.1, description="of the integration [s]; commands are held over a step")
+    step: Positive = Field(0.02, le=0.1, description="of the integration [s]; commands may change within a step")
     segment: Positive = Field(5.0, description="between nodes of the multiple shooting [s]")
     starts: Literal["estimated", "measured"] = Field(
         "estimated", description="of segments; measured: at the readings, where the model is known to lack something"

@@ -14,6 +14,7 @@ from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 _DIGITS = 8
+_EXACT = 15  # digits of a covariance: what is known best of it is a part in 10^10 of what is known least
 
 
 def identified_file(
@@ -49,7 +50,7 @@ def identified_file(
             }
             for i, p in enumerate(parameters.free)
         ],
-        "covariance": [[_short(x) for x in row] for row in covariance],
+        "covariance": [[_short(x, _EXACT) for x in row] for row in covariance],
         "evidence": list(evidence),
         "findings": list(findings),
         **({"doubts": list(doubts)} if doubts else {}),
@@ -93,8 +94,8 @@ def _thrusters(vehicle: Vehicle, model: Model) -> dict[str, dict[str, Any]]:
     return out
 
 
-def _short(x: Any) -> float:
-    return float(f"{float(x):.{_DIGITS}g}")
+def _short(x: Any, digits: int = _DIGITS) -> float:
+    return float(f"{float(x):.{digits}g}")
 
 
 def _rows(matrix: Any) -> list[list[float]]:

@@ -19,6 +19,8 @@ from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.identification.logs.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 
+_MOST = 4  # commands within one step of the grid
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -36,8 +38,9 @@ class Segments:
     Attributes:
         grid: How they were cut.
         records: What they were cut from.
-        arrays: For the compiled part: `command` (S, K, n), `fresh` (S, K) 1 where a record starts, `linked` (S,) 1
-            where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast`
+        arrays: For the compiled part: `command` (S, K, m, n), up to m of them one after the other in a step, and the
+            share of the step that each is held, `held` (S, K, m); `fresh` (S, K) 1 where a record starts, `linked`
+            (S,) 1 where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast`
             (S, k, 4) weight in water and place, `ballast_mass` (S, 6, 6); per signal `row`, `share`, `value`, `used`.
         first: Index of the first segment of each record.
         sigma: Declared noise by signal, shape (k,); NaN where nobody said.
@@ -74,6 +77,7 @@ class _Cut:
     """Segments of one record while they are collected."""
 
     command: np.ndarray
+    held: np.ndarray
     fresh: np.ndarray
     linked: np.ndarray
     rows: dict[str, dict[str, list]] = field(default_factory=dict)
@@ -99,7 +103,7 @@ def cut(records: Sequence[Record], grid: Grid) -> Segments:
     pieces = [_cut_one(record, names, grid) for record in records]
     counts = [len(p.linked) for p in pieces]
     arrays: dict[str, Any] = {
-        "command": np.concatenate([p.command for p in pieces]),
+        **_of_one_size(pieces),
         "fresh": np.concatenate([p.fresh for p in pieces]),
         "linked": np.concatenate([p.linked for p in pieces]),
         "current": np.repeat([r.current for r in records], counts, axis=0),
@@ -131,25 +135,49 @@ def _cut_one(record: Record, names: Sequence[str], grid: Grid) -> _Cut:
         )
     count = -(-steps // grid.steps)
     edges = record.start + grid.step * np.arange(count * grid.steps + 1)
-    command = _mean_command(record, edges).reshape(count, grid.steps, -1)
+    command, held = (x.reshape(count, grid.steps, *x.shape[1:]) for x in _commands_within(record, edges))
     fresh = np.zeros((count, grid.steps))
     fresh[0, 0] = 1.0
     linked = np.ones(count)
     linked[-1] = 0.0
-    out = _Cut(command, fresh, linked)
+    out = _Cut(command, held, fresh, linked)
     last = record.start + steps * grid.step
     for name in names:
         out.rows[name] = {"segments": _rows(record.signals.get(name), record.start, last, count, grid, name)}
     return out
 
 
-def _mean_command(record: Record, edges: np.ndarray) -> np.ndarray:
-    """Commands averaged over steps, shape (len(edges) - 1, n): they need not change where a step begins."""
-    t, u = record.t_command, record.command
-    integral = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(np.diff(t)[:, None] * u[:-1], axis=0)])
-    row = np.clip(np.searchsorted(t, edges + 1e-9, side="right") - 1, 0, len(t) - 1)
-    upto = integral[row] + (edges - t[row])[:, None] * u[row]
-    return np.diff(upto, axis=0) / np.diff(edges)[:, None]
+def _commands_within(record: Record, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Commands within each of N steps, shape (N, m, n), and the share of the step that each is held, shape (N, m).
+
+    They need not change where a step begins. Their forces are averaged, not they themselves: half of a thruster's
+    command is a third of its force, and a mean command would bend its curve. Where more than _MOST change within one
+    step of a record, each step is sampled _MOST times.
+    """
+    u = record.command
+    new = np.concatenate([[True], np.any(np.diff(u, axis=0) != 0.0, axis=1)])
+    t, u = record.t_command[new], u[new]
+    first = np.clip(np.searchsorted(t, edges[:-1] + 1e-9, side="right") - 1, 0, len(t) - 1)
+    last = np.maximum(np.searchsorted(t, edges[1:] - 1e-9, side="left") - 1, first)
+    m = min(int((last - first).max()) + 1, _MOST)
+    after = np.minimum(first[:, None] + np.arange(1, m), last[:, None] + 1)
+    inside = after <= last[:, None]
+    bounds = np.where(inside, t[np.minimum(after, len(t) - 1)], edges[1:, None])
+    bounds = np.concatenate([edges[:-1, None], bounds, edges[1:, None]], axis=1)
+    many = last - first >= m
+    bounds[many] = np.linspace(edges[:-1][many], edges[1:][many], m + 1, axis=1)
+    row = np.searchsorted(t, 0.5 * (bounds[:, :-1] + bounds[:, 1:]) + 1e-9, side="right") - 1
+    return u[np.clip(row, 0, len(t) - 1)], np.diff(bounds, axis=1) / np.diff(edges)[:, None]
+
+
+def _of_one_size(pieces: Sequence[_Cut]) -> dict[str, np.ndarray]:
+    """Commands of all records with as many in a step as any record has; those that are made up are held for no time."""
+    most = max(p.held.shape[2] for p in pieces)
+
+    def padded(x: np.ndarray) -> np.ndarray:
+        return np.pad(x, [(0, most - n if axis == 2 else 0) for axis, n in enumerate(x.shape)])
+
+    return {key: np.concatenate([padded(getattr(p, key)) for p in pieces]) for key in ("command", "held")}
 
 
 def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Grid, name: str) -> list[tuple]:

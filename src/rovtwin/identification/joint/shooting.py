@@ -28,6 +28,7 @@ from rovtwin.vehicle.discrepancy import with_coefficients, without_discrepancy
 from rovtwin.vehicle.dynamics import acceleration, learned_wrench
 from rovtwin.vehicle.model import Model
 
+_OF_THRUSTERS = ("command", "held", "fresh")  # arrays of segments, as `thrust_history` takes them
 _CHUNK = 8  # segments at most that are simulated side by side, with all their derivatives: what fits into the cache
 
 
@@ -72,7 +73,8 @@ class Shooting:
     def _wrenches(self, parts: Any, arrays: dict[str, Any]) -> Array:
         """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6)."""
         model: Model = eqx.combine(parts[0], self._static)
-        return thrust_history(model.thrusters, arrays["command"], arrays["fresh"], self.segments.grid.step)
+        command, held, fresh = (arrays[key] for key in _OF_THRUSTERS)
+        return thrust_history(model.thrusters, command, held, fresh, self.segments.grid.step)
 
     def _parts(self, theta: Array) -> Any:
         """What depends on theta: the model's arrays, and the test's own parameters."""
@@ -149,7 +151,7 @@ class Shooting:
     def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
         """Next nodes, and what belongs to each segment apart from commands."""
         following = jax.tree.map(lambda x: jnp.roll(x, -1, axis=0), nodes)
-        own = {key: value for key, value in arrays.items() if key not in ("command", "fresh")}
+        own = {key: value for key, value in arrays.items() if key not in _OF_THRUSTERS}
         return following, own
 
     def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
