@@ -79,7 +79,7 @@ def drawn(model, rng, share=1.0):
     """All forces at once, as large as they often are on vehicles of this size, times `share`.
 
     A fifth of the thrust is lost at top speed; a fifth of the drag comes a hull's length late; a cable drags as much as
-    a tenth of the hull; the water moves by 3 % of top speed; commands arrive 50 ms late; the sensor is askew by a degree.
+    a tenth of the hull; the water moves by 3 % of top speed; commands arrive 50 ms late; a sensor is askew by a degree.
     """
     T = np.asarray(model.thrusters.configuration)
     push = np.abs(T[0]) @ np.asarray(model.thrusters.force_ahead)
