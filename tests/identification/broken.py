@@ -79,7 +79,7 @@ def drawn(model, rng, share=1.0):
     """All forces at once, as large as they often are on vehicles of this size, times `share`.
 
     A fifth of the thrust is lost at top speed; a fifth of the drag comes a hull's length late; a cable drags as much as
-    a tenth of the hull; the water moves by 3 % of top speed; commands arrive 50 ms late; a sensor is askew by a degree.
+    a tenth of the hull; the water moves by 3 % of top speed; a sensor is askew by a degree.
     """
     T = np.asarray(model.thrusters.configuration)
     push = np.abs(T[0]) @ np.asarray(model.thrusters.force_ahead)
@@ -91,7 +91,6 @@ def drawn(model, rng, share=1.0):
         thrust_loss=0.2 * draw[0] / top,
         memory=0.2 * draw[1],
         lag=length / top,
-        delay=0.05 * share,
         tether=0.1 * draw[2] * drag,
         stern=-0.4 * length,
         current=0.03 * draw[3] * top,

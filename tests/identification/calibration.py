@@ -10,7 +10,8 @@ distribution as there are campaigns: all forces share this one error, which woul
 from one set of 200 seeds to the next. Everything is compiled once per process.
 
 With --wrong the plant does what the model lacks (see `broken.drawn`): thrust is lost to the inflow, drag is late,
-commands arrive late, a tether pulls, the water moves, and the sensors are mounted askew. What a parameter truly is
+a tether pulls, the water moves, and the sensors are mounted askew. In either case commands are late by what the prior
+says. What a parameter truly is
 stays what it is without all that.
 
 Left out, as no test anybody would hand in: logs in which the vehicle tumbles over or leaves at speed (a choice by the
@@ -22,12 +23,13 @@ import argparse
 import json
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
 from scipy.stats import norm
 from tests.identification import broken
-from tests.identification.synthetic import full_pull, record, steps_command
+from tests.identification.synthetic import STEP, full_pull, steps_command
 
 from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.anchors import static_evidence
@@ -95,12 +97,13 @@ def flown(parameters, L, command, seed, duration=DURATION, wrong=False):
         truth = L @ rng.standard_normal(len(parameters))
         if np.any(base * np.exp(truth[exponents]) < 1.0):
             continue
-        model, _ = parameters.model_at(truth)
-        if wrong:
-            lacking = broken.drawn(model, rng)
-            log = broken.record(model, lacking, *command, duration, seed, signals=broken.SIGNALS)
-        else:
-            log = record(model, *command, duration, seed)
+        model, extras = parameters.model_at(truth)
+        lacking = broken.drawn(model, rng) if wrong else broken.Broken()
+        if extras.delay is not None:
+            # What is simulated has steps.
+            truth[parameters.names.index("commands.delay")] = delay = STEP * np.round(float(extras.delay) / STEP)
+            lacking = replace(lacking, delay=delay)
+        log = broken.record(model, lacking, *command, duration, seed, signals=broken.SIGNALS)
         tilt = np.abs(log.signals["attitude"].value[:, :2]).max()
         away = np.ptp(log.signals["horizontal"].value, axis=0).max(), np.ptp(log.signals["depth"].value)
         if tilt < TILT and max(away) < AWAY:
@@ -111,7 +114,7 @@ def campaigns(seeds, errors, name="double_blueye", wrong=False):
     """z = (estimate - truth) / standard deviation of every parameter, shape (campaigns, n), and their names."""
     vehicle = vehicle_of(name)
     everything = catalogue(vehicle)
-    parameters = choose(everything, default_free(everything, []))
+    parameters = choose(everything, [*default_free(everything, []), "commands.delay"])
     prior = default_prior(parameters, vehicle)
     L = np.linalg.cholesky(prior.covariance)
     shooting, rows, wider = None, [], []

@@ -1,15 +1,10 @@
 """Records cut into segments: commands keep their time, whatever the phase of the grid."""
 
-import equinox as eqx
 import numpy as np
 import pytest
 
-from rovtwin.core.numerics import jnp
-from rovtwin.identification.joint.loads import thrust_history
 from rovtwin.identification.joint.segments import Grid, cut, nodes_from_data
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.thrusters import static_force
 
 STEP = 0.02
 
@@ -53,21 +48,6 @@ def test_commands_slower_and_faster_than_the_grid():
     assert np.allclose(commands(fast)[0], fast.command[:4].mean(axis=0))
     faster = driven(period=0.001)
     assert np.allclose(commands(faster)[0], faster.command[:20].mean(axis=0), atol=2e-3)
-
-
-def test_forces_are_averaged_within_a_step_not_commands():
-    """Half of a command is a third of the force of a thruster: a mean command bends its curve."""
-    model = load_vehicle("bluerov2_heavy").model()
-    full, change = np.full(8, 0.8), 3.25 * STEP  # on from a quarter of the fourth step
-    still = Signal(np.array([0.0, 1.0]), np.zeros((2, 1)))
-    record = Record("x", np.array([0.0, change]), np.stack([np.zeros(8), full]), {"depth": still}, 1.0)
-    arrays = cut([record], Grid(STEP, 10)).arrays
-    instant = model.thrusters
-    instant = eqx.tree_at(lambda t: t.time_constant, instant, jnp.zeros(8))
-    history = thrust_history(instant, *(jnp.asarray(arrays[k]) for k in ("command", "held", "fresh")), STEP)
-    settled = np.asarray(instant.configuration @ static_force(instant, full))
-    found = np.asarray(history).reshape(-1, 3, 6)[:, 2]
-    assert np.allclose(found[2], 0.0) and np.allclose(found[3], 0.75 * settled) and np.allclose(found[4], settled)
 
 
 @pytest.mark.parametrize("exact", [False, True])

@@ -232,13 +232,16 @@ def _predicted(
 
 
 def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]:
-    """All parameters but those that nothing asks for: tether drag without a tether, damping astern like ahead."""
+    """All parameters but those that nothing asks for.
+
+    That is tether drag without a tether, damping astern where the file has it like ahead, and a delay without tests.
+    """
     model = parameters.model
     tether = any(r.tether_length for r in records)
     out = []
     for p in parameters.free:
         family, _, where = p.name.partition(".")
-        if p.name == "tether.drag" and not tether:
+        if (p.name == "tether.drag" and not tether) or (p.name == "commands.delay" and not records):
             continue
         if family.endswith("_astern"):
             ahead, astern = (

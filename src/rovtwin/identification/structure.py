@@ -27,7 +27,7 @@ LADDER = {
     "linear": "added mass, linear damping, restoring, forces of thrusters, each direction for itself",
     "quadratic": "quadratic damping",
     "astern": "damping of its own astern",
-    "thrusters": "shape of the thrust curve, dead band and lag of thrusters",
+    "thrusters": "shape of the thrust curve, dead band and lag of thrusters, delay of their commands",
     "symmetric": "couplings that a hull has which is alike to port and starboard",
     "full": "all other couplings",
 }
@@ -75,6 +75,8 @@ def rung_of(name: str) -> str:
         return "astern"
     if family == "quadratic_damping":
         return "quadratic"
+    if family == "commands":
+        return "thrusters"
     if family == "thrusters" and not where.rpartition(".")[2].startswith("force"):
         return "thrusters"
     return "linear"

@@ -82,7 +82,7 @@ def _family(name: str) -> tuple[str, str]:
     if name.startswith("thrusters."):
         _, group, what = name.split(".")
         return f"thrust {what.replace('_', ' ')}", group.replace("_", " ")
-    if name.startswith(("restoring.", "tether.")):
+    if name.startswith(("restoring.", "tether.", "commands.")):
         return name.replace("restoring.", "").replace(".", " ").replace("_", " "), ""
     first, _, rest = name.partition(".")
     first = f"couplings of {first}" if is_coupling(name) else first

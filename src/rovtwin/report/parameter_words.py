@@ -7,6 +7,7 @@ _TESTS = {
     "linear_damping": "slow steps along it, in a tank that they fit: it shows where quadratic drag is small",
     "quadratic_damping": "fast steps along it, in a tank that they fit: it shows near the top speed",
     "restoring": "a release in roll and pitch by hand, and a rest at constant depth",
+    "commands": "doublets: it shows where commands change, and from the lag of a thruster it differs by its shape",
     "tether": "the same test with two lengths paid out",
     "force": "a pull on a scale in its direction (anchors in an evidence file): motion does not tell their scale",
     "exponent": "steps at several levels of command, from a fifth to all of it",

@@ -119,7 +119,7 @@ class Balance:
     def _thrust(self, model: Model, arrays: dict[str, Any]) -> Array:
         """Wrench of the thrusters at the path's states, through the kernel that these went through, shape (N, 6)."""
         command = arrays["command"]
-        held = jnp.ones(command.shape[:-1])
+        held = jnp.ones(command.shape[:-1])  # a delay is well below what a window tells
         history = thrust_history(model.thrusters, command, held, arrays["fresh"], self.grid.step)
         return _through(self._kernel, history[:, :, 0].reshape(-1, 6))[arrays["rows"]]
 

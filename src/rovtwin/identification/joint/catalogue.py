@@ -37,6 +37,7 @@ def catalogue(
     groups = thruster_groups(vehicle) if groups is None else groups
     found = [*_hydrodynamics(model), *_restoring_parameters(model), *_thrust_parameters(model, groups)]
     found.append(Parameter("tether.drag", "N s2/m3", 0.05, True))
+    found.append(Parameter("commands.delay", "s", 0.0, False))
     return Parameters(model, tuple(found), groups)
 
 

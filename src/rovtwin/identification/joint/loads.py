@@ -1,5 +1,6 @@
 """Forces on a vehicle under test: of its thrusters at known commands, of known ballast and of the tether."""
 
+from functools import partial
 from typing import Any
 
 from rovtwin.core.frames import cross, rotation_from_quaternion
@@ -9,7 +10,9 @@ from rovtwin.identification.joint.parameters import Extras
 from rovtwin.vehicle.thrusters import Thrusters, force_just_after, lag, static_force
 
 
-def thrust_history(thrusters: Thrusters, command: Array, held: Array, fresh: Array, step: float) -> Array:
+def thrust_history(
+    thrusters: Thrusters, command: Array, held: Array, fresh: Array, step: float, delay: Array | None = None
+) -> Array:
     """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6).
 
     Args:
@@ -18,6 +21,7 @@ def thrust_history(thrusters: Thrusters, command: Array, held: Array, fresh: Arr
         held: Share of the step that each is held, shape (S, K, m).
         fresh: 1 at steps where a record begins, with thrusters settled at its first command, shape (S, K).
         step: [s].
+        delay: By which commands arrive late, or early where it is negative [s], shape ().
     """
     forces = jax.vmap(jax.vmap(jax.vmap(lambda u: static_force(thrusters, u))))(command)
     target = jnp.einsum("skm,skmn->skn", held, forces)
@@ -31,7 +35,34 @@ def thrust_history(thrusters: Thrusters, command: Array, held: Array, fresh: Arr
         return after, jnp.stack([before, half, after])
 
     _, history = jax.lax.scan(one, flat[0], (flat, begin))
+    if delay is not None:
+        history = _delayed(history, begin, 2.0 * delay / step)
     return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
+
+
+def _delayed(history: Array, begin: Array, halves: Array) -> Array:
+    """Forces (N, 3, n) at the start, middle and end of steps, so many half steps later, linear between these instants.
+
+    At the ends of a record, whose steps begin where `begin` (N,) is 1, its first or last force goes on.
+    """
+    count = len(history)
+    # Each half step by its own ends: a thruster without a lag jumps between two of them.
+    first, last = history[:, :2].reshape(2 * count, -1), history[:, 1:].reshape(2 * count, -1)
+    number = jnp.arange(count)
+    starts = jax.lax.cummax(jnp.where(begin > 0, number, 0))
+    following = jnp.concatenate([begin[1:], jnp.ones(1)]) > 0
+    ends = jax.lax.cummin(jnp.where(following, number, count - 1), reverse=True)
+
+    def at(instant: Array, low: Array, high: Array, from_left: bool) -> Array:
+        place = jnp.clip(instant - halves, 2.0 * low, 2.0 * high + 2.0)
+        cell = jnp.ceil(place) - 1 if from_left else jnp.floor(place)
+        cell = jnp.clip(cell, 2 * low, 2 * high + 1).astype(int)
+        return first[cell] + (place - cell) * (last[cell] - first[cell])
+
+    sides = ((0.0, False), (1.0, False), (2.0, True))
+    return jnp.stack(
+        [jax.vmap(partial(at, from_left=left))(2.0 * number + k, starts, ends) for k, left in sides], axis=1
+    )
 
 
 def load_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:

@@ -95,9 +95,11 @@ class Extras(eqx.Module):
 
     Attributes:
         tether_drag: Force on the vehicle per metre paid out and square of its speed [N s2/m3].
+        delay: Of the commands on their way to the thrusters, beside what the log says [s]; None: no parameter.
     """
 
     tether_drag: Array
+    delay: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +148,7 @@ class Parameters:
                 share = water[at] / share_unit(water, water, 1, *at)
                 share = jnp.clip(share / p.bound, -0.999, 0.999)
                 out.append(p.bound * (jnp.arctanh(share) - np.arctanh(p.base / p.bound)))
-            elif at is not None or (family == "thrusters" and not where.startswith("force")):
+            elif at is not None or family == "commands" or (family == "thrusters" and not where.startswith("force")):
                 out.append(t)
             else:
                 out.append(t + s if p.positive else (p.base + t) * jnp.exp(s) - p.base)
@@ -174,7 +176,7 @@ class Parameters:
         if self.basis is not None and model.discrepancy is not None:
             coefficients = jnp.tensordot(theta[-len(self.basis) :], self.basis, axes=1)
             changes["discrepancy"] = with_coefficients(model.discrepancy, coefficients)
-        return model.replace(**changes), Extras(value.get("tether.drag", as_array(0.0)))
+        return model.replace(**changes), Extras(value.get("tether.drag", as_array(0.0)), value.get("commands.delay"))
 
     def _damping(self, value: Mapping[str, Array]) -> dict[str, Array]:
         changes = {}

@@ -36,6 +36,7 @@ _INTERACTION = {"linear_damping": 0.05, "quadratic_damping": 0.05}
 # fit that tells the ratio of two thrusters to a part in 100,000 takes the next difference between them for the scale
 # of all forces and masses.
 _ANOTHER_DAY = {"force_ahead": 0.01, "force_astern": 0.01, "exponent": 0.01, "dead_band": 0.03, "time_constant": 0.03}
+_ANOTHER_DAY |= {"delay": 0.005}  # [s], of the commands
 _COUPLED = 0.5  # error of an element of M_A beside the diagonal, of the mean of those of its two diagonals
 # Volume of a part that comes or goes, relative, and its place [m].
 _VOLUME, _PLACE = 0.1, 0.01
@@ -272,8 +273,8 @@ def _scale(parameters: Parameters, i: int, was: object) -> float:
 
 
 def _of_the_parts(name: str) -> bool:
-    """Whether it starts at the predicted value; thrusters and tether stay as they were found, whatever the parts."""
-    return not name.startswith(("tether.", "thrusters."))
+    """Whether it starts at the predicted value; thrusters, tether and link stay as they were found."""
+    return not name.startswith(("commands.", "tether.", "thrusters."))
 
 
 def _widening(parameters: Parameters, i: int, change: Change, before: float) -> float:

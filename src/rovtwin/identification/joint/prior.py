@@ -33,6 +33,7 @@ WIDTHS: dict[str, float] = {
     "thrusters.*.dead_band": 1.0,
     "thrusters.*.time_constant": 0.5,
     "tether.drag": 0.7,
+    "commands.delay": 0.03,  # [s], of a link and of motor controllers, beyond what the log says
 }
 # Share of the variance that parameters of one kind have in common.
 COMMON: dict[str, float] = {

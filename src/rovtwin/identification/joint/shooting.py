@@ -74,7 +74,7 @@ class Shooting:
         """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6)."""
         model: Model = eqx.combine(parts[0], self._static)
         command, held, fresh = (arrays[key] for key in _OF_THRUSTERS)
-        return thrust_history(model.thrusters, command, held, fresh, self.segments.grid.step)
+        return thrust_history(model.thrusters, command, held, fresh, self.segments.grid.step, parts[1].delay)
 
     def _parts(self, theta: Array) -> Any:
         """What depends on theta: the model's arrays, and the test's own parameters."""
@@ -86,8 +86,9 @@ class Shooting:
         n = len(self.parameters)
         parts = self._parts(theta)
         d_parts = jax.vmap(lambda e: jax.jvp(self._parts, (theta,), (e,))[1])(jnp.eye(n))
-        # Few parameters are the thrusters' own.
-        own = np.array([i for i, name in enumerate(self.parameters.names) if name.startswith("thrusters.")], int)
+        # Few parameters are the thrusters' own, or their commands'.
+        of_thrust = [name.startswith(("thrusters.", "commands.")) for name in self.parameters.names]
+        own = np.flatnonzero(of_thrust)
         wrenches = partial(self._wrenches, arrays=arrays)
         tau = wrenches(parts)
         d_own = jax.vmap(lambda d: jax.jvp(wrenches, (parts,), (d,))[1], out_axes=-1)(
