@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -79,6 +80,14 @@ def test_it_is_to_be_relied_on_unless_it_has_not_settled_or_misses_a_signal(foun
     assert not any("gyro" in doubt for doubt in doubts(loud)), "ten times nearly nothing is nothing missed"
     wrong = replace(found.solution, noise=replace(noise, sigma=1e5 * np.asarray(noise.sigma)))
     assert "gyro.r by more than 5 times the declared noise, and by more than 5 %" in doubts(wrong)[0]
+
+
+def test_a_flight_that_ended_after_seconds_is_not_to_be_relied_on(found):
+    """Three seconds of a planned test that was aborted settle well, on nothing."""
+    segments = found.problem.segments
+    short = SimpleNamespace(segments=replace(segments, records=(segments.records[0].cut(0.0, 3.2),)))
+    (doubt,) = doubts_about(found.solution, short, found.residuals, [])
+    assert "last 3.2 s in all, expected at least 10 s: if a flight ended early, see why" in doubt
 
 
 def test_the_truth_lies_within_the_widths(found, truth):
