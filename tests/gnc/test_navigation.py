@@ -367,3 +367,52 @@ def test_what_is_not_a_number_is_not_heard(at_rest):
 
     eta, _, dof = map(np.asarray, listened(at_rest, *positions_once_a_second(broken)))
     assert np.isfinite(eta).all() and dof[20 * 50 - 1, 2] == 0
+
+
+def test_a_start_that_is_known_is_known_with_the_waves_in_it(model):
+    """Place and waves' displacement are not known apart: their sum is as sure as the start, whatever the sea."""
+    tuning = Tuning.of(model, MOUNTS)
+    for std in (0.0, 0.3):
+        start = Start(jnp.zeros(3), jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.zeros(6), jnp.asarray(std))
+        P = np.asarray(NavigationFilter(model, tuning).init(jax.random.key(0), start).P)
+        together = P[:2, :2] + P[:2, 9:11] + P[9:11, :2] + P[9:11, 9:11]
+        np.testing.assert_allclose(together, std**2 * np.eye(2), atol=1e-12)
+        assert np.linalg.eigvalsh(P).min() > -1e-12
+
+
+def test_with_a_doppler_log_the_filter_errs_as_it_believes(model):
+    """40 vehicles at rest, five seconds of velocities: the place is where the start was, and as sure as it was."""
+    n, vehicles = 250, 40
+    rng = np.random.default_rng(3)
+    filter = NavigationFilter(model, Tuning.of(model, MOUNTS | {"dvl": Mount(0.005)}))
+    velocity = jnp.asarray(0.005 * rng.standard_normal((vehicles, n, 3)))
+    away = np.pad(rng.standard_normal((vehicles, 2)), ((0, 0), (0, 1)))
+
+    @eqx.filter_jit
+    def listened_to(places, std):
+        yes, level = jnp.ones(1, dtype=bool), jnp.array([1.0, 0.0, 0.0, 0.0])
+
+        def one(place, velocity):
+            def tick(memory, inputs):
+                v, k = inputs
+                now = (k * DT)[None]
+                slots = {
+                    "attitude": Slot(jnp.zeros((1, 3)), yes, now),
+                    "gyro": Slot(jnp.zeros((1, 3)), yes, now),
+                    "dvl": Slot(v[None], (k % 5 == 4)[None], now),
+                }
+                return filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
+
+            begun = filter.init(jax.random.key(0), Start(place, level, jnp.zeros(6), std))
+            # Without an accelerometer nothing says that the water is calm.
+            calm = jnp.zeros(3), jnp.zeros(3)
+            begun = eqx.tree_at(lambda m: (m.sea.acceleration_variance, m.sea.velocity_variance), begun, calm)
+            estimate = jax.lax.scan(tick, begun, (velocity, jnp.arange(n)))[1]
+            return estimate.eta[-1, :2], estimate.covariance[-1, :2, :2]
+
+        return jax.vmap(one)(places, velocity)
+
+    for std in (0.0, 0.3):
+        error, P = map(np.asarray, listened_to(jnp.asarray(std * away), jnp.asarray(std)))
+        nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error)
+        assert 1.43 < nees.mean() < 2.67, f"{std}: 95 % of chi-square with 80 degrees of freedom, over 40"

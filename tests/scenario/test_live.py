@@ -202,8 +202,9 @@ def test_the_start_is_where_the_vehicle_is(hasty):
     ears = Ears(vehicle, [])
     vehicle_says = iter([[], whole(), *[[]] * 10_000])
     vehicle.read = lambda: next(vehicle_says)
-    heard = listen(ears, ["position", "dvl"], patience=0.4, speed=SPEED)
+    heard = listen(ears, ["position", "dvl"], patience=0.4, speed=SPEED, position_noise=0.6)
     np.testing.assert_allclose(heard.start.position, [1.0, -2.0, 3.0])
+    np.testing.assert_allclose(heard.start.position_std, 0.6 / np.sqrt(3.0))  # the mean of three
     assert heard.missing == ("dvl",)
     assert {"position", "gyro"} <= heard.rates.keys()
 

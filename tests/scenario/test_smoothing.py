@@ -6,10 +6,12 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.log import Log
+from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
-from rovtwin.scenario.smoothing import smooth_run
+from rovtwin.scenario.smoothing import began, smooth_run
 
 SETTLED = 20.0  # [s]
 
@@ -73,6 +75,19 @@ def test_what_is_missing_is_named(run, tmp_path):
     ).write(tmp_path / "log.mcap")
     with pytest.raises(LogError, match="sensor/position"):
         smooth_run(tmp_path)
+
+
+def test_a_flight_over_a_link_began_where_the_filter_found_itself(run):
+    """Not where the scenario starts: over a link the vehicle was somewhere else, and so sure of it was the filter."""
+    flown, scenario = Log.read(run / "log.mcap"), load_scenario(run / "scenario.yaml")
+    data = {name: (flown[name].t[:1], flown[name].values[:1].copy()) for name in ("autopilot/eta", "autopilot/std")}
+    data["autopilot/eta"][1][:] = [7.0, -4.0, 2.0, 0.0, 0.0, 0.5]
+    data["autopilot/std"][1][:, :2] = 0.3
+    log = Log.from_arrays([flown.channels[name] for name in data], data, flown.metadata | {"live": "true"})
+    start = began(log, scenario, vehicle_of(scenario).model())
+    np.testing.assert_allclose(start.position, [7.0, -4.0, 2.0])
+    np.testing.assert_allclose(euler_from_quaternion(start.attitude), [0.0, 0.0, 0.5], atol=1e-12)
+    assert float(start.position_std) == pytest.approx(0.3)
 
 
 @pytest.mark.slow

@@ -21,11 +21,13 @@ class Start(eqx.Module):
         position: CO in n [m], shape (3,).
         attitude: Quaternion R_nb, shape (4,).
         velocity: nu, body frame at CO [m/s, rad/s], shape (6,).
+        position_std: Standard deviation of north and of east [m]; 0 where the place is known exactly, as in the twin.
     """
 
     position: Array
     attitude: Array
     velocity: Array
+    position_std: Array = eqx.field(converter=as_array, default=0.0)
 
     @classmethod
     def at(cls, position: object = (0.0, 0.0, 0.0), heading: float = 0.0) -> "Start":

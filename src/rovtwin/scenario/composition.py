@@ -11,6 +11,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Mission
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.bound import position_bound
 from rovtwin.gnc.mission import mission as mission_of
 from rovtwin.gnc.scales import VehicleScales
@@ -83,6 +84,12 @@ class Composed:
         """The sensors with white noise in place of errors that last: what is told of them to whom knows no other."""
         walk = VehicleScales.of(self.model).force_walk
         return {name: as_white(one, self.model, walk) for name, one in self.loop.twin.sensors.items()}
+
+    @property
+    def position_noise(self) -> float:
+        """Standard deviation of one position, each axis [m]; the usual one where the scenario has none or no noise."""
+        found = together(self.white_sensors, "position")
+        return (found[0] if found else 0.0) or SENSORS["position"].std
 
     def bound(self, speed: float) -> list[float]:
         """Steady-state sigma of the position in surge and sway of the best filter with these sensors [m].

@@ -6,9 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError, LogError
 from rovtwin.core.flow import Measurements, Slot
+from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.log import Channel, Log
+from rovtwin.core.numerics import as_array, jnp
 from rovtwin.gnc.navigation.smoother import Smoothed, smooth
 from rovtwin.gnc.navigation.tuning import SENSOR_STD
 from rovtwin.scenario.channels import ETA, ETA_UNITS, NU, NU_UNITS
@@ -16,7 +19,8 @@ from rovtwin.scenario.compose_autopilot import navigation_filter
 from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.composition import start_of, vehicle_of
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.schema import ModelBasedSection
+from rovtwin.scenario.schema import ModelBasedSection, Scenario
+from rovtwin.vehicle.model import Model
 
 NEEDED = ("sensor/position", "sensor/attitude")
 
@@ -63,8 +67,17 @@ def smooth_run(path: Path) -> SmoothedRun:
     heard = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
     last = max(log[name].t[-1] for name in heard)
     ticks = round(last / dt) + 1
-    track = smooth(filter, start_of(scenario, model), slots_of(log, ticks, dt), commands_of(log, ticks, dt), dt)
+    track = smooth(filter, began(log, scenario, model), slots_of(log, ticks, dt), commands_of(log, ticks, dt), dt)
     return SmoothedRun(track, _log_of(track, log), _errors(track, log))
+
+
+def began(log: Log, scenario: Scenario, model: Model) -> Start:
+    """Where the flight began: over a link, where the filter found itself at its first tick, and as sure of it."""
+    if log.metadata.get("live") != "true" or "autopilot/std" not in log:
+        return start_of(scenario, model)
+    eta, std = (log[f"autopilot/{name}"].values[0] for name in ("eta", "std"))
+    attitude = quaternion_from_euler(jnp.asarray(eta[3:]))
+    return Start(as_array(eta[:3]), attitude, jnp.zeros(6), as_array(np.sqrt(np.mean(std[:2] ** 2))))
 
 
 def slots_of(log: Log, ticks: int, dt: float) -> Measurements:

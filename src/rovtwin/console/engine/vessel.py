@@ -143,7 +143,13 @@ class Shipyard:
             needed, rotation = needed_by(wanted.scenario), rotated(composed.loop.twin.sensors).get("attitude")
             settle()
             readiness = listen(
-                ears, names, lambda text: self._say("listening", text), self.speed, needed=needed, rotation=rotation
+                ears,
+                names,
+                lambda text: self._say("listening", text),
+                self.speed,
+                needed=needed,
+                rotation=rotation,
+                position_noise=composed.position_noise,
             )
         except BaseException:
             for one in (link, *sources):

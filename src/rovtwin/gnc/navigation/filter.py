@@ -30,6 +30,7 @@ from rovtwin.gnc.navigation.state import (
     VELOCITY,
     WAVE_VELOCITY,
     NavigationState,
+    initial_covariance,
 )
 from rovtwin.gnc.navigation.tuning import Tuning
 from rovtwin.gnc.observer import ObserverInput, squared_norm
@@ -100,7 +101,7 @@ class NavigationFilter(Block):
         """At the start, unaware of velocity and disturbance; `key` is not used."""
         return NavigationMemory(
             x=NavigationState.at(start),
-            P=jnp.diag(self.tuning.initial_std**2),
+            P=initial_covariance(self.tuning.initial_std, start),
             thrust=jnp.zeros(self.model.thrusters.count),
             omega=jnp.zeros(3),
             ticks=jnp.zeros((), dtype=jnp.int32),

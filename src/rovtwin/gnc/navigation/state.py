@@ -35,6 +35,26 @@ FIELDS = (
 )
 
 
+def initial_covariance(std: Array, start: Start) -> Array:
+    """Covariance of the error at the start, shape (31, 31).
+
+    What is known of the start is where CO is, waves and all: how much of it is the waves' displacement is not known, so
+    that slow place and displacement err by the same, one up, one down. Depth is told by the pressure, which is blind
+    to the waves.
+
+    Args:
+        std: Of each error [its unit], shape (31,); that of north and east is the start's own.
+        start: Its `position_std` is that of CO [m].
+    """
+    waves = std[WAVE_PLACE][HORIZONTAL] ** 2
+    whole = jnp.diag(std**2)
+    for axis in range(2):
+        place, wave = POSITION.start + axis, WAVE_PLACE.start + axis
+        whole = whole.at[place, place].set(start.position_std**2 + waves[axis])
+        whole = whole.at[place, wave].set(-waves[axis]).at[wave, place].set(-waves[axis])
+    return whole
+
+
 class NavigationState(eqx.Module):
     """The nominal state.
 

@@ -38,7 +38,7 @@ class Tuning(eqx.Module):
 
     Attributes:
         mounts: Sensors by name; those that are not named are left out.
-        initial_std: Of the error at the start, shape (31,).
+        initial_std: Of the error at the start, shape (31,); of north and east `Start.position_std` tells.
         walk: White noise that drives each error [unit/sqrt(s)], shape (31,).
         acceleration_noise: Unmodelled acceleration as white noise [m/s/sqrt(s)]: surge, sway, heave, shape (3,).
         acceleration_share: Share of the model's own acceleration by which it may err (a mass that is not right).
@@ -133,7 +133,7 @@ class Tuning(eqx.Module):
         # A current changes by its own size in some thousand times the controller's time.
         current_walk = 0.01414 * own["current_std"] * np.sqrt(scales.level_bandwidth)
         start = (
-            (POSITION, [0.1, 0.1, 0.02]),
+            (POSITION, [0.0, 0.0, 0.02]),
             (VELOCITY, [own["current_std"]] * 3),
             (ATTITUDE, [0.01] * 3),
             (WAVE_PLACE, [0.1] * 3),

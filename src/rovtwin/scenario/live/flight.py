@@ -85,7 +85,11 @@ def fly_live(
         ears = Ears(link, sources)
         _rewound(link)
         needed = needed_by(scenario)
-        known: dict[str, Any] = {"needed": needed, "rotation": rotated(composed.loop.twin.sensors).get("attitude")}
+        known: dict[str, Any] = {
+            "needed": needed,
+            "rotation": rotated(composed.loop.twin.sensors).get("attitude"),
+            "position_noise": composed.position_noise,
+        }
         readiness = listen(ears, composed.sensor_names, say, clock.speed, **known)
         loop = _LiveLoop(composed, scenario, readiness, link, ears, clock, thrust)
         folder = new_folder(folder)

@@ -12,6 +12,7 @@ from rovtwin.core.flow import Measurement
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.link import Link, Source
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.mounting import turned
 
 POSITIONS = "--sensor ugps://.. or qtm://.., or a vehicle that knows its position"
@@ -78,6 +79,7 @@ def listen(
     patience: float = PATIENCE,
     needed: Mapping[str, str] = NEEDED,
     rotation: Array | None = None,
+    position_noise: float = SENSORS["position"].std,
 ) -> Readiness:
     """Listen until every sensor that the autopilot cannot do without has spoken, and all others had their time.
 
@@ -89,6 +91,7 @@ def listen(
         patience: Longest wait [real s].
         needed: Those that the autopilot cannot do without, and where each can come from.
         rotation: R_bs of the sensor that tells the attitude, shape (3, 3); None where it tells that of b.
+        position_noise: Standard deviation of one position, each axis [m].
 
     Raises:
         LinkTimeout: One of `needed` is not heard.
@@ -114,7 +117,8 @@ def listen(
             told = time.monotonic()
             say(f"waiting for {', '.join(waiting or others)}")
         time.sleep(0.01)
-    return Readiness(_start(heard, rotation), {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
+    start = _start(heard, rotation, position_noise)
+    return Readiness(start, {n: len(v) / (waited * speed) for n, v in heard.items()}, tuple(others))
 
 
 def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> str:
@@ -126,10 +130,12 @@ def _missing(waiting: Mapping[str, str], heard: list[str], patience: float) -> s
     )
 
 
-def _start(heard: dict[str, list[np.ndarray]], rotation: Array | None) -> Start:
+def _start(heard: dict[str, list[np.ndarray]], rotation: Array | None, position_noise: float) -> Start:
     """Mean position and depth of what was heard, and the last attitude, at rest; n begins here where nobody knows."""
-    north, east = np.mean(heard.get("position", [np.zeros(2)])[-20:], axis=0)
+    places = heard.get("position", [])[-20:]
+    north, east = np.mean(places or [np.zeros(2)], axis=0)
+    std = position_noise / np.sqrt(len(places)) if places else 0.0
     depth = float(np.mean(heard["pressure"][-20:]))
     euler = as_array(heard["attitude"][-1:])
     euler = euler if rotation is None else turned(euler, "attitude", rotation)
-    return Start(as_array([north, east, depth]), quaternion_from_euler(euler[0]), jnp.zeros(6))
+    return Start(as_array([north, east, depth]), quaternion_from_euler(euler[0]), jnp.zeros(6), as_array(std))
