@@ -37,6 +37,7 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.ability import FINE
 from rovtwin.gnc.allocation import Allocation, AllocationInput
 from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.bow import Bow, BowInput
 from rovtwin.gnc.contingency import Contingency, ContingencyInput
 from rovtwin.gnc.control import ControlInput, Pid
 from rovtwin.gnc.course_keeping import CourseInput, CourseKeeping
@@ -305,6 +306,10 @@ def terrain() -> Example:
     )
 
 
+def bow() -> Example:
+    return Example(Bow.of(model()), BowInput(over_time(seed=47), over_time(2, seed=48), estimates()))
+
+
 def contingency() -> Example:
     mode = every_tick(Mode(jnp.asarray(MODE_RETURNING), jnp.asarray(BATTERY_LOW)))
     return Example(Contingency.of(model()), ContingencyInput(setpoints(), estimates(), mode, over_time(4, seed=46)))
@@ -422,6 +427,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
+    "gnc.bow.Bow": bow,
     "gnc.contingency.Contingency": contingency,
     "gnc.control.Pid": pid,
     "gnc.guidance.Guidance": guidance,

@@ -11,12 +11,11 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.allocation import AllocationInput
 from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.control import ControlInput
-from rovtwin.gnc.course_keeping import _significant
 from rovtwin.gnc.navigation.tuning import beliefs
 from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.gnc.sustained import SustainedSpeed
+from rovtwin.gnc.sustained import SustainedSpeed, significant
 from rovtwin.gnc.tracking import Tracking
 from rovtwin.vehicle.reach import axis_limits
 from rovtwin.vehicle.thrusters import thrusters_from
@@ -80,5 +79,5 @@ def test_what_nobody_knows_of_a_force_is_no_current():
     """A slender vehicle took 0.3 N of filter noise for a current of 0.3 m/s and turned its bow into it, to and fro."""
     estimate = dataclasses.replace(estimate_of(np.zeros(6)), bias=jnp.array([0.3, 0.0, 0, 0, 0, 0]))
     for std, share in ((0.0, 1.0), (0.15, 0.75), (0.31, 0.0)):
-        kept = _significant(dataclasses.replace(estimate, bias_std=jnp.asarray(std))).bias
+        kept = significant(dataclasses.replace(estimate, bias_std=jnp.asarray(std))).bias
         np.testing.assert_allclose(kept, [0.3 * share, 0, 0, 0, 0, 0], atol=1e-9)

@@ -218,10 +218,10 @@ def test_a_vehicle_looks_where_it_can_stay_whatever_it_is_about(phase, mode, end
     memory = guidance.init(jax.random.key(0), START)
     memory = eqx.tree_at(lambda m: m.phase, memory, jnp.asarray(phase))
     given = GuidanceInput(estimate, route([end], depth=3.0), Mode(jnp.asarray(mode or MODE_RUNNING), jnp.asarray(0)))
-    psi = 0.0
-    for _ in range(20):  # it settles at once
-        memory, setpoint = guidance.step(memory, given, DT)
-        psi, before = float(setpoint.eta[5]), psi
+    _, headings = jax.lax.scan(
+        lambda m, _: (lambda after, asked: (after, asked.eta[5]))(*guidance.step(m, given, DT)), memory, None, 1500
+    )
+    before, psi = float(headings[-2]), float(headings[-1])
     assert psi == pytest.approx(before, abs=1e-6)
     stemmed = abs(np.sin(psi) * float(current[0]) - np.cos(psi) * float(current[1]))
     assert stemmed <= float(sustained.aside_speed()) + 1e-6

@@ -9,6 +9,7 @@ import pytest
 from tests.gnc.flying import aft, thirty_kg
 
 from rovtwin.core.numerics import as_array, jnp
+from rovtwin.gnc.bow import Bow
 from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.course_keeping import CourseKeeping
 from rovtwin.gnc.navigation.state import ACCELEROMETER_BIAS, ATTITUDE, DRAG, GYRO_BIAS, POSITION, WAVE_PLACE
@@ -83,6 +84,9 @@ GROWS = {
     "contingency.afloat": LENGTH,
     "contingency.fastest": np.array([SPEED, SPEED, SPEED, RATE]),
     "contingency.leash": LENGTH,
+    "bow.lag": TIME,
+    "bow.patience": TIME,
+    "bow.strongest": SPEED,
     "course.gain": RATE,
     "course.cruise": SPEED,
     "course.acceleration": ACCELERATION,
@@ -153,6 +157,7 @@ def blocks(model):
     return {
         "guidance": PathGuidance.of(model, steered=True),
         "contingency": Contingency.of(model),
+        "bow": Bow.of(model),
         "course": CourseKeeping.of(model),
         "reference": PathReference.of(model),
         "control": Tracking.of(model),

@@ -64,9 +64,9 @@ def test_astern_has_its_own_drag_and_an_axis_without_thrusters_does_not_count():
     assert none_aside.along(jnp.asarray(0.5 * np.pi), jnp.asarray(0.0), jnp.array([0.0, -0.4])) > 0.9 * FREE
 
 
-def speeds(guidance, current, corners=((6, 0), (6, 6)), seconds=100):
+def speeds(guidance, current, corners=((6, 0), (6, 6)), seconds=100, leg=0.25):
     """Speed of the point, way-point and whether it is on an arc, for a vehicle that is where it should be."""
-    plan, current = route(corners, speed=0.25), jnp.asarray(current)
+    plan, current = route(corners, speed=leg), jnp.asarray(current)
 
     def tick(carry, _):
         memory, nu = carry
@@ -88,13 +88,14 @@ def test_the_point_goes_as_fast_against_the_current_as_thrusters_do_and_brakes_b
         SustainedSpeed.of(MODEL).along(jnp.asarray(0.5 * np.pi), jnp.asarray(0.5 * np.pi), jnp.array(current))
     )
     assert 0.05 < expected < 0.15  # or the test would be of something else
-    speed, waypoint, on_arc = speeds(guidance, current)
+    # The bow is turned into the current with something to spare, which leaves 0.249 m/s across it.
+    speed, waypoint, on_arc = speeds(guidance, current, leg=0.24)
     against = (waypoint == 1) & ~on_arc
-    assert speed[~on_arc & (waypoint == 0)].max() == pytest.approx(0.25, abs=1e-3)
+    assert speed[~on_arc & (waypoint == 0)].max() == pytest.approx(0.24, abs=1e-3)
     assert speed[on_arc].max() < expected + 0.03  # the lag of the speed
     assert np.median(speed[against]) == pytest.approx(expected, abs=1e-3)
-    unaware, waypoint, on_arc = speeds(eqx.tree_at(lambda g: g.sustained, guidance, None), current)
-    assert unaware[(waypoint == 1) & ~on_arc].max() == pytest.approx(0.25, abs=1e-3)
+    unaware, waypoint, on_arc = speeds(eqx.tree_at(lambda g: g.sustained, guidance, None), current, leg=0.24)
+    assert unaware[(waypoint == 1) & ~on_arc].max() == pytest.approx(0.24, abs=1e-3)
     assert unaware[on_arc].max() > expected + 0.06
 
 

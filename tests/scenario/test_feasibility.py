@@ -1,5 +1,6 @@
 """What a vehicle cannot do of a mission, said before it is flown, with the numbers."""
 
+import numpy as np
 import pytest
 import yaml
 from tests.scenario.test_stalls import NO_SWAY
@@ -86,6 +87,18 @@ def test_a_disc_flies_a_square_in_a_current_that_it_does_not_stem_sideways(tmp_p
     path.write_text(yaml.safe_dump(DISC))
     scores = score_seeds(load_scenario("square", [f"vehicle={path}", "world.current=[0, 0.34, 0]"]), [1, 2])
     assert all(score["completed"] for score in scores)
+
+
+@pytest.mark.slow
+def test_a_disc_that_a_pilot_leaves_alone_meets_the_current_with_its_bow(tmp_path):
+    """It kept its heading, rolled by 19 degrees and was swept off."""
+    path = tmp_path / "disc.yaml"
+    path.write_text(yaml.safe_dump(DISC))
+    left = ["operator=[{at: 0, ask: pilot}]", "start.position=[0, 0, 3]", "duration=90", "log.rate=10"]
+    eta = fly(load_scenario("square", [f"vehicle={path}", "world.current=[0, 0.34, 0]", *left])).log["truth/eta"]
+    last = eta.t > 60.0
+    assert np.degrees(np.abs(eta["phi"][last]).max()) < 3.0
+    assert np.hypot(eta["x"], eta["y"])[last].max() < 2.0
 
 
 def test_a_current_faster_than_the_vehicle_is_refused_with_both_numbers(capsys):

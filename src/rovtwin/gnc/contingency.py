@@ -8,7 +8,8 @@ A point moves from where the vehicle is, with bounded speed and acceleration, as
     piloted    with the velocity that the pilot wants  along an axis of which he wants none it stays
 
 After that, and until the mission goes on, it stays there. A pilot with no wish at all thus keeps the station, one who
-wants surge keeps depth and heading. The point never leaves a vehicle behind that cannot follow.
+wants surge keeps depth and heading. The point never leaves a vehicle behind that cannot follow. A heading is kept as
+far as the current lets the vehicle stay with it (`bow`); one that the pilot is turning goes where he turns it.
 """
 
 import equinox as eqx
@@ -17,6 +18,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.bow import Bow, BowInput, BowMemory
 from rovtwin.gnc.scales import HEAVE, VehicleScales
 from rovtwin.gnc.supervisor import (
     MODE_ABORTED,
@@ -46,6 +48,8 @@ class ContingencyMemory(eqx.Module):
     Attributes:
         home: Where the mission began, n [m], shape (3,).
         eta: Last set-point, shape (6,).
+        heading: That is to be kept, but for a current [rad].
+        bow: What the current makes of it.
         velocity: Of it, n [m/s], shape (3,).
         away: Whether the vehicle was taken off its mission and has not gone on with it yet, bool.
         follows: Whether it was asked to go where this block says in the last tick, bool.
@@ -54,6 +58,8 @@ class ContingencyMemory(eqx.Module):
 
     home: Array
     eta: Array
+    heading: Array
+    bow: BowMemory | None
     velocity: Array
     away: Array
     follows: Array
@@ -73,6 +79,7 @@ class Contingency(Block):
         fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
         leash: How far the point goes ahead of a piloted vehicle [m].
         lead: How far its heading goes ahead of the vehicle's [rad].
+        bow: Turns a vehicle into a current that it does not stem sideways; None: the heading is kept all the same.
     """
 
     speed: Array = eqx.field(converter=as_array)
@@ -84,10 +91,16 @@ class Contingency(Block):
     fastest: Array = eqx.field(converter=as_array)
     leash: Array = eqx.field(converter=as_array)
     lead: Array = eqx.field(converter=as_array, default=0.8)
+    bow: Bow | None = None
 
     @classmethod
     def of(
-        cls, model: Model, surface: float | None = None, dive: float | None = None, turn: float | None = None
+        cls,
+        model: Model,
+        surface: float | None = None,
+        dive: float | None = None,
+        turn: float | None = None,
+        bow: Bow | None = None,
     ) -> "Contingency":
         """For a vehicle.
 
@@ -96,6 +109,7 @@ class Contingency(Block):
             surface: As far up as it is to come [m]; None: two thirds of its length, which keeps it below.
             dive: Largest speed up and down [m/s]; None: from the vehicle.
             turn: Largest turn rate [rad/s]; None: from the vehicle.
+            bow: Of a vehicle that crabs; None: every heading is kept.
         """
         scales = VehicleScales.of(model)
         length, dive = scales.length, scales.dive_speed if dive is None else dive
@@ -110,13 +124,14 @@ class Contingency(Block):
             afloat=0.48 * length,
             fastest=[*scales.piloted_speed, dive, scales.turn_rate if turn is None else turn],
             leash=2.25 * length,
+            bow=bow,
         )
 
     def init(self, key: Array, start: Start) -> ContingencyMemory:
         heading = euler_from_quaternion(start.attitude)[2]
         eta = jnp.concatenate([start.position, jnp.zeros(2), heading[None]])
-        no = jnp.asarray(False)
-        return ContingencyMemory(start.position, eta, jnp.zeros(3), no, no, no)
+        no, bow = jnp.asarray(False), None if self.bow is None else self.bow.init(key, start)
+        return ContingencyMemory(start.position, eta, heading, bow, jnp.zeros(3), no, no, no)
 
     def step(self, memory: ContingencyMemory, input: ContingencyInput, dt: float) -> tuple[ContingencyMemory, Setpoint]:
         mode, asked = input.mode.mode, input.setpoint
@@ -133,11 +148,15 @@ class Contingency(Block):
         wish = jnp.clip(wish, -self.fastest, self.fastest)
         wanted = _turned(input.estimate.eta[5]) @ wish[:3]  # along the heading that the vehicle has, not is to have
         velocity = self._velocity(base, returning, surfacing, wanted, dt)
-        eta = base.eta.at[:3].add(dt * velocity).at[5].add(dt * wish[3])
+        # What he turns goes on from where it looks, not from what a current had turned it away from.
+        kept = jnp.where(wish[3] != 0.0, wrap(base.eta[5] + dt * wish[3]), base.heading)
+        kept = jnp.where(returning, self._homeward(base, input.estimate), kept)
+        bow, heading = self._bow(memory.bow, kept, jnp.where(returning, velocity[:2], 0.0), input.estimate, dt)
+        eta = base.eta.at[:3].add(dt * velocity).at[5].set(jnp.where(wish[3] != 0.0, kept, heading))
         eta = jnp.where(piloted, self._leashed(eta, input.estimate), eta)
-        eta = eta.at[5].set(jnp.where(returning, self._homeward(base, input.estimate), wrap(eta[5])))
+        kept = jnp.where(wish[3] != 0.0, eta[5], kept)
         there = self._there(base, input.estimate, returning, surfacing)
-        after = ContingencyMemory(memory.home, eta, velocity, away, follows, there & takes)
+        after = ContingencyMemory(memory.home, eta, kept, bow, velocity, away, follows, there & takes)
 
         phase = jnp.where(surfacing, jnp.where(there, SURFACED, SURFACING), HELD)
         phase = jnp.where(returning, jnp.where(there, RETURNED, RETURNING), phase)
@@ -154,6 +173,14 @@ class Contingency(Block):
         )
         return after, jax.tree.map(lambda new, old: jnp.where(follows, new, old), own, asked)
 
+    def _bow(
+        self, memory: BowMemory | None, kept: Array, way: Array, estimate: Estimate, dt: float
+    ) -> tuple[BowMemory | None, Array]:
+        """Memory and heading, for one that is to be kept and a way over ground, n [m/s], shape (2,)."""
+        if self.bow is None or memory is None:
+            return memory, kept
+        return self.bow.step(memory, BowInput(kept, way, estimate), dt)
+
     def _beside(self, memory: ContingencyMemory, estimate: Estimate) -> ContingencyMemory:
         """Where a contingency would begin: with the vehicle, as fast as it moves but for the waves.
 
@@ -165,7 +192,7 @@ class Contingency(Block):
         velocity = velocity * jnp.minimum(1.0, self.speed / speed)
         eta = jnp.concatenate([place, jnp.zeros(2), estimate.eta[5:]])
         no = jnp.asarray(False)
-        return ContingencyMemory(memory.home, eta, velocity, no, no, no)
+        return ContingencyMemory(memory.home, eta, eta[5], memory.bow, velocity, no, no, no)
 
     def _velocity(
         self, memory: ContingencyMemory, returning: Array, surfacing: Array, wanted: Array, dt: float
@@ -197,7 +224,7 @@ class Contingency(Block):
         """
         level = memory.home[:2] - estimate.eta[:2]
         far = level @ level > (2.0 * self.near) ** 2
-        return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.eta[5])
+        return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.heading)
 
     def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Array, surfacing: Array) -> Array:
         place = estimate.eta[:3] - estimate.wave[:3]

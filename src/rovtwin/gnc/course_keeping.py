@@ -36,7 +36,7 @@ from rovtwin.core.flow import (
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.scales import YAW, VehicleScales
-from rovtwin.gnc.sustained import SustainedSpeed, slow_place, turned
+from rovtwin.gnc.sustained import SustainedSpeed, significant, slow_place, turned
 from rovtwin.vehicle.model import Model
 
 APPROACH = 5.0  # heading follows so many times as fast as the pull grows: bow first, then way
@@ -122,7 +122,7 @@ class CourseKeeping(Block):
         bow, side = turned(psi)[:, 0], turned(psi)[:, 1]
         away = asked.eta[:2] - slow_place(estimate)[:2]
 
-        estimated = self.sustained.current(_significant(estimate))
+        estimated = self.sustained.current(significant(estimate))
         current = memory.current + jnp.minimum(dt / self.lag, 1.0) * (estimated - memory.current)
         along = turned(asked.eta[5]) @ asked.nu[:2]
         v = along + self._pull(away)
@@ -152,7 +152,7 @@ class CourseKeeping(Block):
 
     def _begun(self, memory: CourseMemory, asked: Setpoint, estimate: Estimate) -> CourseMemory:
         """Taken over from others the vehicle goes on as it moves."""
-        current = self.sustained.current(_significant(estimate))
+        current = self.sustained.current(significant(estimate))
         nu = estimate.nu[:2] - turned(estimate.eta[5]).T @ estimate.wave[3:5]
         surge = nu[0] - (turned(estimate.eta[5]).T @ current)[0]
         begun = CourseMemory(current, surge, estimate.eta[5], jnp.asarray(False), memory.takes)
@@ -188,17 +188,6 @@ class CourseKeeping(Block):
         turns = jnp.where(asked.fixed_heading, given_up, jnp.sqrt(aim @ aim + 1e-12) > least)
         held = (asked.phase == HOLD) | (asked.phase == FINISHED) | (asked.phase == DIVE)
         return turns, given_up & held
-
-
-def _significant(estimate: Estimate) -> Estimate:
-    """The estimate with the disturbance as far as it is known: F (1 - std^2 / F^2), nothing below one std.
-
-    To a slender vehicle without sway a tenth of a newton is a current of 0.2 m/s. What the filter does not know of the
-    force must not turn the bow to and fro (positive-part estimator: James and Stein 1961).
-    """
-    force2 = jnp.sum(estimate.bias[:2] ** 2) + 1e-12
-    known = jnp.maximum(1.0 - estimate.bias_std**2 / force2, 0.0)
-    return dataclasses.replace(estimate, bias=estimate.bias.at[:2].multiply(known))
 
 
 def _either(which: Array, one: Any, other: Any) -> Any:

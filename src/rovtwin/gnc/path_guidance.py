@@ -38,6 +38,7 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion, wrap
 from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.bow import Bow, BowInput, BowMemory
 from rovtwin.gnc.guidance import GuidanceInput
 from rovtwin.gnc.path import SHORT, Piece, piece_of
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales
@@ -66,6 +67,8 @@ class PathMemory(eqx.Module):
         rate: Of the speed [m/s2].
         on_arc: Whether s counts along the arc, bool.
         eta: Last set-point, shape (6,).
+        course: Heading that it preferred, but for a current [rad]: that of a leg too short to have one.
+        bow: Of a vehicle that crabs and turns: what the current makes of that heading.
         nearest: How near the vehicle came to the way-point since it last came near it [m].
         misses: How often it passed it outside its acceptance, int.
     """
@@ -79,6 +82,8 @@ class PathMemory(eqx.Module):
     rate: Array
     on_arc: Array
     eta: Array
+    course: Array
+    bow: BowMemory | None
     nearest: Array
     misses: Array
 
@@ -110,6 +115,7 @@ class PathGuidance(Block):
         sustained: How fast thrusters can go; None does not ask.
         steered: Whether the vehicle turns its bow where it goes (`course_keeping`), instead of crabbing.
         turns: Whether thrusters turn it; where not, its heading is what it is, and nothing waits for another.
+        bow: Turns it into a current that it does not stem sideways; None where it does not crab.
     """
 
     acceleration: Array = eqx.field(converter=as_array)
@@ -126,6 +132,7 @@ class PathGuidance(Block):
     sustained: SustainedSpeed | None = None
     steered: bool = eqx.field(static=True, default=False)
     turns: bool = eqx.field(static=True, default=True)
+    bow: Bow | None = None
 
     @classmethod
     def of(cls, model: Model, steered: bool = False) -> "PathGuidance":
@@ -151,20 +158,22 @@ class PathGuidance(Block):
             sustained=sustained,
             steered=steered,
             turns=bool(scales.force[YAW] > 0.0),
+            bow=None if steered else Bow.of(model),
         )
 
     def init(self, key: Array, start: Start) -> PathMemory:
         zero, no = jnp.zeros((), dtype=int), jnp.asarray(False)
-        eta = _level(start.position, euler_from_quaternion(start.attitude)[2])
-        still = jnp.zeros(())
+        heading = euler_from_quaternion(start.attitude)[2]
+        eta = _level(start.position, heading)
+        still, bow = jnp.zeros(()), None if self.bow is None else self.bow.init(key, start)
         at = start.position[:2]
-        return PathMemory(zero + IDLE, zero, zero, at, still, still, still, no, eta, still + NEVER, zero)
+        return PathMemory(zero + IDLE, zero, zero, at, still, still, still, no, eta, heading, bow, still + NEVER, zero)
 
     def step(self, memory: PathMemory, input: GuidanceInput, dt: float) -> tuple[PathMemory, Setpoint]:
         mode = input.mode.mode
         running = (mode == MODE_RUNNING) & (input.mission.count > 0)
         memory = _begin(memory, input.estimate, running)
-        start, fallback = memory.leg_start, memory.eta[5]
+        start, fallback = memory.leg_start, memory.course
         limits = self.sideways, self.depth_step, self.tightest
         piece = piece_of(input.mission, memory.waypoint, start, fallback, *limits)
         if not self.turns:
@@ -172,40 +181,46 @@ class PathGuidance(Block):
             piece = dataclasses.replace(piece, fixed_heading=kept, heading=input.estimate.eta[5])
         place, direction, _ = piece.at(memory.s, memory.on_arc)
         going = memory.phase == GO
-        heading = self._heading(piece, direction, going, input.estimate)
+        preferred = jnp.where(piece.fixed_heading, piece.heading, direction)
+        memory, heading = self._turned(memory, piece, preferred, direction, going, input.estimate, dt)
         level = jnp.concatenate([place, piece.end[2:]])
         eta = jnp.where(memory.phase == IDLE, memory.eta, _level(level, heading))
         eta = jnp.where(mode == MODE_IDLE, _level(input.estimate.eta[:3], input.estimate.eta[5]), eta)
+        course = jnp.where((mode == MODE_IDLE) | (memory.phase == IDLE), eta[5], preferred)
 
-        pace = self._pace(piece, input.estimate, eta, direction)
+        pace = self._pace(memory, piece, input.estimate, eta, direction)
         progress = self._progress(memory, piece, pace, input.estimate, running & going)
         setpoint = _setpoint(memory, piece, input.mode, eta, direction, progress)
         moved = self._along(memory, piece, pace, running & going, dt)
         after = self._advance(moved, piece, input, eta, dt)
         after = jax.tree.map(lambda new, old: jnp.where(running, new, old), after, moved)
-        return dataclasses.replace(after, eta=eta), setpoint
+        return dataclasses.replace(after, eta=eta, course=course, bow=moved.bow), setpoint
 
-    def _pace(self, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> Pace:
+    def _pace(self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> Pace:
         """What thrusters and a vehicle that is behind leave of the point's speed."""
         away = eta[:2] - slow_place(estimate)[:2]
         behind = jnp.sqrt(away @ away + 1e-12)
         # Over a floor that rises the point waits for a vehicle that is still too deep.
         behind = jnp.maximum(behind, slow_place(estimate)[2] - eta[2])
         waits = jnp.clip(2.0 - behind / self.patience, 0.0, 1.0)
-        possible, after = self._sustained(piece, estimate, eta, direction)
+        possible, after = self._sustained(memory, piece, estimate, eta, direction)
         return Pace(jnp.maximum(possible, SLOWEST * piece.speed), after, possible, waits)
 
-    def _heading(self, piece: Piece, direction: Array, moves: Array, estimate: Estimate) -> Array:
-        """What the mission asks for; else along the path, or the nearest at which a vehicle that crabs keeps up.
-
-        On a leg it keeps up the leg's speed, and everywhere it can stay: it starts, waits and is paused there, too.
-        """
-        if not self.steered and self.turns and self.sustained is not None:
-            speed = jnp.where(moves & (piece.length > SHORT), piece.speed, 0.0)
-            way = speed * jnp.stack([jnp.cos(direction), jnp.sin(direction)])
-            direction = self.sustained.level_heading(direction, way, estimate)
-            direction = self.sustained.level_heading(direction, jnp.zeros(2), estimate)
-        return jnp.where(piece.fixed_heading, piece.heading, direction)
+    def _turned(
+        self,
+        memory: PathMemory,
+        piece: Piece,
+        preferred: Array,
+        direction: Array,
+        going: Array,
+        estimate: Estimate,
+        dt: float,
+    ) -> tuple[PathMemory, Array]:
+        """Memory and heading: the preferred one, or what the current makes of it unless the mission asks for it."""
+        if self.bow is None or memory.bow is None:
+            return memory, preferred
+        bow, heading = self.bow.step(memory.bow, BowInput(preferred, _way(piece, direction, going), estimate), dt)
+        return dataclasses.replace(memory, bow=bow), jnp.where(piece.fixed_heading, preferred, heading)
 
     def _progress(self, memory: PathMemory, piece: Piece, pace: Pace, estimate: Estimate, going: Array) -> Progress:
         """In words that a person understands; what is said last weighs most."""
@@ -233,7 +248,9 @@ class PathGuidance(Block):
         s = jnp.where(ends, jnp.minimum(s, piece.length), s)
         return dataclasses.replace(memory, s=s, speed=speed, rate=jnp.where(speed > 0.0, rate, 0.0))
 
-    def _sustained(self, piece: Piece, estimate: Estimate, eta: Array, direction: Array) -> tuple[Array, Array]:
+    def _sustained(
+        self, memory: PathMemory, piece: Piece, estimate: Estimate, eta: Array, direction: Array
+    ) -> tuple[Array, Array]:
         """Largest speed that thrusters keep up here, and in and behind the corner within what it allows."""
         bent = (piece.turn != 0.0) & ~piece.fixed_heading
         corner = jnp.where(bent, self.turn_rate * piece.radius, jnp.inf)
@@ -244,7 +261,11 @@ class PathGuidance(Block):
         if self.steered:
             here, behind = (self.sustained.made_good(course, current) for course in (direction, following))
         else:
-            heading = self._heading(piece, following, jnp.asarray(True), estimate)
+            heading = following
+            if self.bow is not None and memory.bow is not None:
+                way = _way(piece, following, jnp.asarray(True))
+                heading = self.bow.heading(memory.bow, following, way, estimate)
+            heading = jnp.where(piece.fixed_heading, piece.heading, heading)
             here = self.sustained.along(direction, eta[5], current)
             behind = self.sustained.along(following, heading, current)
             # In the corner the vehicle is pushed to its inner side, beside holding against the current.
@@ -296,6 +317,12 @@ class PathGuidance(Block):
             nearest=jnp.where(on, NEVER, nearest),
             misses=jnp.where(on, 0, misses),
         )
+
+
+def _way(piece: Piece, direction: Array, going: Array) -> Array:
+    """Velocity over ground that a leg asks for along a direction, n [m/s], shape (2,)."""
+    speed = jnp.where(going & (piece.length > SHORT), piece.speed, 0.0)
+    return speed * jnp.stack([jnp.cos(direction), jnp.sin(direction)])
 
 
 def _missed(memory: PathMemory, piece: Piece, arrived: Array, distance: Array) -> tuple[Array, Array]:

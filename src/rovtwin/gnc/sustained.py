@@ -6,6 +6,7 @@ speed through the water W whose drag is their force; over ground this is W and t
 current the answer is inexact, but as the vehicle nears the speed in question w nears W, and there it is exact.
 """
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -25,6 +26,17 @@ DRAGLESS = 1e-3  # least linear damping, of which a speed is asked [N s/m]
 def slow_place(estimate: Estimate) -> Array:
     """Where the vehicle is but for the waves, n [m], shape (3,)."""
     return estimate.eta[:3] - estimate.wave[:3]
+
+
+def significant(estimate: Estimate) -> Estimate:
+    """The estimate with the disturbance as far as it is known: F (1 - std^2 / F^2), nothing below one std.
+
+    To a slender vehicle without sway a tenth of a newton is a current of 0.2 m/s. What the filter does not know of the
+    force must not turn the bow to and fro (positive-part estimator: James and Stein 1961).
+    """
+    force2 = jnp.sum(estimate.bias[:2] ** 2) + 1e-12
+    known = jnp.maximum(1.0 - estimate.bias_std**2 / force2, 0.0)
+    return dataclasses.replace(estimate, bias=estimate.bias.at[:2].multiply(known))
 
 
 class SustainedSpeed(eqx.Module):
@@ -103,16 +115,16 @@ class SustainedSpeed(eqx.Module):
         slower = jnp.min(self.most[:, 1])
         return jnp.where(slower < FREE, slower, 0.0)
 
-    def level_heading(self, preferred: Array, way: Array, estimate: Estimate) -> Array:
+    def level_heading(self, preferred: Array, way: Array, current: Array, heading: Array) -> Array:
         """Heading nearest to a preferred one at which it keeps up a way over ground and stays level [rad].
 
         Args:
             preferred: Heading [rad].
             way: Velocity over ground, n [m/s], shape (2,).
-            estimate: With the heading that it has, and what disturbs it.
+            current: In n [m/s], shape (2,).
+            heading: That it has [rad].
         """
-        current, aside, astern = self.current(estimate), self.aside_speed(), self.most[1, 0]
-        return self.level.heading(preferred, way, current, estimate.eta[5], aside, astern)
+        return self.level.heading(preferred, way, current, heading, self.aside_speed(), self.most[1, 0])
 
     def drag_aside(self, speed: float) -> Array:
         """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""

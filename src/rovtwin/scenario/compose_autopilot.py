@@ -10,6 +10,7 @@ from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ability import Ability
 from rovtwin.gnc.autopilot import Autopilot
+from rovtwin.gnc.bow import Bow
 from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.course_keeping import CourseKeeping
 from rovtwin.gnc.ekf_tuning import SENSOR_STD
@@ -50,7 +51,8 @@ def autopilot_of(
     else:
         made, rules = _model_based(section, model, sensors, mission), RULES
         # No pilot gets more than the reference gives.
-        contingency = Contingency.of(model, surface, **_rates(section))
+        bow = None if _steered(section, model) else Bow.of(model)
+        contingency = Contingency.of(model, surface, **_rates(section), bow=bow)
     autopilot = replace(
         made,
         supervisor=Supervisor(rules_of(scenario, model, sensors, rules)),

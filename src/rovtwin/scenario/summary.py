@@ -9,6 +9,7 @@ from rovtwin.core.numerics import as_array, jax
 from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
+from rovtwin.scenario.depths import not_at_depth
 from rovtwin.scenario.endings import why_ended
 from rovtwin.scenario.feasibility import judge
 from rovtwin.scenario.headings import unmet_headings
@@ -21,14 +22,18 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
     """Scores, why the mission was not completed where it was not, NEES interval and the bound of the best filter."""
     judged = not composed.scenario.test
     figures = score(flown) if judged else score_test(flown)
-    interrupted = interrupted and not figures["completed"]  # Ctrl-C in the last second of a mission changes nothing
+    deep = not_at_depth(flown, composed.scenario, composed.model) if figures["completed"] and judged else ""
+    figures["completed"] = figures["completed"] and not deep
+    interrupted = (
+        interrupted and not figures["completed"] and not deep
+    )  # Ctrl-C in the last second of a mission changes nothing
     low, high = nees_interval([figures]) if judged else (None, None)
     if interrupted:
         reason = "interrupted"
     elif figures["completed"]:
         reason = ""
     else:
-        reason = figures["reason"] or not_finished(flown, composed)
+        reason = deep or figures["reason"] or not_finished(flown, composed)
     speed = float(np.sqrt(np.mean(np.sum(flown.nu[:, :2] ** 2, axis=1))))
     altitude = altitude_error(flown, composed.scenario)
     if altitude is not None:
