@@ -120,7 +120,7 @@ class _Tuning:
     def _compiled(self) -> list[Figures]:
         """The hand-tuned autopilot's held-out flights; what has to be compiled is compiled first, by one thread."""
         self._step("compiling", 0.0)
-        self.clock.require(WRITING, "compiling, flying and judging come after composing, files and report")
+        self.clock.require_start(WRITING)
         self.crew.compile([run for fleet in self.fleets.values() for run in fleet.runs])
         self.clock.require(*self._least())
         began = time.monotonic()

@@ -10,6 +10,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.composition import Composed
 
+USUAL = 170.0  # for nine parameters on two cores [s]
 SPARE = 1.15  # of what is said to be enough: a machine is not always as quick
 
 
@@ -28,6 +29,21 @@ class Clock:
     def gone(self) -> float:
         """[s]"""
         return time.monotonic() - self.began
+
+    def require_start(self, after: float) -> None:
+        """Nothing is compiled that no time is left for.
+
+        Args:
+            after: What files and report take [s].
+
+        Raises:
+            ConfigError: Composing alone took the budget.
+        """
+        if self.gone + after > self.budget:
+            raise ConfigError(
+                f"--budget-s: found {self.budget:g}, expected more, the usual is {USUAL:g}: composing alone took "
+                f"{self.gone:.0f} s here, and compiling, flying, judging and files come after it"
+            )
 
     def require(self, after: float, what: str) -> None:
         """Nothing goes on that cannot come to an end.
