@@ -105,15 +105,15 @@ def short_mission(scenario: Scenario) -> dict[str, Any]:
         `mission` and `duration` of a scenario.
     """
     model = vehicle_of(scenario).model()
-    scales, acceptance = VehicleScales.of(model), own_values(Limits.of(model))["acceptance"]
+    fastest = max(w.speed for w in scenario.waypoints)
+    scales, acceptance = VehicleScales.of(model), own_values(Limits.of(model), fastest)["acceptance"]
     dive = round(max(2.5 * scales.dive_speed, acceptance), 2)
     north, east, depth = scenario.start.position
-    psi, speed = scenario.heading, max(w.speed for w in scenario.waypoints)
-    long, short = 15.0 * speed, 10.0 * speed
+    psi, long, short = scenario.heading, 15.0 * fastest, 10.0 * fastest
     ahead, right = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     places = [long * ahead, long * ahead + short * right, long * ahead + short * right]
     rows: list[dict[str, Any]] = [
-        {"position": [north + float(p[0]), east + float(p[1]), depth + d], "speed": speed, "acceptance": acceptance}
+        {"position": [north + float(p[0]), east + float(p[1]), depth + d], "speed": fastest, "acceptance": acceptance}
         for p, d in zip(places, (dive, dive, 2.0 * dive), strict=True)
     ]
     # A hold begins wherever the filter was when it came: how near is for the cost to say.
