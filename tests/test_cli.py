@@ -303,6 +303,22 @@ BAD = [
         "may be a real vehicle",
     ),
     (("flyy",), "flyy"),
+    # Options that would do nothing beside others.
+    (("fly", "square", "--link", "twin://", "--realtime", "--film"), "--realtime, --film: nothing would come of it"),
+    (("fly", "square", "--arm"), "go with --link"),
+    (("console", "--replay", "nowhere", "--speed", "2"), "--speed: nothing would come of it"),
+    (("console", "square", "--replay", "nowhere"), "square: nothing would come of it"),
+    (("render", "pool", "--view", "third-person", "--seed", "3"), "--seed: nothing would come of it"),
+    (("score", "square", "--vehicle", "bluerov2", "--set", "vehicle=minerva"), "--vehicle bluerov2: nothing would"),
+    (("serve", "bluerov2_heavy", "--protocol", "ardusub-json", "--speed", "2"), "give its --speedup"),
+    (("serve", "bluerov2_heavy", "--protocol", "ardusub-json", "--log", "x.mcap"), "ArduSub writes its own"),
+    (("evidence", "thrust", "x.csv", "--full", "20"), "--full: nothing would come of it: without --speeds"),
+    (("evidence", "panel", "minerva", "--scale", "0.001"), "--scale: nothing would come of it: minerva is a vehicle"),
+    (("identify", "bluerov2", "--prior", "bluerov2", "--track", "aruco"), "--track: nothing would come of it"),
+    (
+        ("scenario", "check", "square", "--set", "vehicle=minerva", "--set", "vehicle.mass=9"),
+        "names its vehicle (minerva)",
+    ),
 ]
 
 
