@@ -120,6 +120,14 @@ def test_log_commands(short_run, tmp_path, capsys):
     assert code == 0 and rows["sensor/gyro"]["messages"] == 1200 and rows["truth/eta"]["frame"] == "n"
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap")
     assert code == 0 and "datum: 63.450000° N, 10.360000° E, water level 0 m, start 2021-06-01T10:00:00Z" in out
+    again = tmp_path / "again.mcap"
+    again.write_bytes((folder / "log.mcap").read_bytes())
+    code, several, _ = run(capsys, "log", "info", folder, again, "--json")
+    assert code == 0 and [one["path"] for one in json.loads(several)["logs"]] == [str(folder / "log.mcap"), str(again)]
+    assert json.loads(several)["logs"][0] == json.loads(run(capsys, "log", "info", folder, "--json")[1])
+    code, table, _ = run(capsys, "log", "info", folder, again)
+    assert code == 0 and "2 logs" in table and "is not in" not in table
+    assert run(capsys, "log", "info", folder, tmp_path)[0] == 2  # a folder without a log
     assert in_short(["x", "y"]) == "x y" and in_short([f"x{i}" for i in range(60)]) == "x0 … x59 (60)"
     assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "run.nc")[0] == 0
     assert run(capsys, "log", "export", folder / "log.mcap", tmp_path / "csv")[0] == 0
@@ -295,6 +303,22 @@ BAD = [
         "may be a real vehicle",
     ),
     (("flyy",), "flyy"),
+    # Options that would do nothing beside others.
+    (("fly", "square", "--link", "twin://", "--realtime", "--film"), "--realtime, --film: nothing would come of it"),
+    (("fly", "square", "--arm"), "go with --link"),
+    (("console", "--replay", "nowhere", "--speed", "2"), "--speed: nothing would come of it"),
+    (("console", "square", "--replay", "nowhere"), "square: nothing would come of it"),
+    (("render", "pool", "--view", "third-person", "--seed", "3"), "--seed: nothing would come of it"),
+    (("score", "square", "--vehicle", "bluerov2", "--set", "vehicle=minerva"), "--vehicle bluerov2: nothing would"),
+    (("serve", "bluerov2_heavy", "--protocol", "ardusub-json", "--speed", "2"), "give its --speedup"),
+    (("serve", "bluerov2_heavy", "--protocol", "ardusub-json", "--log", "x.mcap"), "ArduSub writes its own"),
+    (("evidence", "thrust", "x.csv", "--full", "20"), "--full: nothing would come of it: without --speeds"),
+    (("evidence", "panel", "minerva", "--scale", "0.001"), "--scale: nothing would come of it: minerva is a vehicle"),
+    (("identify", "bluerov2", "--prior", "bluerov2", "--track", "aruco"), "--track: nothing would come of it"),
+    (
+        ("scenario", "check", "square", "--set", "vehicle=minerva", "--set", "vehicle.mass=9"),
+        "names its vehicle (minerva)",
+    ),
 ]
 
 

@@ -151,6 +151,10 @@ BAD = [
     ({"vary": {"duration": {"distribution": "normal", "mean": 0, "sd": 1, "least": 50}}}, "leave nothing"),
     ({"vary": {"duration": {"distribution": "choice", "values": [1, "a"]}}}, "expected values of one kind"),
     ({"vary": {"duration": {"distribution": "choice", "values": [1], "weights": [1, 2]}}}, "2 weights for 1 values"),
+    (
+        {"vary": {"duration": {"uniform": [1, 2]}}},
+        "duration: found a mapping with uniform, expected the key 'distribution'",
+    ),
     ({"vary": 3}, "expected a mapping"),
 ]
 

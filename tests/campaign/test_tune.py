@@ -6,8 +6,8 @@ import yaml
 from tests.campaign.identified import identified_vehicle
 
 from rovtwin.campaign.tune import tune
-from rovtwin.campaign.tune_cost import FAILED, TERMS, Cost, terms_of, weights_of
-from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, fleet_of, seas_of, short_mission
+from rovtwin.campaign.tune_cost import FAILED, TERMS, Cost, floors_of, terms_of, weights_of
+from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, Crew, fleet_of, seas_of, short_mission
 from rovtwin.campaign.tune_parameters import TUNABLES, Space, chosen, start_of, value_of, with_values
 from rovtwin.campaign.tune_plants import plants_of
 from rovtwin.campaign.tune_result import Judged, Tuned, Wish, paired
@@ -27,6 +27,7 @@ FIGURES = {
     "station_rms_m": None,
     "depth_rms_m": 0.02,
     "heading_rms_deg": 2.0,
+    "attitude_rms_deg": 3.0,
     "effort_n2s": 1000.0,
     "duration_s": 100.0,
     "thruster_activity_n_per_s": 4.0,
@@ -111,14 +112,30 @@ def test_every_tunable_can_be_set(scenario):
         assert value_of(with_values(section, {one.name: 0.123456}), one.name) == 0.1235
 
 
+def cost_of(figures, limit=60.0):
+    section = ModelBasedSection.model_validate({"supervisor": {"attitude_limit_deg": limit}})
+    return Cost.against(weights_of([]), ["calm"], [figures], floors_of(section))
+
+
 def test_cost_of_the_hand_tuned_is_one_unless_a_floor_holds():
-    cost = Cost.against(weights_of([]), ["calm"], [FIGURES])
+    cost = cost_of(FIGURES)
     assert cost.of("calm", FIGURES) == pytest.approx(1.0)
     better = FIGURES | {"cross_track_rms_m": 0.1}
-    assert cost.of("calm", better) == pytest.approx(1.0 - 0.5 * TERMS["path"].weight)
+    assert cost.of("calm", better) == pytest.approx(1.0 - 0.5 * weights_of([])["path"])
     fine = FIGURES | {"depth_rms_m": 0.001}  # a millimetre in place of half of one is nobody's concern
-    floored = Cost.against(weights_of([]), ["calm"], [fine])
+    floored = cost_of(fine)
     assert floored.scales["calm"]["depth"] == TERMS["depth"].floor and floored.of("calm", fine) < 1.0
+
+
+def test_swinging_costs_by_the_vehicle_s_limit_also_where_the_hand_tuned_swings():
+    still, swings = FIGURES | {"attitude_rms_deg": 0.4}, FIGURES | {"attitude_rms_deg": 12.0}
+    share = weights_of([])["attitude"]
+    for hand in (still, swings):
+        for limit, one in ((60.0, 3.0), (30.0, 1.5)):
+            cost = cost_of(hand, limit)
+            assert cost.of("calm", swings) - cost.of("calm", still) == pytest.approx(share * 11.6 / one)
+    nearly = FIGURES | {"attitude_rms_deg": 0.55}  # what the tuned values change of a Double Blueye's
+    assert cost_of(still).of("calm", nearly) - cost_of(still).of("calm", still) < 0.005
 
 
 @pytest.mark.parametrize(
@@ -126,7 +143,7 @@ def test_cost_of_the_hand_tuned_is_one_unless_a_floor_holds():
     [{"phase": "aborted", "completed": False}, {"phase": "go", "completed": False}, {"depth_rms_m": float("nan")}],
 )
 def test_failure_is_dear(change):
-    cost = Cost.against(weights_of([]), ["calm"], [FIGURES])
+    cost = cost_of(FIGURES)
     assert cost.of("calm", FIGURES | change) == FAILED
     assert cost.of("calm", FIGURES | {"cross_track_rms_m": 1e6}) == FAILED  # nor is anything dearer
 
@@ -138,8 +155,8 @@ def test_a_flight_that_was_cut_short_is_no_failure():
 
 def test_weights_are_shares_and_can_be_given():
     assert sum(weights_of([]).values()) == pytest.approx(1.0)
-    only = weights_of(["path=1", "depth=0", "heading=0", "effort=0", "activity=0"])
-    assert only == {"path": 1.0, "depth": 0.0, "heading": 0.0, "effort": 0.0, "activity": 0.0}
+    only = weights_of(["path=1", *(f"{name}=0" for name in TERMS if name != "path")])
+    assert only == dict.fromkeys(TERMS, 0.0) | {"path": 1.0}
 
 
 @pytest.mark.parametrize(
@@ -175,6 +192,25 @@ def test_a_wish_that_cannot_be_granted_is_refused_before_anything_is_compiled(sc
     given = {"scenario": scenario, "tunables": chosen(), "seas": ("calm",), "weights": weights_of([])} | change
     with pytest.raises(ConfigError, match=said):
         tune(Wish(**given))
+
+
+@pytest.mark.parametrize(
+    ("budget", "pace", "said"),
+    [
+        (0.5, 0.0, r"found 0.5, expected more, the usual is 170: composing alone took \d+ s"),
+        (300.0, 9.0, r"found 300, expected about \d{4} or more here: .* flying 4 held-out flights and a single gener"),
+    ],
+    ids=["before compiling", "before the first flight"],
+)
+def test_a_budget_that_is_too_short_is_refused_before_any_flight(scenario, monkeypatch, budget, pace, said):
+    compiled = []
+    monkeypatch.setattr(Crew, "compile", lambda self, runs: compiled.append(runs))
+    monkeypatch.setattr(Crew, "pace", lambda self, run: pace)
+    monkeypatch.setattr(Crew, "fly", lambda *_: pytest.fail("flown"))
+    few = {"plants": 1, "held_out": 2, "budget": budget, "workers": 1}
+    with pytest.raises(ConfigError, match=said):
+        tune(Wish(scenario=scenario, tunables=chosen(), seas=("calm",), weights=weights_of([]), **few))
+    assert bool(compiled) == (pace > 0)
 
 
 def test_fleets_share_no_plant_and_no_noise_and_are_drawn_again_alike(scenario):
@@ -247,7 +283,7 @@ def made(scenario, section: ModelBasedSection, gain: float) -> Tuned:
     """A tuning as it might have come out."""
     wish = Wish(scenario, chosen(), ("calm",), weights_of([]), held_out=3)
     after = [FIGURES | {"cross_track_rms_m": 0.2 * (1 - gain) + 0.001 * i} for i in range(3)]
-    cost = Cost.against(wish.weights, ["calm"] * 3, [FIGURES] * 3)
+    cost = Cost.against(wish.weights, ["calm"] * 3, [FIGURES] * 3, floors_of(section))
     costs = [cost.all_of(["calm"] * 3, one) for one in ([FIGURES] * 3, after)]
     found = search(lambda xs: [1.0] * len(xs), np.zeros(3), BOX, seed=1, evaluations=14)
     judged = Judged(["calm"] * 3, [FIGURES] * 3, after, *costs)

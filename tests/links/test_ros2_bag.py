@@ -1,6 +1,7 @@
 """A run as a ROS 2 bag: read back by rosbags and, where it is installed, by rclpy itself."""
 
 import importlib.util
+import json
 import math
 import subprocess
 import sys
@@ -12,7 +13,14 @@ import yaml
 
 from rovtwin.cli import main
 from rovtwin.core.errors import LogError
+from rovtwin.core.frames import (
+    euler_from_quaternion,
+    quaternion_from_euler,
+    quaternion_from_rotation,
+    quaternion_multiply,
+)
 from rovtwin.core.log import Channel, Log
+from rovtwin.core.numerics import jnp
 from rovtwin.links.ros2.bag import export_rosbag2
 
 highlevel = pytest.importorskip("rosbags.highlevel")
@@ -91,6 +99,37 @@ def test_a_reading_is_stamped_when_valid_and_in_the_bag_when_delivered(log, tmp_
     assert len(inertial) == 33
     assert sum(m.orientation_covariance[0] == -1 for m in inertial) == 30
     assert sum(m.angular_velocity_covariance[0] == -1 for m in inertial) == 3
+
+
+def test_readings_of_turned_sensors_are_along_the_axes_of_base_link(tmp_path):
+    """An IMU upside down and a quarter to starboard, a DVL half round, an altimeter that looks ahead from the bow."""
+    t = np.array([0.0, 0.1])
+    R = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its x to starboard, y ahead, z up
+    omega, force = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, -9.0])
+    attitude = np.array([0.0, 0.0, 0.5])  # of b: heading 0.5 rad; of the IMU that of R_nb R
+    q = quaternion_multiply(quaternion_from_euler(jnp.array(attitude)), quaternion_from_rotation(jnp.array(R)))
+    readings = {
+        "gyro": (R.T @ omega, "xyz"), "accelerometer": (R.T @ force, "xyz"), "dvl": (np.array([-0.4, 0.1, 0.0]), "uvw"),
+        "attitude": (np.asarray(euler_from_quaternion(q)), ("phi", "theta", "psi")),
+        "altimeter": (np.array([2.0]), ("range",)),
+    }  # fmt: skip
+    data = {f"sensor/{name}": (t, np.column_stack([np.tile(v, (2, 1)), t])) for name, (v, _) in readings.items()}
+    channels = [Channel(f"sensor/{name}", (*names, "t_valid"), "1", "") for name, (_, names) in readings.items()]
+    sheets = {name: {"rotation": R.tolist()} for name in ("gyro", "accelerometer", "attitude")}
+    sheets |= {"dvl": {"rotation": np.diag([-1.0, -1.0, 1.0]).tolist()}}
+    sheets |= {"altimeter": {"rotation": np.eye(3).tolist(), "lever": [0.3, 0.0, 0.1]}}
+    log = Log.from_arrays(channels, data, {"sensors": json.dumps(sheets)})
+    found = read(export_rosbag2(log, tmp_path / "run"))
+    imu = found["/rov/imu"][0][1]
+    rate, specific, moved = imu.angular_velocity, imu.linear_acceleration, found["/rov/dvl"][0][1].twist.twist.linear
+    assert imu.header.frame_id == "base_link"
+    assert [rate.x, rate.y, rate.z] == pytest.approx([0.1, -0.2, -0.3])  # FLU
+    assert [specific.x, specific.y, specific.z] == pytest.approx([1.0, -2.0, 9.0])
+    assert [moved.x, moved.y] == pytest.approx([0.4, 0.1])
+    yaw = math.pi / 2 - 0.5
+    assert abs(imu.orientation.z) == pytest.approx(math.sin(yaw / 2)) and imu.orientation.x == pytest.approx(0.0)
+    point = found["/rov/altimeter"][0][1].point
+    assert [point.x, point.y, point.z] == pytest.approx([2.3, 0.0, -0.1])
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="no rclpy: see the extra 'test'")

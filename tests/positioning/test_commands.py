@@ -15,6 +15,7 @@ from rovtwin.cli.track import track
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.positioning.camera_file import as_data
+from rovtwin.scenario.tracking import Wanted, _layout
 
 cv2 = pytest.importorskip("cv2")
 app = typer.Typer()
@@ -118,3 +119,10 @@ def test_calibrate_writes_a_camera_file_and_a_figure(tmp_path):
     assert run("calibrate", *images, "--board", "9x6", "-o", out, "--overwrite").exit_code == 0
     bad = run("calibrate", *images, "--board", "nine", "-o", tmp_path / "other.yaml")
     assert "--board: found 'nine', expected inner corners along both sides" in str(bad.exception)
+
+
+def test_a_dictionary_beside_a_layout_is_refused(tmp_path):
+    """The layout says which markers it has; the option was ignored in silence."""
+    (tmp_path / "layout.yaml").write_text("dictionary: DICT_4X4_50\nmarkers: []\n")
+    with pytest.raises(ConfigError, match=r"--dictionary DICT_5X5_50: .*layout\.yaml says which it is"):
+        _layout(tmp_path / "log.mcap", Wanted(dictionary="DICT_5X5_50"))

@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.scenario.composition import compose
+from rovtwin.scenario.feasibility import foreseen
 from rovtwin.scenario.files import list_missions, load_mission, load_scenario
 from rovtwin.scenario.fitting import assumptions, fitted, own_values
 from rovtwin.scenario.limits import Limits
@@ -37,6 +38,30 @@ def test_another_vehicle_has_its_own_by_froude_s_law():
 def test_without_sway_a_way_point_is_twice_as_wide():
     limits = Limits.of(vehicle_from_dict(NO_SWAY, "no_sway").model())
     assert own_values(limits)["acceptance"] == pytest.approx(2 * 0.65 * limits.length, abs=0.005)
+
+
+def slow_turner(lever):
+    thruster = {"direction": [1, 0, 0], "force": {"ahead": 12, "astern": 9}, "time_constant": 0.15}
+    sides = [thruster | {"name": n, "position": [-0.4, y, 0]} for n, y in (("port", -lever), ("starboard", lever))]
+    ends = [{"name": n, "position": [x, 0, 0], "direction": [0, 0, 1]} for n, x in (("bow", 0.3), ("stern", -0.3))]
+    hull = {"name": "slow", "mass": 14.0, "inertia": [0.1, 0.9, 0.9], "volume": 0.01415}
+    hull |= {"center_of_buoyancy": [0, 0, -0.03], "shape": {"cylinder": {"length": 0.9, "radius": 0.075}}}
+    return hull | {"thrusters": sides + [thruster | one for one in ends]}
+
+
+@pytest.mark.parametrize("lever, slower", [(0.02, False), (0.005, True)])
+@pytest.mark.parametrize("speed", [None, 0.3])
+def test_what_is_taken_leaves_room_to_turn(lever, slower, speed):
+    """The check said "raise the acceptance" of the one that it had taken itself."""
+    point = "{position: [8, 0, 3]" + ("}" if speed is None else f", speed: {speed}}}")
+    scenario = load_scenario("square", [f"mission.waypoints=[{point}]"])
+    model = vehicle_from_dict(slow_turner(lever), "slow").model()
+    made = fitted(scenario, model)
+    assert not any("turns within" in line for line in foreseen(made, vehicle_from_dict(slow_turner(lever), "s"), model))
+    limits, ((flown, acceptance),) = Limits.of(model), values(made)
+    length = limits.length
+    assert acceptance > 2 * 0.65 * length + 0.05 and (speed or acceptance <= 4 * 0.65 * length + 0.02)
+    assert flown == speed or (flown < round(0.115 * (9.81 * length) ** 0.5, 2)) == slower
 
 
 def test_what_is_said_counts():

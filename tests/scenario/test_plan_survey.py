@@ -108,6 +108,25 @@ def test_with_an_altimeter_on_board_the_floor_is_followed(tmp_path):
     assert {w.position[2] for w in load_scenario(out).waypoints} == {4.5 - 1.2}
 
 
+def test_what_is_set_changes_the_scenario(tmp_path):
+    """Also what is set to a default that the survey would choose otherwise."""
+    out = tmp_path / "s.yaml"
+    settings = (
+        "world.current=[0,0.1,0]",
+        "battery=false",
+        "vehicle=minerva",
+        "duration=9000",
+        "autopilot=thesis_placed",
+    )
+    words = ("--area", POOL, "--swath", 1.6, "--heading", 0, "-o", out)
+    result = run(*words, *(word for text in settings for word in ("--set", text)))
+    assert result.exit_code == 0, result.output
+    written = load_scenario(out)
+    assert written == load_scenario(out, settings) and written.vehicle == "minerva"
+    assert written.world.current.velocity == [0, 0.1, 0] and written.battery is None and written.duration == 9000
+    assert written.waypoints[0].speed == 0.32  # minerva's own
+
+
 BAD = {
     "no file": (("--area", "none.geojson"), "none.geojson: no such file"),
     "overlap": (("--overlap", "1"), "overlap: found 1"),
@@ -122,6 +141,11 @@ BAD = {
     "datum": (("--datum", "here"), "--datum: found 'here'"),
     "picture": (("--figure", "s.gif"), "--figure: found 's.gif'"),
     "cannot turn": (("--vehicle", "blueye_pioneer"), "cannot turn it both ways"),
+    "set unknown": (("--set", "world.curent=[0,0,0]"), "--set world.curent=[0,0,0]: world.curent: no such key"),
+    "set laid": (("--set", "mission.waypoints=[]"), "lays its way-points and its start itself"),
+    "set twice": (("--floor", "9", "--set", "world={floor: 8}"), "--floor and --set world: found both"),
+    "vehicle twice": (("--vehicle", "minerva", "--set", "vehicle=otter"), "--vehicle and --set vehicle: found both"),
+    "set a deep floor": (("--set", "world.floor=2"), "into the floor at 2 m"),
     "vehicle": (("--vehicle", "double_blueey"), "Did you mean 'double_blueye'"),
 }
 

@@ -43,6 +43,13 @@ def test_largest_roll_and_pitch_of_the_run_either_way():
     assert (result["roll_max_deg"], result["pitch_max_deg"]) == pytest.approx((12.0, 35.0))
 
 
+def test_swing_is_about_the_mean():
+    """A trim of 5 degrees is none; a pitch of 4 degrees amplitude and a roll of 3 make 3.5 degrees rms."""
+    eta, t = np.zeros((1001, 6)), np.arange(1001) * 0.1
+    eta[:, 3], eta[:, 4] = np.radians(3.0 * np.sin(t)), np.radians(5.0 + 4.0 * np.cos(t))
+    assert score(flown(eta=eta))["attitude_rms_deg"] == pytest.approx(np.sqrt(12.5), rel=0.01)
+
+
 def test_scores_of_a_known_run():
     result = score(flown())
     assert result["completed"] and result["phase"] == "finished" and result["reason"] == ""

@@ -31,9 +31,19 @@ def in_a_sea(height=0.0, period=5.7, current=0.0, vehicle="double_blueye", durat
 
 def test_where_a_mission_wants_to_be():
     found = places(load_scenario("lawnmower_sea"))
-    assert [place[2] for place, _ in found] == [3.0, 3.0, 3.0]
-    assert [round(math.degrees(heading)) for _, heading in found] == [0, 90, 180]
-    assert len(places(in_a_sea())) == 1
+    assert [place[2] for place, *_ in found] == [3.0, 3.0, 3.0]
+    assert [round(math.degrees(heading)) for _, heading, _ in found] == [0, 90, 180]
+    assert len(places(in_a_sea())) == 1 and all(asked for *_, asked in found)
+
+
+@pytest.mark.parametrize("words", [["square", "mission.waypoints=[{position: [0, 0, 3]}]"], ["test_mixed"]])
+def test_a_heading_that_nobody_asks_for_is_said_to_be_the_start_s(words):
+    report = sea_report(compose(load_scenario(words[0], [*words[1:], "vehicle=bluerov2", "start.heading_deg=40"])))
+    assert "heading 40 deg (that of the start, since nothing asks for one)" in report["line"]
+    assert report["places"][0]["heading_asked"] is False
+    asked = "mission.waypoints=[{position: [0, 0, 3], heading_deg: 40}]"
+    report = sea_report(compose(load_scenario("square", [asked, "vehicle=bluerov2"])))
+    assert "heading 40 deg: " in report["line"] and report["places"][0]["heading_asked"] is True
 
 
 def test_moving_water():

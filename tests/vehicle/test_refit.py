@@ -106,7 +106,8 @@ def test_names_of_spare_sensors_follow_a_part_with_thrusters(own):
 
 def test_what_lies_inside_the_hull_is_said():
     (note,) = add("double_blueye", "imaging_sonar", [0, 0.28, 0]).notes
-    assert note.startswith("100 % of 'imaging_sonar' lies in the boxes")
+    assert note.startswith("'imaging_sonar' and 'double_blueye.starboard' overlap: 100 % of 'imaging_sonar', 176 mm")
+    assert note.endswith("is free 176 mm further to starboard, at 0,0.456,0")
     assert not add("double_blueye", "imaging_sonar", [0, 0.28, 0.25]).notes
 
 

@@ -5,12 +5,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rovtwin.campaign.tune_cost import FAILED, Cost
+from rovtwin.campaign.tune_cost import FAILED, Cost, floors_of
 from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, Crew, Figures, Fleet, crew_of, fleet_of, seas_of
 from rovtwin.campaign.tune_parameters import Space, start_of, value_of, with_values
 from rovtwin.campaign.tune_plants import Plants, plants_of
 from rovtwin.campaign.tune_result import Judged, Tuned, Wish
-from rovtwin.campaign.tune_search import Search, search
+from rovtwin.campaign.tune_search import Search, population, search
+from rovtwin.campaign.tune_time import Clock, least_seconds
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.schema import ModelBasedSection
@@ -59,10 +60,12 @@ class _Tuning:
         self, wish: Wish, section: ModelBasedSection, crew: Crew, progress: Progress, interrupted: Callable[[], bool]
     ):
         self.wish, self.crew, self.progress, self.interrupted = wish, crew, progress, interrupted
-        self.began, self.marks = time.monotonic(), {}
+        self.clock, self.marks = Clock(wish.budget), {}
         self.space = Space.around(wish.tunables, section.model_copy(update={"tuned": None}))
+        self.floors = floors_of(section)
         plants = plants_of(wish.scenario)
         self.said = plants.said
+        self.generation = population(len(self.space.tunables))
         self.fleets = self._fleets(plants)
         self.hand: dict[int, list[Figures]] = {}  # scores of the hand-tuned autopilot
         self.judging = 0.0  # wall time of one autopilot over the held-out plants [s]
@@ -81,7 +84,7 @@ class _Tuning:
         }
 
     def _step(self, what: str, share: float) -> None:
-        self.marks.setdefault(what, time.monotonic() - self.began)
+        self.marks.setdefault(what, self.clock.gone)
         self.progress(what, share)
 
     def _flown(
@@ -117,11 +120,30 @@ class _Tuning:
     def _compiled(self) -> list[Figures]:
         """The hand-tuned autopilot's held-out flights; what has to be compiled is compiled first, by one thread."""
         self._step("compiling", 0.0)
+        self.clock.require_start(WRITING)
         self.crew.compile([run for fleet in self.fleets.values() for run in fleet.runs])
+        self.clock.require(*self._least())
         began = time.monotonic()
         before = self._flown(HELD_OUT, [self.space.section], "hand-tuned, held-out plants")[0]
         self.judging = time.monotonic() - began
         return before
+
+    def _least(self) -> tuple[float, str]:
+        """Wall time of all that comes after compiling, at the least [s], and what that is."""
+        n, generation = len(self.fleets[HELD_OUT].runs), self.generation
+        judging = 2 * self.crew.rounds(n) * self._brief(HELD_OUT)
+        said = f"flying {2 * n} held-out flights and a single generation of {generation}"
+        return judging + self._flights_after() * self._brief(TUNING), said
+
+    def _flights_after(self) -> int:
+        """How often each thread flies LANES for: hand-tuned, one generation, choosing, putting back."""
+        counts, each = (1, self.generation, 3, 1 + len(self.space.tunables)), len(self.fleets[TUNING].runs)
+        return sum(self.crew.rounds(each * count) for count in counts)
+
+    def _brief(self, stream: int) -> float:
+        """Wall time of LANES of the stream's flights at the least [s]."""
+        runs = self.fleets[stream].runs
+        return least_seconds(runs) * self.crew.pace(runs[0])
 
     def _scaled(self) -> tuple[Cost, float]:
         """The cost in units of the hand-tuned autopilot, and what that costs."""
@@ -129,7 +151,8 @@ class _Tuning:
         began = time.monotonic()
         figures = self._flown(TUNING, [self.space.section], "hand-tuned")[0]
         self.pace = time.monotonic() - began
-        cost = Cost.against(self.wish.weights, fleet.seas, figures)
+        self.clock.require(self._after() + self._lasting(self.generation), "a single generation, choosing and judging")
+        cost = Cost.against(self.wish.weights, fleet.seas, figures, self.floors)
         start = float(np.mean(cost.all_of(fleet.seas, figures)))
         if start >= FAILED:
             why = "; ".join(sorted({one["reason"] for one in figures}))
@@ -141,8 +164,11 @@ class _Tuning:
 
     def _left(self) -> float:
         """Time for the search [s]: the budget less what comes after."""
-        after = self.judging + self._lasting(3) + self._lasting(1 + len(self.space.tunables)) + WRITING
-        return self.wish.budget - (time.monotonic() - self.began) - after
+        return self.wish.budget - self.clock.gone - self._after()
+
+    def _after(self) -> float:
+        """Wall time of what comes after the search [s]."""
+        return self.judging + self._lasting(3) + self._lasting(1 + len(self.space.tunables)) + WRITING
 
     def _lasting(self, autopilots: int) -> float:
         """Wall time of so many autopilots over the plants of the search [s]."""
@@ -152,8 +178,8 @@ class _Tuning:
         fleet, tried, began = self.fleets[TUNING], 0, time.monotonic()
 
         def out_of_time(points: int) -> bool:
-            each = (time.monotonic() - began) / tried if tried else self._lasting(points) / points
-            return self.interrupted() or self._left() < each * points
+            each = (time.monotonic() - began) / max(tried, 1)
+            return self.interrupted() or (tried > 0 and self._left() < each * points)  # the first has its time
 
         def of(points: list[np.ndarray]) -> list[float]:
             nonlocal tried
@@ -172,11 +198,6 @@ class _Tuning:
         )
         if not found.points and self.interrupted():
             raise RovtwinError("interrupted before anything was tried: nothing to write")
-        if not found.points:
-            raise ConfigError(
-                f"--budget-s: found {self.wish.budget:g}, expected more: compiling, flying the hand-tuned autopilot "
-                f"({time.monotonic() - self.began:.0f} s so far) and judging leave no time for a single generation"
-            )
         return found
 
     def _choose(self, cost: Cost, found: Search) -> tuple[ModelBasedSection, tuple[str, float, float]]:
@@ -191,7 +212,7 @@ class _Tuning:
             "the middle of the last generation": self.space.at(found.mean),
         }
         flown = self._flown(CHOOSING, list(offered.values()), "choosing")
-        own = Cost.against(cost.weights, fleet.seas, flown[0])
+        own = Cost.against(cost.weights, fleet.seas, flown[0], self.floors)
         costs = [float(np.mean(own.all_of(fleet.seas, one))) for one in flown]
         i = int(np.argmin(costs))
         return list(offered.values())[i], (list(offered)[i], costs[0], costs[i])
@@ -209,11 +230,11 @@ class _Tuning:
     def _judged(self, section: ModelBasedSection, before: list[Figures]) -> Judged:
         fleet = self.fleets[HELD_OUT]
         after = self._flown(HELD_OUT, [section], "tuned, held-out plants")[0]
-        cost = Cost.against(self.wish.weights, fleet.seas, before)
+        cost = Cost.against(self.wish.weights, fleet.seas, before, self.floors)
         return Judged(fleet.seas, before, after, cost.all_of(fleet.seas, before), cost.all_of(fleet.seas, after))
 
     def _seconds(self) -> dict[str, float]:
         """How long each step took, and all of it."""
-        names, ends = list(self.marks), [*list(self.marks.values())[1:], time.monotonic() - self.began]
+        names, ends = list(self.marks), [*list(self.marks.values())[1:], self.clock.gone]
         steps = {name: end - self.marks[name] for name, end in zip(names, ends, strict=True)}
-        return steps | {"all": time.monotonic() - self.began}
+        return steps | {"all": self.clock.gone}

@@ -9,6 +9,8 @@ import numpy as np
 from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
+from rovtwin.gnc.rules import RULES
+from rovtwin.scenario.schema import ModelBasedSection
 
 FAILED = 10.0
 """Cost of a flight that is aborted, does not arrive, or leaves no number."""
@@ -16,21 +18,32 @@ FAILED = 10.0
 
 @dataclass(frozen=True)
 class Term:
-    """A part of the cost: its unit, its usual weight, and below what an error is nobody's concern."""
+    """A part of the cost: its unit, its usual weight, and below what an error is nobody's concern (see `floors_of`)."""
 
     said: str
     unit: str
     weight: float
     floor: float
+    fixed: bool = False  # whether the floor counts as 1 whatever the hand-tuned autopilot does
 
 
 TERMS = {
     "path": Term("distance to the path (to the station while holding), rms", "m", 0.5, 0.05),
     "depth": Term("depth error, rms", "m", 0.15, 0.01),
     "heading": Term("heading error, rms", "deg", 0.1, 1.0),
+    "attitude": Term("roll and pitch about their means, rms", "deg", 0.1, 3.0, fixed=True),
     "effort": Term("sum of squared thruster forces, mean over time", "N2", 0.05, 1.0),
     "activity": Term("rate of the thruster forces, rms", "N/s", 0.2, 0.5),
 }
+
+
+SWINGING = 0.05  # of the attitude limit, 3 of the usual 60 degrees: what counts as 1 of the term `attitude`
+
+
+def floors_of(section: ModelBasedSection) -> dict[str, float]:
+    """Floors by term, that of the attitude a share of the limit at which the supervisor ends a flight."""
+    limit = section.supervisor.attitude_limit_deg.limit or np.degrees(RULES["attitude limit"].limit)
+    return {name: term.floor for name, term in TERMS.items()} | {"attitude": SWINGING * float(limit)}
 
 
 def weights_of(given: Sequence[str]) -> dict[str, float]:
@@ -72,6 +85,7 @@ def terms_of(figures: Mapping[str, Any]) -> dict[str, float] | None:
         "path": float(np.sqrt(np.mean(np.square(off)))) if off else None,
         "depth": figures["depth_rms_m"],
         "heading": figures["heading_rms_deg"],
+        "attitude": figures["attitude_rms_deg"],
         "effort": figures["effort_n2s"] / max(figures["duration_s"], 1.0),
         "activity": figures["thruster_activity_n_per_s"],
     }
@@ -92,12 +106,18 @@ class Cost:
     scales: Mapping[str, Mapping[str, float]]
 
     @classmethod
-    def against(cls, weights: Mapping[str, float], seas: Sequence[str], flights: Sequence[Mapping[str, Any]]) -> "Cost":
-        """From the hand-tuned autopilot's flights, each with the name of its sea."""
+    def against(
+        cls,
+        weights: Mapping[str, float],
+        seas: Sequence[str],
+        flights: Sequence[Mapping[str, Any]],
+        floors: Mapping[str, float],
+    ) -> "Cost":
+        """From the hand-tuned autopilot's flights, each with the name of its sea, and floors as `floors_of` gives."""
         scales = {}
         for sea in dict.fromkeys(seas):
             found = [terms_of(one) for one, where in zip(flights, seas, strict=True) if where == sea]
-            scales[sea] = {name: _scale(name, [one for one in found if one]) for name in TERMS}
+            scales[sea] = {name: _scale(name, [one for one in found if one], floors[name]) for name in TERMS}
         return cls(weights, scales)
 
     def of(self, sea: str, figures: Mapping[str, Any]) -> float:
@@ -116,6 +136,6 @@ class Cost:
         return np.array([self.of(sea, one) for sea, one in zip(seas, flights, strict=True)])
 
 
-def _scale(name: str, found: Sequence[Mapping[str, float]]) -> float:
-    values = [one[name] for one in found if name in one]
-    return max(float(np.mean(values)) if values else 0.0, TERMS[name].floor)
+def _scale(name: str, found: Sequence[Mapping[str, float]], floor: float) -> float:
+    values = [one[name] for one in found if name in one and not TERMS[name].fixed]
+    return max(float(np.mean(values)) if values else 0.0, floor)

@@ -5,6 +5,7 @@ sea, LANES of them side by side. It computes outside of the Python lock: threads
 """
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -36,6 +37,7 @@ CALM = {"model": "thesis", "significant_height": 1e-6, "zero_crossing_period": 8
 USUAL_SEAS = ("calm", "waves")
 LONGEST = 300.0  # of a held-out flight [s]
 LANES = 10  # flights under vmap: half the time of one by one, and a generation has so many of each plant
+TIMED = 4.0 * CHUNK  # simulated, by which the pace of flights is told before they are flown [s]
 Figures = dict[str, Any]
 
 
@@ -103,15 +105,15 @@ def short_mission(scenario: Scenario) -> dict[str, Any]:
         `mission` and `duration` of a scenario.
     """
     model = vehicle_of(scenario).model()
-    scales, acceptance = VehicleScales.of(model), own_values(Limits.of(model))["acceptance"]
+    fastest = max(w.speed for w in scenario.waypoints)
+    scales, acceptance = VehicleScales.of(model), own_values(Limits.of(model), fastest)["acceptance"]
     dive = round(max(2.5 * scales.dive_speed, acceptance), 2)
     north, east, depth = scenario.start.position
-    psi, speed = scenario.heading, max(w.speed for w in scenario.waypoints)
-    long, short = 15.0 * speed, 10.0 * speed
+    psi, long, short = scenario.heading, 15.0 * fastest, 10.0 * fastest
     ahead, right = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     places = [long * ahead, long * ahead + short * right, long * ahead + short * right]
     rows: list[dict[str, Any]] = [
-        {"position": [north + float(p[0]), east + float(p[1]), depth + d], "speed": speed, "acceptance": acceptance}
+        {"position": [north + float(p[0]), east + float(p[1]), depth + d], "speed": fastest, "acceptance": acceptance}
         for p, d in zip(places, (dive, dive, 2.0 * dive), strict=True)
     ]
     # A hold begins wherever the filter was when it came: how near is for the cost to say.
@@ -179,6 +181,17 @@ class Crew:
         firsts = [runs[group[0]] for group in same_program(runs)]
         brief = [replace(run, scenario=run.scenario.model_copy(update={"duration": CHUNK})) for run in firsts]
         list(self._pool.map(fly_some, [[run] for run in brief]))
+
+    def pace(self, run: Composed) -> float:
+        """Wall time of one simulated second of LANES flights of a program that is compiled, of runs like this [s]."""
+
+        def taken(seconds: float) -> float:
+            began = time.monotonic()
+            fly_some([replace(run, scenario=run.scenario.model_copy(update={"duration": seconds}))])
+            return time.monotonic() - began
+
+        few, more = taken(CHUNK), taken(CHUNK + TIMED)
+        return max(more - few, 0.0) / TIMED
 
     def fly(
         self, fleet: Fleet, sections: Sequence[ModelBasedSection], tell: Callable[[], None] = lambda: None

@@ -39,6 +39,11 @@ class Search:
         return self.points[int(np.argmin(self.costs))]
 
 
+def population(dimensions: int) -> int:
+    """Points of a generation: Hansen (2016), table 1; a single parameter is searched as two."""
+    return 4 + int(3.0 * np.log(max(dimensions, 2)))
+
+
 def search(
     cost: Callable[[list[np.ndarray]], list[float]],
     start: np.ndarray,
@@ -72,8 +77,8 @@ def search(
     if len(start) == 1:
         # Its random walk of one dimension is not supported: a second coordinate that changes nothing is.
         inner, bounds = np.append(inner, 0.0), np.vstack([bounds, [-1.0, 1.0]])
-    optimiser = CMA(mean=inner, sigma=width, bounds=bounds, seed=seed % 2**32)
-    found, size, d = Search(mean=start.copy()), optimiser.population_size, len(start)
+    optimiser = CMA(mean=inner, sigma=width, bounds=bounds, seed=seed % 2**32, population_size=population(len(start)))
+    found, size, d = Search(mean=start.copy()), population(len(start)), len(start)
     while True:
         if len(found.points) and len(found.points) + size > evaluations:
             found.ended = f"all {evaluations} evaluations were used"

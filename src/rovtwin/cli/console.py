@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rovtwin.cli.output import console as screen_of
+from rovtwin.cli.output import refuse_idle
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
 
@@ -15,12 +16,13 @@ if TYPE_CHECKING:
     from rovtwin.scenario.schema import Scenario
 
 PORT = 8800
+SCENARIO = "lawnmower_calm"
 
 
 def console(
     scenario: Annotated[
         str, typer.Argument(metavar="[SCENARIO]", help="Vehicle, autopilot, world; see `scenario list`.")
-    ] = "lawnmower_calm",
+    ] = SCENARIO,
     link: Annotated[
         str, typer.Option(metavar="URL", help="The vehicle: twin://, blueye://IP, mavlink://.., ros2://..")
     ] = "twin://",
@@ -72,6 +74,10 @@ def console(
 
         if link != "twin://" or sensor or camera:
             raise ConfigError(f"--replay {replay}: nothing is flown; leave out --link, --sensor and --camera")
+        given = {scenario: scenario != SCENARIO, "--set": bool(overrides), "--seed": seed is not None}
+        refuse_idle(
+            given | {"--speed": speed != 1.0}, f"--replay {replay} shows a run as it was; its speed is the page's"
+        )
         build_replay(Recording.open(replay), Gate(host, token), runs)
         screen.print(f"open {address}   (Ctrl-C: end)", markup=False, soft_wrap=True)
         _serve(host, port, address if browser else "")

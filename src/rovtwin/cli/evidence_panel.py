@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from rovtwin.cli.evidence_empirical import Density, Out, block, finish, own_values, plain, print_priors
-from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
+from rovtwin.cli.output import DONE, AsJson, console, emit, figure, refuse_idle, table
 
 Length = str | None
 
@@ -92,6 +92,8 @@ def _mesher(body: str, scale: float, frame: str, origin: str) -> tuple[Any, Any]
     from rovtwin.vehicle import load_vehicle
 
     if Path(body).suffix.lower() not in SUFFIXES:
+        given = {"--scale": scale != 1.0, "--frame": frame != "x,y,z", "--origin": origin != "0,0,0"}
+        refuse_idle(given, f"{body} is a vehicle, whose file says it; they are for a mesh ({', '.join(SUFFIXES)})")
         vehicle = load_vehicle(body)
         return mesher_of(vehicle), vehicle
     axes = tuple(frame.replace(" ", "").split(","))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
+from rovtwin.cli.output import DONE, AsJson, console, emit, figure, refuse_idle, table
 from rovtwin.core.errors import IdentificationError
 
 if TYPE_CHECKING:
@@ -46,6 +46,9 @@ def thrust(
     """
     from rovtwin.identification.steady.thrust import fit_bollard, read_thrust
 
+    if speeds is None:
+        given = {"--full": full is not None, "--exponent": exponent is not None, "--dof": dof != "surge"}
+        refuse_idle(given, "without --speeds only thrust is fitted, and FILEs say all of it")
     tests = []
     for path in files or []:
         voltage, points = read_thrust(path)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, table
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, refuse_idle, table
 from rovtwin.core.errors import ConfigError, IdentificationError
 
 if TYPE_CHECKING:
@@ -118,6 +118,7 @@ def identify(
     require_replaceable(out.with_suffix(".nc"))
     if fit_share is not None and not logs:
         raise ConfigError("--fit-share is for logs on the command line; an evidence file says fit_share at the log")
+    refuse_idle({"--track": track is not None and not logs and not validate}, "it is for logs on the command line")
     wanted = load_vehicle(name, identified=prior is None)
     old = _prior(prior, keep)
     tests: dict[Path, bool] = {}

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +30,20 @@ def check_free(path: Path, overwrite: bool) -> None:
     """
     if path.exists() and not overwrite:
         raise ConfigError(f"{path}: exists already; give another --out, or --overwrite")
+
+
+def refuse_idle(given: Mapping[str, bool], why: str) -> None:
+    """That no option is given which would do nothing.
+
+    Args:
+        given: By option, whether it is.
+        why: What it would take, or why nothing can come of it.
+
+    Raises:
+        ConfigError: One is.
+    """
+    if idle := [option for option, there in given.items() if there]:
+        raise ConfigError(f"{', '.join(idle)}: nothing would come of it: {why}")
 
 
 def progress_bar(counter: str) -> Progress:

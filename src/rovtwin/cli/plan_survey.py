@@ -7,6 +7,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
+from rovtwin.cli.scenarios import Overrides
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def plan_survey(
     sees: Annotated[
         str | None, typer.Option(help="Imager or camera whose swath it is; default the vehicle's first imager.")
     ] = None,
+    overrides: Overrides = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Scenario to write.")] = Path("survey.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a picture, .png, .svg or .pdf.")] = None,
     as_json: AsJson = False,
@@ -54,7 +56,7 @@ def plan_survey(
 
     request = SurveyRequest(
         area, Swath(swath, overlap), _heading(heading), scenario, vehicle, depth, altitude, floor, speed, clearance,
-        inside, datum, sees,
+        inside, datum, sees, tuple(overrides or ()),
     )  # fmt: skip
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console(True), transient=True) as bar:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rovtwin.cli.output import AsJson, console, emit
+from rovtwin.cli.output import AsJson, console, emit, refuse_idle
 from rovtwin.core.errors import ConfigError
 
 
@@ -35,6 +35,9 @@ def render(
 
     if view not in ("camera", "third-person"):
         raise ConfigError(f"--view: found '{view}', expected camera or third-person")
+    if view == "third-person":
+        given = {"--camera": camera is not None, "--renderer": renderer != "auto", "--seed": seed is not None}
+        refuse_idle(given, "the vehicle is drawn from outside, without a camera of its own and its noise")
     shown, seen = load_scene(scene), load_vehicle(vehicle)
     if beam_attenuation is not None:
         kept = shown.file.water.model_dump(exclude={"beam_attenuation", "scattering"}, exclude_none=True)

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from rovtwin.cli.live import Link, Sensors, fly_link
-from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, progress_bar, table
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, progress_bar, refuse_idle, table
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
 
@@ -71,6 +71,8 @@ def fly(
     """
     wanted, screen = _wanted(scenario, replay, overrides or (), seed), console(as_json)
     if link is not None:
+        given = {"--realtime": realtime, "--camera": camera, "--film": film}
+        refuse_idle(given, "with --link the vehicle, its time and its cameras are not computed here")
         flight = fly_link(wanted, link, sensor or [], screen, out=out, thrust=thrust, armed=arm, speed=speed)
         if report and flight.summary.get("duration_s"):
             from rovtwin.report import write_report

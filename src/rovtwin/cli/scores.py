@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, progress_bar, table
+from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, progress_bar, refuse_idle, table
 from rovtwin.cli.scenarios import Overrides
 from rovtwin.core.errors import ConfigError
 
@@ -32,6 +32,9 @@ def score(
 
     numbers = parse_seeds(seeds)
     given = {"vehicle": vehicle, "autopilot": autopilot}
+    keys = {text.partition("=")[0].strip() for text in overrides or ()}
+    twice = {f"--{key} {value}": value is not None and key in keys for key, value in given.items()}
+    refuse_idle(twice, "--set gives the same; leave one of them out")
     extra = [*(f"{key}={value}" for key, value in given.items() if value), *(overrides or ())]
     wanted = {name: load_scenario(name, extra) for name in scenarios or list_scenarios()}
     tests = [name for name, scenario in wanted.items() if scenario.test]

@@ -42,7 +42,7 @@ def _print(screen: Any, title: str, report: dict[str, Any]) -> None:
         mean = sum(force**2 for force in place["mean_required"][:3]) ** 0.5
         rows.add_row(
             f"{place['position'][2]:.3g} m",
-            f"{place['heading_deg'] % 360:.0f} deg",
+            f"{place['heading_deg'] % 360:.0f} deg{'' if place['heading_asked'] else ', of the start'}",
             *(figure(round(value, 3)) for value in (X, Y, Z, N)),
             figure([place["horizontal_rms_n"], place["horizontal_p999_n"]]),
             figure(place["available_n"]),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar
+from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar, refuse_idle
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
 
@@ -30,7 +30,7 @@ Addresses = Annotated[
 ]
 Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Of the first protocol, in place of its own.")]
 Expose = Annotated[bool, typer.Option("--expose", help="Allow addresses that others on the network reach.")]
-Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help="Simulated seconds a second.")]
+Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help="Simulated seconds a second; not of ardusub-json.")]
 Duration = Annotated[float | None, typer.Option(min=0.0, help="End after so many simulated seconds; else Ctrl-C.")]
 
 
@@ -46,7 +46,7 @@ def serve(
     duration: Duration = None,
     seed: Seed = None,
     overrides: Overrides = None,
-    log: Annotated[Path | None, typer.Option(help="Write the truth to a new MCAP file.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Write the truth to a new MCAP file; not of ardusub-json.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Let the twin stand in for the vehicle: it speaks the vehicle's own protocol until Ctrl-C.
@@ -60,6 +60,9 @@ def serve(
     from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of, world_for
     from rovtwin.scenario.trimmed import trimmed
 
+    if protocol == [FIRMWARE]:
+        refuse_idle({"--speed": speed != 1.0}, f"with {FIRMWARE} ArduSub keeps the time: give its --speedup")
+        refuse_idle({"--log": log is not None}, f"{FIRMWARE} keeps no log: ArduSub writes its own (logs/*.BIN)")
     scenario, ballast = trimmed(world_for(what, overrides or (), seed))
     screen = console(as_json)
     if ballast:

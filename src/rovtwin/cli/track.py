@@ -36,7 +36,9 @@ def track(
     no_layout: Annotated[
         bool, typer.Option("--no-layout", help="No marker's place is known: the start fixes the frame.")
     ] = False,
-    dictionary: Annotated[str, typer.Option(help="Of the markers, without a layout.")] = "DICT_4X4_50",
+    dictionary: Annotated[
+        str | None, typer.Option(help="Of the markers, without a layout; default DICT_4X4_50.")
+    ] = None,
     size: Annotated[str, typer.Option(help="Side of markers that are not in the layout.")] = "150mm",
     start: Annotated[str, typer.Option(help="Place at the first frame, x,y,z in n [m].")] = "0,0,0",
     attitude_noise: Annotated[float, typer.Option(min=1e-5, help="Of one reading of an angle [rad].")] = 1e-3,

@@ -26,7 +26,9 @@ def tune(
     ] = None,
     weight: Annotated[
         list[str] | None,
-        typer.Option(metavar="TERM=VALUE", help="path 0.5, depth 0.15, heading 0.1, effort 0.05, activity 0.2."),
+        typer.Option(
+            metavar="TERM=VALUE", help="path 0.5, depth 0.15, heading 0.1, attitude 0.1, effort 0.05, activity 0.2."
+        ),
     ] = None,
     budget_s: Annotated[float, typer.Option(help="Wall time of everything [s].")] = 170.0,
     evaluations: Annotated[int, typer.Option(help="Most autopilots that the search tries.")] = 150,

@@ -117,6 +117,11 @@ def _say(item: Any, known: dict[str, Any], field: Any) -> str:
         return f"missing{meaning}"
     if kind in ("value_error", "assertion_error"):
         return str(context.get("error", item["msg"])).removeprefix("Value error, ")
+    if kind == "union_tag_not_found":
+        given = f" with {', '.join(map(str, found))}" if isinstance(found, dict) and found else ""
+        return (
+            f"found {said_kind(found)}{given}, expected the key {context['discriminator']} in it, which says its kind"
+        )
     if kind in ("literal_error", "enum", "union_tag_invalid"):
         wanted = str(context.get("expected") or context.get("expected_tags"))
         return f"found {_show(context.get('tag', found))}, expected {wanted}{_close(context.get('tag', found), wanted)}"

@@ -7,7 +7,7 @@ roll), stored as `[phi, theta, psi]`. All functions take and return JAX arrays o
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
 """
 
-from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.numerics import Array, jax, jnp
 
 
 def skew(a: Array) -> Array:
@@ -138,6 +138,20 @@ def rotate_to_body(q: Array, vector_n: Array) -> Array:
 
 _NED_ENU = jnp.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FRD_FLU = jnp.array([1.0, -1.0, -1.0])
+
+
+def readings_in_body(value: Array, kind: str, rotation: Array) -> Array:
+    """Readings of an accelerometer, gyro or compass along the axes of b, from those along its own, shape (m, 3).
+
+    Args:
+        value: Readings: specific force [m/s2], rates [rad/s], or zyx Euler angles of the sensor's axes [rad].
+        kind: "accelerometer", "gyro" or "attitude"; the velocity of a "dvl" as well [m/s].
+        rotation: R_bs, maps its axes to b, shape (3, 3).
+    """
+    if kind != "attitude":
+        return value @ rotation.T
+    q_sb = quaternion_conjugate(quaternion_from_rotation(rotation))
+    return jax.vmap(lambda e: euler_from_quaternion(quaternion_multiply(quaternion_from_euler(e), q_sb)))(value)
 
 
 def ned_to_enu(vector: Array) -> Array:

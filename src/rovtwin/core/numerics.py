@@ -37,6 +37,8 @@ import numpy as np  # noqa: E402
 from jax.core import Tracer  # noqa: E402
 from jax.experimental.xla_metadata import set_xla_metadata  # noqa: E402
 
+from rovtwin.core.quiet import Quiet  # noqa: E402
+
 Array = jax.Array
 
 logger = logging.getLogger(__name__)
@@ -55,6 +57,9 @@ jax.config.update("jax_cpu_enable_async_dispatch", False)
 jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+_quiet = Quiet()
+jax.monitoring.register_event_listener(_quiet.begins)
+jax.monitoring.register_event_duration_secs_listener(_quiet.ends)
 
 
 def module_for(*values: Any) -> Any:

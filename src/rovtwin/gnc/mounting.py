@@ -4,16 +4,8 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.flow import Measurements, Slot
-from rovtwin.core.frames import (
-    cross,
-    euler_from_quaternion,
-    quaternion_conjugate,
-    quaternion_from_euler,
-    quaternion_from_rotation,
-    quaternion_multiply,
-    rotation_from_euler,
-)
-from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.core.frames import cross, readings_in_body, rotation_from_euler
+from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import IMU, kind_of
 
 
@@ -56,20 +48,6 @@ def at_co(measurements: Measurements, mounts: dict[str, Mount], euler: Array, om
     }
 
 
-def turned(value: Array, kind: str, rotation: Array) -> Array:
-    """Readings of an accelerometer, gyro or compass along the axes of b, from those along its own, shape (m, 3).
-
-    Args:
-        value: Readings: specific force [m/s2], rates [rad/s], or zyx Euler angles of the sensor's axes [rad].
-        kind: "accelerometer", "gyro" or "attitude".
-        rotation: R_bs, maps its axes to b, shape (3, 3).
-    """
-    if kind != "attitude":
-        return value @ rotation.T
-    q_sb = quaternion_conjugate(quaternion_from_rotation(rotation))
-    return jax.vmap(lambda e: euler_from_quaternion(quaternion_multiply(quaternion_from_euler(e), q_sb)))(value)
-
-
 def _moved(slot: Slot, kind: str, mount: Mount, euler: Array, omega: Array) -> Slot:
     R_nb, lever = rotation_from_euler(euler), mount.lever
     if kind == "position":
@@ -79,7 +57,7 @@ def _moved(slot: Slot, kind: str, mount: Mount, euler: Array, omega: Array) -> S
     elif kind == "dvl":
         value = slot.value @ mount.rotation.T - cross(omega, lever)
     elif kind in IMU:
-        value = turned(slot.value, kind, mount.rotation)
+        value = readings_in_body(slot.value, kind, mount.rotation)
     else:
         return slot
     return Slot(value, slot.valid, slot.t_valid)

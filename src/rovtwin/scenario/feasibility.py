@@ -21,7 +21,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_world import current_at
-from rovtwin.scenario.limits import Limits, compass_point
+from rovtwin.scenario.limits import TURNING, Limits, compass_point
 from rovtwin.scenario.schema import (
     Scenario,
     ThesisSection,
@@ -274,14 +274,14 @@ def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, turns:
 def _stops(limits: Limits, leg: _Leg) -> Iterator[Finding]:
     """Room to stop and to turn, against the acceptance."""
     speed, accepted = min(leg.point.speed or 0.0, float(limits.top[SURGE, 1])), leg.point.acceptance or math.inf
-    rate, way = float(limits.top[YAW].min()), limits.stopping(speed)
+    room, way = limits.turning_room(speed), limits.stopping(speed)
     if max(leg.length, accepted) < way < math.inf:
         what = f"{leg.name}: from {speed:.2g} m/s it takes {way:.2g} m to stop, and the leg has {leg.length:.2g} m"
         yield Finding(what, "it is flown slower; leave more room", False)
-    if not limits.can(SWAY) and rate > 0.0 and speed / rate > accepted:
-        room = f"without thrust in sway it turns within {speed / rate:.2g} m at {speed:.2g} m/s"
-        what = f"{leg.name}: {room}, and the acceptance is {accepted:.2g} m"
-        yield Finding(what, f"raise the acceptance to {_up(1.2 * speed / rate)} m, or fly slower", False)
+    if room > TURNING * accepted:
+        turns = f"without thrust in sway it turns within {room / TURNING:.2g} m at {speed:.2g} m/s"
+        what = f"{leg.name}: {turns}, and the acceptance is {accepted:.2g} m"
+        yield Finding(what, f"raise the acceptance to {_up(room)} m, or fly slower", False)
 
 
 def _up(value: float) -> float:

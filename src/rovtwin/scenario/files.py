@@ -156,6 +156,12 @@ def put(data: dict[str, Any], key: str, value: Any, where: str) -> None:
     """
     *path, last = key.split(".")
     _check_path([*path, last], where)
+    if path and path[0] == "vehicle" and not isinstance(data.get("vehicle"), dict):
+        named = data.get("vehicle") or Scenario.model_fields["vehicle"].default
+        raise ConfigError(
+            f"{where}: the scenario names its vehicle ({named}) and does not describe it: change a file of it (rovtwin "
+            "vehicle add, remove and ballast write one) and name that: --set vehicle=my_vehicle.yaml"
+        )
     at = data
     for step in path:
         if not isinstance(at.get(step), dict):

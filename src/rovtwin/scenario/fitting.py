@@ -1,7 +1,8 @@
 """What a mission leaves out, from the vehicle that flies it: speed and acceptance of way-points, the time limit.
 
     speed       FROUDE sqrt(g L), at most SHARE of the top speed ahead      (Double Blueye: 0.2 m/s)
-    acceptance  REACHED L, twice that without thrust in sway                (Double Blueye: 0.2 m)
+    acceptance  REACHED L, without thrust in sway twice that, and no less
+                than the room in which it turns at its speed                (Double Blueye: 0.2 m)
     duration    LONGEST, or its holds and PATIENCE times what its ways take at these speeds
 
 L is the cube root of the displaced volume. Equal Froude numbers mean equal patterns of motion (Froude's law). What a
@@ -18,6 +19,7 @@ from rovtwin.vehicle import Model
 from rovtwin.vehicle.constants import GRAVITY
 
 FROUDE, SHARE, REACHED = 0.115, 0.7, 0.65
+WIDEST = 2.0  # of an acceptance that gives room to turn, times the one of length
 LONGEST, PATIENCE = 1500.0, 4.0  # [s], and times
 SLOWEST = 0.01  # [m/s]
 
@@ -26,8 +28,8 @@ def fitted(scenario: Scenario, model: Model) -> Scenario:
     """The scenario with speeds, acceptances and time limit that it leaves out as fit the vehicle."""
     if not scenario.waypoints or scenario.mission is None:
         return scenario
-    own = own_values(Limits.of(model))
-    points = [_completed(point, own) for point in scenario.waypoints]
+    limits = Limits.of(model)
+    points = [_completed(point, limits) for point in scenario.waypoints]
     made = scenario.model_copy(update={"mission": scenario.mission.model_copy(update={"waypoints": points})})
     if "duration" in scenario.model_fields_set:
         return made
@@ -36,11 +38,15 @@ def fitted(scenario: Scenario, model: Model) -> Scenario:
     return made.model_copy(update={"duration": min(max(LONGEST, needed), 86_400.0)})
 
 
-def own_values(limits: Limits) -> dict[str, float]:
-    """Speed [m/s] and acceptance [m] of a vehicle, to the centimetre."""
-    speed = min(FROUDE * math.sqrt(GRAVITY * limits.length), SHARE * float(limits.top[0, 1]) or math.inf)
-    wide = REACHED * limits.length * (1.0 if limits.can(1) else 2.0)
-    return {"speed": max(round(speed, 2), SLOWEST), "acceptance": max(round(wide, 2), SLOWEST)}
+def own_values(limits: Limits, speed: float | None = None) -> dict[str, float]:
+    """Speed [m/s] and acceptance [m] of a vehicle, to the centimetre; the acceptance for `speed` where one is given."""
+    wide = max(round(REACHED * limits.length * (1.0 if limits.can(1) else 2.0), 2), SLOWEST)
+    own = min(FROUDE * math.sqrt(GRAVITY * limits.length), SHARE * float(limits.top[0, 1]) or math.inf)
+    if limits.turning_room(own) > WIDEST * wide:  # it turns so slowly that way-points would be anywhere
+        own *= WIDEST * wide / limits.turning_room(own)
+    own = max(round(own, 2), SLOWEST)
+    room = math.ceil(100.0 * limits.turning_room(own if speed is None else speed)) / 100.0
+    return {"speed": own, "acceptance": max(wide, room)}
 
 
 def assumptions(given: Scenario, made: Scenario) -> list[str]:
@@ -69,6 +75,7 @@ def travel(scenario: Scenario) -> float:
     return sum(float(way) / w.speed for way, w in zip(ways, scenario.waypoints, strict=True))
 
 
-def _completed(point: Waypoint, own: dict[str, float]) -> Waypoint:
-    left_out = {key: value for key, value in own.items() if key not in point.model_fields_set}
+def _completed(point: Waypoint, limits: Limits) -> Waypoint:
+    given = point.speed if "speed" in point.model_fields_set else None
+    left_out = {key: v for key, v in own_values(limits, given).items() if key not in point.model_fields_set}
     return point.model_copy(update=left_out) if left_out else point

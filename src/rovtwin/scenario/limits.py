@@ -11,6 +11,7 @@ from rovtwin.vehicle import Model
 from rovtwin.vehicle.reach import axis_limits, size
 from rovtwin.vehicle.trim import steady_speed
 
+TURNING = 1.2  # room to turn, over that at the largest turning rate
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
 
@@ -65,6 +66,16 @@ class Limits:
     def both_ways(self, axis: int) -> float:
         """Force or moment that there is either way [N or N m]."""
         return float(self.force[axis].min())
+
+    def turning_room(self, speed: float) -> float:
+        """Radius that a vehicle without thrust in sway needs to turn at a speed [m], a fifth more than at its quickest.
+
+        0 for one that goes sideways, and one that nothing turns.
+        """
+        rate = float(self.top[5].min())
+        if self.can(1) or rate <= 0.0:
+            return 0.0
+        return TURNING * min(speed, float(self.top[0, 1])) / rate
 
     @property
     def turns_in(self) -> float:

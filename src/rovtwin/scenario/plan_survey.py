@@ -21,12 +21,12 @@ from rovtwin.scenario.fitting import own_values
 from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.mission import LONGEST
+from rovtwin.scenario.survey_request import SurveyRequest, refuse_doubles
 from rovtwin.survey.area import read_area
 from rovtwin.survey.energy import Budget, budget
 from rovtwin.survey.offset import corners_of_co
 from rovtwin.survey.pace import Pace
 from rovtwin.survey.plan import SurveyPlan, plan_survey
-from rovtwin.survey.room import Swath
 from rovtwin.vehicle import Model, Vehicle, load_vehicle
 from rovtwin.vehicle.assembly import Mounted
 
@@ -34,41 +34,6 @@ MARGIN = 1.5  # between hull and obstacle, in acceptances: twice the cross-track
 SETTLING = 2.0  # at speed before a line, in time constants 1/w of the vehicle's control
 UNNOTICED = 1e-3  # way of an imager from the vehicle's origin [m]
 PATIENCE = 1.5  # share of the planned time after which a flight is given up
-
-
-@dataclass(frozen=True)
-class SurveyRequest:
-    """What is wanted; None takes what follows from vehicle and scenario.
-
-    Attributes:
-        area: File, see `read_area`.
-        swath: What is seen at once.
-        heading_deg: Of the lines; None: the one that takes least time.
-        scenario: To start from: world, sensors, autopilot, datum.
-        vehicle: Library name or file.
-        depth: Of the lines [m]; None: 3 m, or what the altitude gives.
-        altitude: Over the scenario's floor [m].
-        floor: Depth of the sea floor [m], in place of the scenario's.
-        speed: On the lines [m/s]; None: the vehicle's own.
-        clearance: Least distance of the vehicle's origin from holes [m].
-        inside: Whether the vehicle stays inside the outline.
-        datum: Latitude and longitude of n [deg], "auto" for the area's middle, None for the scenario's.
-        sees: Name of the imager or camera whose swath it is; None: the vehicle's first imager, else its origin.
-    """
-
-    area: str | pathlib.Path
-    swath: Swath
-    heading_deg: float | None = None
-    scenario: str = "lawnmower_calm"
-    vehicle: str | None = None
-    depth: float | None = None
-    altitude: float | None = None
-    floor: float | None = None
-    speed: float | None = None
-    clearance: float | None = None
-    inside: bool = False
-    datum: str | None = None
-    sees: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +94,8 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     Raises:
         ConfigError: Area, vehicle or numbers that cannot be used, or a way longer than a mission may be.
     """
-    base = load_scenario(request.scenario)
+    refuse_doubles(request)
+    base = load_scenario(request.scenario, request.overrides)
     area = read_area(request.area, _datum(request.datum, base))
     name = request.vehicle or base.vehicle
     if not isinstance(name, str):
@@ -138,7 +104,7 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     model = vehicle.model()
     echoes = measures(base, vehicle, "altimeter")
     depth = _depth(request, base, model, echoes)
-    own = own_values(Limits.of(model))
+    own = own_values(Limits.of(model), request.speed)
     speed, acceptance = own["speed"] if request.speed is None else request.speed, own["acceptance"]
     pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
     clearance = _clearance(model, MARGIN * acceptance) if request.clearance is None else request.clearance
@@ -270,9 +236,10 @@ def _scenario(
             ],
         },
     }
+    data |= {key: getattr(base, key) for key in ("name", "description", "duration") if request.sets(key)}
     # The thesis's own gains stop short and its reference has no speed (docs/guidance_and_control.md).
     data.setdefault("autopilot", "model_based")
-    if battery:
+    if battery and not request.sets("battery"):
         data.setdefault("battery", True)
     if request.floor is not None:
         data["world"] = data.get("world", {}) | {"floor": request.floor}

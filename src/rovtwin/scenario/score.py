@@ -150,9 +150,10 @@ def score_test(flown: Flown) -> dict[str, Any]:
 
 
 def _tilt(flown: Flown) -> dict[str, float]:
-    """Largest roll and pitch of the whole run, either way [deg]."""
+    """Largest roll and pitch of the whole run, either way, and the rms of both about their means [deg]."""
     roll, pitch = np.degrees(np.abs(flown.eta[:, 3:5]).max(axis=0))
-    return {"roll_max_deg": float(roll), "pitch_max_deg": float(pitch)}
+    swing = np.degrees(np.sqrt(np.sum(np.var(flown.eta[:, 3:5], axis=0))))
+    return {"roll_max_deg": float(roll), "pitch_max_deg": float(pitch), "attitude_rms_deg": float(swing)}
 
 
 def _ending(flown: Flown) -> dict[str, Any]:

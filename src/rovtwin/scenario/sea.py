@@ -31,21 +31,24 @@ def moves(scenario: Scenario) -> bool:
     )
 
 
-def places(scenario: Scenario) -> list[tuple[tuple[float, float, float], float]]:
-    """Where a mission wants to be and how it heads there: one place for each depth and heading to 5 degrees."""
+def places(scenario: Scenario) -> list[tuple[tuple[float, float, float], float, bool]]:
+    """Where a mission wants to be and how it heads there: one place for each depth and heading to 5 degrees.
+
+    The third says whether the mission asks for that heading, by a leg or by itself; else it is that of the start.
+    """
     before, found = np.asarray(scenario.start.position, dtype=float), {}
-    heading = scenario.heading
+    heading, asked = scenario.heading, False
     if not scenario.waypoints:  # a test stays about where it starts
-        return [(tuple(before.tolist()), heading)]
+        return [(tuple(before.tolist()), heading, asked)]
     for waypoint in scenario.waypoints:
         there = np.asarray(waypoint.placed(scenario.origin), dtype=float)
         north, east = (there - before)[:2]
         if waypoint.heading_deg is not None:
-            heading = math.radians(waypoint.heading_deg)
+            heading, asked = math.radians(waypoint.heading_deg), True
         elif math.hypot(north, east) > 0.1:
-            heading = math.atan2(east, north)
+            heading, asked = math.atan2(east, north), True
         alike = (round(there[2], 1), round(math.degrees(heading) / 5.0) % 72)
-        found.setdefault(alike, (tuple(there.tolist()), heading))
+        found.setdefault(alike, (tuple(there.tolist()), heading, asked))
         before = there
     return list(found.values())
 
@@ -55,15 +58,18 @@ def holdings(composed: Composed, world: World | None = None) -> list[Holding]:
     twin, scenario = composed.loop.twin, composed.scenario
     key = jax.random.key(scenario.seed)
     return [
-        holding(
-            twin.model,
-            world or twin.world,
-            key,
-            below_surface(list(place), scenario.world, twin.model),
-            heading,
-            controlled=_controlled(composed),
+        replace(
+            holding(
+                twin.model,
+                world or twin.world,
+                key,
+                below_surface(list(place), scenario.world, twin.model),
+                heading,
+                controlled=_controlled(composed),
+            ),
+            asked=asked,
         )
-        for place, heading in places(scenario)
+        for place, heading, asked in places(scenario)
     ]
 
 
@@ -85,6 +91,7 @@ def verdict_line(found: list[Holding]) -> str:
     h = worst(found)
     flow = float(np.linalg.norm(h.mean_flow))
     where = f"at {h.place[2]:.3g} m, heading {math.degrees(h.heading) % 360:.0f} deg"
+    where += "" if h.asked else " (that of the start, since nothing asks for one)"
     still = _still(h)
     if h.verdict == "capsizes":
         said = _tips(h)
@@ -211,6 +218,7 @@ def as_data(h: Holding) -> dict[str, Any]:
     return {
         "position": h.place.tolist(),
         "heading_deg": math.degrees(h.heading),
+        "heading_asked": h.asked,
         "verdict": h.verdict,
         "required_mean": h.required.mean(axis=0).tolist(),
         "required_rms": np.sqrt((h.required**2).mean(axis=0)).tolist(),

@@ -28,6 +28,7 @@ from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.camera import Camera
 
 LAYOUT = "layout.yaml"
+USUAL = "DICT_4X4_50"  # of markers without a layout
 SOMEWHERE = 10.0  # how far from the given start a vehicle may be, where markers of known place say where it is [m]
 
 
@@ -42,7 +43,7 @@ class Wanted:
         lenses: Camera files in place of the vehicle's lenses.
         layout: Markers of known place; None: `layout.yaml` beside the log, if there is one.
         known_layout: False: no marker's place is known, the start fixes the frame.
-        dictionary: Without a layout.
+        dictionary: Without a layout; None: DICT_4X4_50.
         size: Side of markers that are not in the layout [m].
         start: Place at the first frame, n [m].
         attitude_noise: Of one reading of an angle [rad].
@@ -57,7 +58,7 @@ class Wanted:
     lenses: Sequence[Path] = ()
     layout: Path | None = None
     known_layout: bool = True
-    dictionary: str = "DICT_4X4_50"
+    dictionary: str | None = None
     size: float = 0.15
     start: Sequence[float] = field(default=(0.0, 0.0, 0.0))
     attitude_noise: float = 1e-3
@@ -114,7 +115,11 @@ def track_run(
 def _layout(log: Path, wanted: Wanted) -> Layout:
     beside = log.parent / LAYOUT
     path = wanted.layout or (beside if beside.is_file() else None)
-    return read_layout(path) if path else parse(Layout, {"dictionary": wanted.dictionary}, "--dictionary")
+    if path and wanted.dictionary:
+        raise ConfigError(
+            f"--dictionary {wanted.dictionary}: {path} says which it is; leave it out, or change it there"
+        )
+    return read_layout(path) if path else parse(Layout, {"dictionary": wanted.dictionary or USUAL}, "--dictionary")
 
 
 def _videos(log: Path, vehicle: Vehicle, wanted: Wanted) -> tuple[list[Camera], list[Video]]:

@@ -68,6 +68,7 @@ class Holding:
         side: Whether it is the side.
         upright: Flow up to which righting moment and control keep it level, from where the mean flow comes, or along
             the nose where there is none [m/s].
+        asked: Whether somebody asks for this heading; else it is the one that the vehicle starts with.
     """
 
     place: np.ndarray
@@ -86,6 +87,7 @@ class Holding:
     other: float
     share_other: float
     side: bool
+    asked: bool = True
 
     @property
     def tips(self) -> bool:

@@ -10,6 +10,7 @@ from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.overlap import overlaps
 from rovtwin.vehicle.reach import (
     BY_PRODUCT,
     rank,
@@ -115,6 +116,8 @@ def _about_parts(vehicle: Vehicle) -> Iterator[str]:
             yield f"{name}: {body.mass:g} kg counted as a point: neither 'inertia' nor 'shape' is given"
         unscaled = _about_scale(name, body, vehicle)
         yield from [unscaled] if unscaled else _about_units(name, body, vehicle.assembly.density)
+    if vehicle.file.identified is None:
+        yield from (one.line() for one in overlaps(vehicle.file, vehicle.name))
     if vehicle.file.hydrodynamics is None or vehicle.file.hydrodynamics.added_mass is None:
         yield "added mass is the sum over the parts' shapes, each alone in the water: their interaction is not in it"
     mass, displaced = vehicle.assembly.solid.mass, vehicle.assembly.density * vehicle.assembly.volume

@@ -23,12 +23,11 @@ from rovtwin.vehicle.extent import around_thrusters, bounding_box
 from rovtwin.vehicle.floating import floating_of
 from rovtwin.vehicle.identified import fingerprint
 from rovtwin.vehicle.instruments import instruments
+from rovtwin.vehicle.overlap import overlaps
 from rovtwin.vehicle.reach import size
-from rovtwin.vehicle.rigid_body import Box, Placement
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 
 TOTALS = ("rigid_body", "restoring", "hydrodynamics")
-INSIDE = 0.1  # share of a part that may lie in the box of another before it is said
 FAR = 20.0  # sizes of the vehicle from it, beyond which nothing is bolted on
 STEP = 0.001  # what pieces of ballast are rounded to [kg]
 
@@ -93,8 +92,9 @@ def add(
     else:
         holder["description"] = f"{before.name} with {part['name']}"
         text = written(holder | {"parts": [*holder["parts"], part]})
-    notes = [*_about_overlap(before, part, folder), *_about_identification(path, out)]
-    return Refit(text, before, _read(text, out, folder), tuple(notes), folder)
+    after = _read(text, out, folder)
+    lie = [one.line() for one in overlaps(after.file, after.name) if one.moved == part["name"]]
+    return Refit(text, before, after, (*lie, *_about_identification(path, out)), folder)
 
 
 def _require_near(position: Sequence[float], vehicle: Vehicle) -> None:
@@ -248,29 +248,6 @@ def _free_name(given: str | None, usual: str, taken: Sequence[str]) -> str:
         raise ConfigError(f"--name {given}: there is a part of that name already; there are {', '.join(taken)}")
     names = [given or usual, *(f"{usual}_{i}" for i in range(2, len(taken) + 3))]
     return next(name for name in names if name not in taken)
-
-
-def _about_overlap(vehicle: Vehicle, part: dict[str, Any], folder: Path) -> list[str]:
-    """Whether a new part lies in the boxes around what is there, by points spread evenly in its own boxes."""
-    where = Placement.of(part["pose"]["position"], part["pose"].get("attitude_deg", [0, 0, 0]))
-    own = [box.moved(where) for box in load_vehicle(files.find(part["part"], folder)).assembly.boxes]
-    if not own:
-        return []
-    grid = (np.stack(np.meshgrid(*[np.arange(7)] * 3), axis=-1).reshape(-1, 3) - 3.0) / 7.0
-    points = np.concatenate([box.placement.position + (grid * box.size) @ box.placement.rotation.T for box in own])
-    share = float(np.mean(np.any([_inside(box, points) for box in vehicle.assembly.boxes], axis=0)))
-    if share <= INSIDE:
-        return []
-    return [
-        f"{100 * share:.0f} % of '{part['name']}' lies in the boxes around the parts of {vehicle.name}: water is "
-        "counted twice there; move it (--at), unless it replaces something"
-    ]
-
-
-def _inside(box: Box, points: np.ndarray) -> np.ndarray:
-    """Which of the points, shape (n, 3), lie in a box, shape (n,)."""
-    local = (points - box.placement.position) @ box.placement.rotation
-    return np.all(np.abs(local) <= 0.5 * box.size, axis=1)
 
 
 def _about_identification(path: Path, out: Path | None) -> list[str]:

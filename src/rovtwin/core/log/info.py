@@ -12,6 +12,7 @@ from mcap import records
 from mcap.opcode import Opcode
 
 from rovtwin.core.datum import Datum, datum_of
+from rovtwin.core.errors import LogError
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, message_offsets, parse
@@ -84,6 +85,19 @@ def info(path: str | Path) -> LogInfo:
 def summary(path: str | Path) -> dict[str, Any]:
     """The same as `info` in plain types, for JSON."""
     return asdict(info(path))
+
+
+def log_of(path: Path) -> Path:
+    """The log of a run by its folder; a file is its own.
+
+    Raises:
+        LogError: A folder without a log.
+    """
+    if not path.is_dir():
+        return path
+    if not (path / "log.mcap").is_file():
+        raise LogError(f"{path}: found a folder without a log.mcap, expected that of a run, or a log")
+    return path / "log.mcap"
 
 
 def _from_index(path: Path) -> tuple[list[ChannelInfo], Collector]:

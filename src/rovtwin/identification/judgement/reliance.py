@@ -101,8 +101,8 @@ def doubts_about(
     least = _SEGMENTS * problem.segments.grid.step * problem.segments.grid.steps
     if lasted < least:
         reasons.append(
-            f"the fitted tests last {lasted:.1f} s in all, expected at least {least:.0f} s: if a flight ended early, see "
-            "why in its summary, and fly it again"
+            f"the fitted tests last {lasted:.1f} s in all, expected at least {least:.0f} s: if a flight ended early, "
+            "see why in its summary, and fly it again"
         )
     if not solution.converged:
         reasons.append("the estimate has not settled, so no width means anything")

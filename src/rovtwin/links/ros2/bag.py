@@ -4,6 +4,7 @@ A log is an MCAP file with a schema for each channel, so these programs open it 
 NED and FRD. The bag has the same flight in ENU and FLU, in types that every ROS 2 knows. Times are those of the run.
 """
 
+import json
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,9 +15,11 @@ import numpy as np
 import yaml
 
 from rovtwin.core.errors import LogError
+from rovtwin.core.frames import readings_in_body
 from rovtwin.core.log import Log, Series
 from rovtwin.core.log.files import exists_error, write_error
 from rovtwin.core.log.mcapfile import McapFile
+from rovtwin.core.numerics import as_array
 from rovtwin.links.ros2 import cdr, convert
 from rovtwin.links.ros2 import messages as msg
 
@@ -58,7 +61,8 @@ def export_rosbag2(log: Log, path: str | Path, namespace: str = "rov", overwrite
     Topics: `truth/odometry` and `odometry` (the estimate; nav_msgs/Odometry), `reference` (geometry_msgs/PoseStamped),
     `thrusters` (std_msgs/Float64MultiArray), `wrench` (geometry_msgs/WrenchStamped), `imu`, `pressure`, `position`,
     `dvl`, `altimeter`, `battery` as the sensors delivered them, and `/tf` of the estimate, or of the truth without one.
-    A message is stamped with when it was valid, and is in the bag when it was delivered.
+    A message is stamped with when it was valid, and is in the bag when it was delivered. Readings of inertial sensors
+    and Doppler logs are turned into the axes of the body, `base_link`, by the mountings that the log declares.
 
     Args:
         log: Of a run.
@@ -163,7 +167,7 @@ def _topics(log: Log, root: str) -> Iterator[Topic]:
         yield _tf(log[tracked[0]])
     for channel, (topic, make) in _MAKERS.items():
         if channel in log and len(log[channel]):
-            kind, t_valid, columns, template = make(log[channel])
+            kind, t_valid, columns, template = make(log, log[channel])
             yield _made(f"{root}/{topic}", kind, log[channel].t, t_valid, columns, template)
     if (inertial := _imu(log, f"{root}/imu")) is not None:
         yield inertial
@@ -244,23 +248,39 @@ def _imu(log: Log, name: str) -> Topic | None:
         values = np.tile([0.0] * (len(names) - 1) + [float(len(names) == 4)], (len(times), 1))
         if sensor in keys:
             rows = [index[tuple(row)] for row in keys[sensor].tolist()]
-            values[rows], covariance[rows, 0] = change(found[sensor].values[:, :3]), 0.0
+            values[rows], covariance[rows, 0] = change(_in_body(log, sensor)), 0.0
         columns |= _xyz(field, values, names)
         columns[f"{field}_covariance"] = covariance
     template = msg.Imu(msg.Header(frame_id=convert.BASE))
     return _made(name, msg.Imu, times[:, 0] / _NANO, times[:, 1] / _NANO, columns, template)
 
 
+def _sheet(log: Log, sensor: str) -> dict[str, Any]:
+    """What a log says of one of its sensors: `lever` [m] and `rotation` to b among it; empty where it says nothing."""
+    try:
+        return json.loads(log.metadata.get("sensors", "{}")).get(sensor, {})
+    except ValueError:
+        return {}
+
+
+def _in_body(log: Log, sensor: str) -> np.ndarray:
+    """Three readings of a sensor, along the axes of b, shape (N, 3); as they are where the log says no mounting."""
+    values, rotation = log[f"sensor/{sensor}"].values[:, :3], _sheet(log, sensor).get("rotation")
+    if rotation is None or np.allclose(rotation, np.eye(3)):
+        return values
+    return np.asarray(readings_in_body(as_array(values), sensor, as_array(rotation)))
+
+
 _Made = tuple[type, np.ndarray | None, dict[str, np.ndarray], Any]
 
 
-def _pressure(series: Series) -> _Made:
+def _pressure(_: Log, series: Series) -> _Made:
     water = convert.Water()
     absolute = water.atmosphere + water.density * water.gravity * series["depth"]
     return msg.FluidPressure, series["t_valid"], {"fluid_pressure": absolute}, msg.FluidPressure(_base())
 
 
-def _position(series: Series) -> _Made:
+def _position(_: Log, series: Series) -> _Made:
     place = convert.enu(np.column_stack([series["north"], series["east"], np.zeros(len(series))]))
     return (
         msg.PoseWithCovarianceStamped,
@@ -270,30 +290,35 @@ def _position(series: Series) -> _Made:
     )
 
 
-def _dvl(series: Series) -> _Made:
-    moved = _xyz("twist.twist.linear", convert.flu(series.values[:, :3]))
+def _dvl(log: Log, series: Series) -> _Made:
+    moved = _xyz("twist.twist.linear", convert.flu(_in_body(log, "dvl")))
     return msg.TwistWithCovarianceStamped, series["t_valid"], moved, convert.velocity(0, (0, 0, 0))
 
 
-def _altimeter(series: Series) -> _Made:
-    return msg.PointStamped, series["t_valid"], {"point.z": -series["range"]}, convert.floor(0, 0)
+def _altimeter(log: Log, series: Series) -> _Made:
+    sheet = _sheet(log, "altimeter")
+    beam, lever = np.array([0.0, 0.0, 1.0]), np.zeros(3)  # straight down from CO, where the log does not say
+    if "rotation" in sheet:
+        beam, lever = np.array(sheet["rotation"])[:, 0], np.array(sheet.get("lever", lever))
+    seen = _xyz("point", convert.flu(lever + np.outer(series["range"], beam)))
+    return msg.PointStamped, series["t_valid"], seen, convert.floor(0, 0)
 
 
-def _battery(series: Series) -> _Made:
+def _battery(_: Log, series: Series) -> _Made:
     return msg.BatteryState, series["t_valid"], {"percentage": series["charge"]}, convert.battery(0, 0, 0)
 
 
-def _reference(series: Series) -> _Made:
+def _reference(_: Log, series: Series) -> _Made:
     return msg.PoseStamped, series.t, _pose("pose", series.values), convert.pose(0, [0] * 3, [0] * 3)
 
 
-def _wrench(series: Series) -> _Made:
+def _wrench(_: Log, series: Series) -> _Made:
     force, torque = convert.flu(series.values[:, :3]), convert.flu(series.values[:, 3:])
     columns = _xyz("wrench.force", force) | _xyz("wrench.torque", torque)
     return msg.WrenchStamped, series.t, columns, msg.WrenchStamped(_base())
 
 
-def _thrusters(series: Series) -> _Made:
+def _thrusters(_: Log, series: Series) -> _Made:
     empty = convert.numbers([0.0] * series.values.shape[1])
     return msg.Float64MultiArray, None, {"data": series.values}, empty
 
@@ -303,7 +328,7 @@ def _base() -> msg.Header:
 
 
 # channel -> (topic, type, times of validity, columns and template of it)
-_MAKERS: dict[str, tuple[str, Callable[[Series], _Made]]] = {
+_MAKERS: dict[str, tuple[str, Callable[[Log, Series], _Made]]] = {
     "autopilot/reference": ("reference", _reference),
     "autopilot/tau": ("wrench", _wrench),
     "autopilot/command": ("thrusters", _thrusters),

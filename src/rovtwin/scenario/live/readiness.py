@@ -9,11 +9,10 @@ import numpy as np
 from rovtwin.core.block import Start
 from rovtwin.core.errors import LinkTimeout
 from rovtwin.core.flow import Measurement
-from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.frames import quaternion_from_euler, readings_in_body
 from rovtwin.core.link import Link, Source
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import SENSORS
-from rovtwin.gnc.mounting import turned
 
 POSITIONS = "--sensor ugps://.. or qtm://.., or a vehicle that knows its position"
 # Of a mission: what the filter cannot do without; and where a reading can come from, for messages.
@@ -137,5 +136,5 @@ def _start(heard: dict[str, list[np.ndarray]], rotation: Array | None, position_
     std = position_noise / np.sqrt(len(places)) if places else 0.0
     depth = float(np.mean(heard["pressure"][-20:]))
     euler = as_array(heard["attitude"][-1:])
-    euler = euler if rotation is None else turned(euler, "attitude", rotation)
+    euler = euler if rotation is None else readings_in_body(euler, "attitude", rotation)
     return Start(as_array([north, east, depth]), quaternion_from_euler(euler[0]), jnp.zeros(6), as_array(std))

@@ -7,11 +7,11 @@ import numpy as np
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.flow import Measurement
+from rovtwin.core.frames import readings_in_body
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import Array, as_array
 from rovtwin.core.sensors import kind_of
 from rovtwin.core.yamlfile import parse_yaml
-from rovtwin.gnc.mounting import turned
 from rovtwin.links.replay import readings_of
 from rovtwin.links.wish import Wish
 from rovtwin.scenario.compose_sensors import rotated, sensors_of
@@ -56,7 +56,7 @@ class ReplayedVehicle:
         """A sensor's readings along the axes of b, as a vehicle tells them."""
         its = [i for i, reading in enumerate(self._readings) if reading.sensor == name]
         if its:
-            values = turned(as_array([self._readings[i].value for i in its]), kind_of(name), rotation)
+            values = readings_in_body(as_array([self._readings[i].value for i in its]), kind_of(name), rotation)
             for i, value in zip(its, np.asarray(values), strict=True):
                 self._readings[i] = replace(self._readings[i], value=value)
 

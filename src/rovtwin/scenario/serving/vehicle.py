@@ -8,8 +8,8 @@ import numpy as np
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Estimate, Measurements
+from rovtwin.core.frames import readings_in_body
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.gnc.mounting import turned
 from rovtwin.gnc.observer import ObserverInput
 from rovtwin.gnc.onboard import Onboard, OnboardInput, OnboardMemory, Order, Sense, Sensed, SenseMemory
 from rovtwin.scenario.compose_autopilot import navigation_filter
@@ -119,7 +119,7 @@ class Served(eqx.Module):
         """Readings with those of imus along the axes of b."""
         found = dict(measurements)
         for name, rotation in self.rotations.items():
-            value = turned(found[name].value, self.twin.sensors[name].kind, rotation)
+            value = readings_in_body(found[name].value, self.twin.sensors[name].kind, rotation)
             found[name] = replace(found[name], value=value)
         return found
 
