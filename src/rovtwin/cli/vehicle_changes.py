@@ -7,7 +7,6 @@ import typer
 
 from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
-from rovtwin.vehicle.constants import GRAVITY
 
 if TYPE_CHECKING:
     from rovtwin.vehicle.ballast import Piece
@@ -156,6 +155,7 @@ def _report(change: "Refit", ballast: bool, wanted: float | None, out: Path | No
 
 def _about_sinking(change: "Refit", on_board: bool) -> list[str]:
     """That the ballast would make the vehicle sink as before, and how to ask for another net buoyancy."""
+    from rovtwin.vehicle.constants import GRAVITY
     from rovtwin.vehicle.floating import floating_of
 
     net, weight = floating_of(change.before.assembly).net_buoyancy, GRAVITY * change.after.assembly.solid.mass

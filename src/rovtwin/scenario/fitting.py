@@ -56,8 +56,8 @@ def _too_late(scenario: Scenario) -> list[str]:
     events = [(f"faults[{i}]", fault.fault, fault.at) for i, fault in enumerate(scenario.faults)]
     events += [(f"operator[{i}]", request.ask, request.at) for i, request in enumerate(scenario.operator)]
     return [
-        f"{where}, {what} at {at:g} s, never happens: the run ends at {scenario.duration:g} s at the latest; give it an "
-        "earlier 'at', or the scenario a longer 'duration'"
+        f"{where}, {what} at {at:g} s, never happens: the run ends at {scenario.duration:g} s at the latest; give it "
+        "an earlier 'at', or the scenario a longer 'duration'"
         for where, what, at in events
         if at >= scenario.duration
     ]
