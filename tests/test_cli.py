@@ -69,6 +69,20 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert code == 0 and {row["key"]: row for row in json.loads(out)["figures"]}["hotel_load"]["change"] == 0
 
 
+def test_a_vehicle_that_sank_before_is_asked_for_its_buoyancy(capsys, monkeypatch, tmp_path):
+    """Devices bolted on one by one left the net buoyancy of each step's before, -1 N, and nothing said so."""
+    monkeypatch.setattr("rovtwin.scenario.vehicle_figures.compared", lambda before, after: [])
+    heavy, words = tmp_path / "heavy.yaml", ("lead_500g", "--at", "0,0,0.2")
+    assert run(capsys, "vehicle", "add", "double_blueye", *words, "-o", heavy)[0] == 0
+    code, out, _ = run(capsys, "vehicle", "add", heavy, *words, "--ballast")
+    assert code == 0 and "before, it sank with 4.47 N, and ballast makes it do so again: --ballast --buoyancy 3N" in out
+    code, out, _ = run(capsys, "vehicle", "add", heavy, *words, "--ballast", "--buoyancy", "1.5N")
+    assert code == 0 and "it sank" not in out and "it sinks" not in out
+    assert "ballast for +1.5 N of net buoyancy and level trim (on it now)" in out and "; +1.5" in out
+    code, out, _ = run(capsys, "vehicle", "remove", heavy, "lead_500g", "--ballast", "--buoyancy", "1.5N")
+    assert code == 0 and "ballast for +1.5 N of net buoyancy and level trim (on it now)" in out
+
+
 def test_ballast_that_cannot_be_is_not_called_needless(capsys, monkeypatch):
     monkeypatch.setattr("rovtwin.scenario.vehicle_figures.compared", lambda before, after: [])
     _, out, _ = run(capsys, "vehicle", "add", "gladius_mini", "battery_pod", "--at", "2,0,0.2")
@@ -251,6 +265,8 @@ BAD = [
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "--attitude-deg", "1"), "expected roll,pitch,yaw"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "-o", "empty.yaml"), "exists already"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "-o", "x.json"), "expected .yaml"),
+    (("vehicle", "add", "double_blueye", "uhi", "--at", "0,0,0", "--buoyancy", "1N"), "found without --ballast"),
+    (("vehicle", "remove", "double_blueye", "uhi", "--ballast", "--buoyancy", "2mm"), "expected a force such as 2N"),
     (("vehicle", "remove", "double_blueye", "dvl"), "its parts are port, starboard, uhi, frame"),
     (("vehicle", "diff", "double_blueye", "double_blu"), "Did you mean 'double_blueye'"),
     (("scenario", "check", "scenario_unknown.yaml"), "Did you mean 'world'"),

@@ -15,17 +15,23 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, IdentificationError
-from rovtwin.identification.identify import identify
+from rovtwin.identification.identify import identify, step_in_words
 from rovtwin.identification.joint.apart import Apart
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.overlay import to_yaml
-from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.contradictions import (
+    about_dead_bands,
+    about_logs_apart,
+    about_prior,
+    contradicted,
+    no_dead_band,
+)
 from rovtwin.identification.judgement.gain import about_gain, gain_by_shape
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.remarks import about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
-from rovtwin.identification.judgement.verdict import _in_words, verdicts
+from rovtwin.identification.judgement.verdict import _in_words, up_to_scale, verdicts
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.identification.result import Identification
@@ -281,6 +287,47 @@ def test_a_narrow_estimate_outside_its_prior_is_contradicted_and_a_wide_one_is_n
     assert against == {0}
     solution = SimpleNamespace(covariance=C)
     assert verdicts(prior, solution, against)[:3] == ["contradicted", "partly", "learnt"]
+
+
+@pytest.mark.parametrize("stated", [0.0, 0.05])
+def test_a_dead_band_that_nobody_stated_may_be_none(stated):
+    """Its prior, 0.01 and positive, cannot hold zero; the finding then suspected the prior or the log."""
+    model = load_vehicle("double_blueye").model()
+    bands = np.full_like(np.asarray(model.thrusters.dead_band), stated)
+    model = model.replace(thrusters=replace(model.thrusters, dead_band=bands))
+    everything = catalogue(load_vehicle("double_blueye"), None, model)
+    parameters = choose(everything, ["thrusters.*.dead_band", "added_mass.surge"])
+    n, i = len(parameters), [name.endswith("dead_band") for name in parameters.names].index(True)
+    prior, theta, C = Gaussian(np.zeros(n), np.eye(n)), np.zeros(n), 0.01 * np.eye(n)
+    theta[i] = -7.0
+    allowed = no_dead_band(parameters, prior, theta)
+    said, against = about_dead_bands(parameters, prior, theta, C), contradicted(prior, theta, C, None, allowed)
+    if stated:
+        assert allowed == [] and said == [] and against == {i} and about_prior(parameters, prior, theta, C)
+        return
+    assert allowed == [i] and against == set() and about_prior(parameters, prior, theta, C) == []
+    below = f"{parameters.names[i]} below {0.01 * np.exp(-7.0 + 0.196):.2g}"
+    assert said == [f"no dead band was seen (95 %; the vehicle file states none): {below}"]
+    theta[i] = 7.0
+    assert no_dead_band(parameters, prior, theta) == [] and contradicted(prior, theta, C, None) == {i}
+
+
+def test_what_was_learnt_is_said_to_hang_on_the_scale_of_forces():
+    parameters = choose(catalogue(load_vehicle("double_blueye")), ["thrusters.*.force_*", "added_mass.surge"])
+    n = len(parameters)
+    prior = 0.07**2 * np.ones((n, n)) + 0.2**2 * np.eye(n)
+    only = up_to_scale(parameters, 0.07**2 * np.ones((n, n)) + 1e-6 * np.eye(n), 0.07**2 * np.ones((n, n)))
+    assert only == ", up to the common scale of all forces, which only the prior knows: 7 %"
+    better = up_to_scale(parameters, prior, 0.04**2 * np.ones((n, n)))
+    assert better == ", up to the common scale of all forces, known to 4 %"
+    assert up_to_scale(parameters, prior, 0.01**2 * np.ones((n, n))) == ""
+
+
+def test_who_waits_is_told_how_far_it_is():
+    assert step_in_words(12, 80, 0.5, 200.0) == (
+        "step 12 of at most 80 (most end after 20 to 40), 3:20 min, largest change 0.5 standard deviations"
+    )
+    assert step_in_words(1, 80, np.inf, 4.0) == "step 1 of at most 80 (most end after 20 to 40), 0:04 min"
 
 
 def test_logs_that_disagree_by_themselves_contradict_each_other(surge):

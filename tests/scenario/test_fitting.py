@@ -32,7 +32,20 @@ def test_another_vehicle_has_its_own_by_froude_s_law():
     speed, acceptance = values(made)[0]
     # Both vehicles' values are rounded to the centimetre.
     assert speed == pytest.approx(0.2 * ratio**0.5, abs=0.01) and acceptance == pytest.approx(0.2 * ratio, abs=0.01)
-    assert f"speed {speed:g} m/s, acceptance {acceptance:g} m" in assumptions(scenario, made)[0]
+    taken = f"speed {speed:g} m/s, acceptance {acceptance:g} m"
+    assert assumptions(scenario, made) == [
+        f"the mission gives no speed and no acceptance; taken from the vehicle: {taken}"
+    ]
+
+
+def test_what_comes_after_the_end_is_said_never_to_happen():
+    late = ["faults=[{fault: leak, at: 3000}, {fault: leak, at: 30}]", "operator=[{ask: pause, at: 1500}]"]
+    scenario = load_scenario("lawnmower_calm", late)
+    fault, request = assumptions(scenario, fitted(scenario, load_vehicle("double_blueye").model()))
+    assert fault.startswith("faults[0], leak at 3000 s, never happens: the run ends at 1500 s at the latest")
+    assert request.startswith("operator[0], pause at 1500 s, never happens")
+    shown = CliRunner().invoke(app, ["scenario", "check", "lawnmower_calm", "--set", late[0]])
+    assert "faults[0], leak at 3000 s, never happens" in shown.output
 
 
 def test_without_sway_a_way_point_is_twice_as_wide():

@@ -19,7 +19,7 @@ from rovtwin.core.sensors import IMU
 from rovtwin.gnc.navigation import readings
 from rovtwin.identification.logs.readers.rovtwin_log import read_rovtwin
 from rovtwin.scenario.channels import log_channels, sensor_channel
-from rovtwin.scenario.compose_sensors import listed, mount_of, on_board, rotated, sensors_of
+from rovtwin.scenario.compose_sensors import assumed_sensors, listed, mount_of, on_board, rotated, sensors_of
 from rovtwin.scenario.composition import compose, vehicle_of
 from rovtwin.scenario.files import dump_scenario, load_scenario, scenario_of
 from rovtwin.scenario.live.connect import as_read
@@ -124,11 +124,23 @@ def test_a_vehicle_without_sensors_flies_with_assumed_ones_and_says_so():
     bare = {"name": "bare", "mass": 10.0, "shape": {"box": [0.5, 0.3, 0.2]}, "restoring": {"buoyancy": "neutral"}}
     bare["thrusters"] = [{"name": "ahead", "direction": [1, 0, 0], "force": 10}]
     found = scenario(vehicle=bare)
-    line = on_board(found, vehicle_of(found)).line(vehicle_of(found))
+    line = assumed_sensors(found, vehicle_of(found))
     assert line.startswith("bare carries no sensor that measures pressure, accelerometer, gyro, attitude: those of")
+    outside = "no part of bare measures a horizontal position: it is assumed to come from outside, every 1 s with"
+    assert outside in line
     assert set(flown(vehicle=bare)) == {"position", "pressure", "accelerometer", "gyro", "attitude"}
     shown = CliRunner().invoke(app, ["scenario", "show", "lawnmower_calm", "--set", "vehicle=double_blueye_thesis"])
     assert "#   gyro (assumed, thesis table 5.7): at [0, 0, 0] m, 100 Hz" in shown.output
+
+
+def test_positions_that_no_part_measures_are_said_before_a_flight():
+    """The documentation promised it; a vehicle with all sensors but a position flew without a word."""
+    lacking = scenario("sensors.position.noise=0.4", vehicle="double_blueye")
+    line = assumed_sensors(lacking, vehicle_of(lacking))
+    assert line.startswith("no part of double_blueye measures a horizontal position") and "noise of 0.4 m" in line
+    assert assumed_sensors(scenario("sensors=table_5_7"), vehicle_of(lacking)) is None
+    shown = CliRunner().invoke(app, ["scenario", "check", "lawnmower_calm"])
+    assert "it is assumed to come from outside" in shown.output
 
 
 def test_what_reads_faster_than_the_physics_gives_means():

@@ -16,6 +16,7 @@ from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.loop import advance, advance_batch, stack, start_batch, start_loop
 from rovtwin.scenario.run import chunks, realtime_chunks
+from rovtwin.scenario.schema.world import MismatchSection
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,20 @@ def test_whole_missions_have_the_same_verdict_alone_and_in_a_batch(name):
         for scores in (score_seeds, score_batch)
     ]
     assert verdicts[0] == verdicts[1]
+
+
+def test_the_log_and_the_summary_of_a_mismatch_hold_what_was_drawn(short, flight, tmp_path):
+    """Else nobody could check the intervals of an identification against the vehicle that flew."""
+    assert flight.log.metadata["mismatch"] == "" and flight.summary["mismatch"] is None
+    scenario = short.model_copy(update={"world": short.world.model_copy(update={"mismatch": MismatchSection()})})
+    wrong = fly(scenario, tmp_path / "wrong")
+    composed = compose(scenario)
+    told = json.loads(wrong.log.metadata["mismatch"])
+    assert told == wrong.summary["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
+    assert (told["mass"], told["thrust"]) == (pytest.approx(1.1), pytest.approx(0.9))
+    truth, model = composed.loop.twin.model, composed.model
+    ratio = truth.quadratic_damping_astern[1, 1] / model.quadratic_damping_astern[1, 1]
+    assert told["quadratic_damping_astern.sway"] == pytest.approx(ratio) != pytest.approx(1.0)
 
 
 def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):

@@ -1,10 +1,12 @@
 """A perturbed plant: each coefficient its own draw, masses and thrust by their factors, everything else as it was."""
 
 import numpy as np
+import pytest
 from tests.simulation.helper import vehicle
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.mismatch import DAMPING, lifted, perturbed
+from rovtwin.simulation.mismatch import DAMPING, drawn, lifted, perturbed
+from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.thrusters import static_force
 
 MODEL = vehicle()
@@ -44,6 +46,23 @@ def test_masses_and_thrust_by_their_factors():
     np.testing.assert_allclose(static_force(plant.thrusters, u), 0.9 * static_force(MODEL.thrusters, u), rtol=1e-14)
     for name in ("center_of_gravity", "center_of_buoyancy"):
         np.testing.assert_array_equal(getattr(plant, name), getattr(MODEL, name))
+
+
+def test_what_was_drawn_gives_the_plant_back_from_the_model():
+    lopsided = MODEL.replace(
+        quadratic_damping_astern=2.0 * MODEL.quadratic_damping_ahead,
+        linear_damping_ahead=MODEL.linear_damping_ahead.at[5, 1].set(0.3),
+    )
+    plant = perturbed(lopsided, KEY, 0.25, 1.2, 0.8)
+    factors = drawn(lifted(plant, 3.0), lopsided)
+    assert factors["mass"] == pytest.approx(1.2) and factors["thrust"] == pytest.approx(0.8)
+    for i, axis in enumerate(AXES):
+        ahead, astern = factors[f"quadratic_damping.{axis}"], factors[f"quadratic_damping_astern.{axis}"]
+        assert ahead != astern
+        own = lopsided.quadratic_damping_astern[i, i]
+        np.testing.assert_allclose(astern * own, plant.quadratic_damping_astern[i, i], rtol=1e-12)
+    moment = factors["linear_damping.sway_yaw"] * 0.3
+    np.testing.assert_allclose(moment, plant.linear_damping_ahead[5, 1], rtol=1e-12)
 
 
 def test_factors_of_one_change_nothing():

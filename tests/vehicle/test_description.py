@@ -499,7 +499,28 @@ def test_uncontrollable_directions_that_are_no_axis():
                 "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
                 "thrusters": [thruster(direction=[0, 0, 1], position=[-0.05, 0, 0])],
             },
-            "full thrust in heave pitches it by 27 deg: it acts 50 mm beside CG, and no other thrusters balance it",
+            "full thrust in heave pitches it by 27 deg: it acts 50 mm behind CG, and no other thrusters balance it",
+        ),
+        (
+            {
+                "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
+                "thrusters": [thruster(position=[0, 0, -0.04])],
+            },
+            "it acts 40 mm above CG, and no other thrusters balance it",
+        ),
+        (
+            {
+                "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
+                "thrusters": [thruster(direction=[0, 1, 0], position=[0, 0, 0.04])],
+            },
+            "deg: it acts 40 mm below CG,",
+        ),
+        (
+            {
+                "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
+                "thrusters": [thruster(direction=[0, 0, 1], position=[0, -0.05, 0])],
+            },
+            "it acts 50 mm to port of CG,",
         ),
         ({}, "their interaction is not in it"),
         ({"hydrodynamics": {"linear_damping": [0] * 6, "quadratic_damping": [0] * 6}}, "sway has no damping at all"),
@@ -548,6 +569,57 @@ def test_verdict(keys, verdict, tmp_path):
     heave = thruster(direction=[0, 0, 1], force={"ahead": 10.0, "astern": 8.0})
     path.write_text(yaml.safe_dump({"name": "v", "description": "d", "thrusters": [heave], **BALL, **keys}))
     assert check(path).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("keys", "named"),
+    [
+        ({"thrusters": [thruster(position=[240, -170, 20])]}, "units look wrong (thruster 't')"),
+        ({"parts": [{"name": "a", "shape": {"sphere": 100}, "mass": 4.0}]}, "units look wrong (v.a)"),
+        ({"thrusters": [thruster(time_constant=120)]}, "units look wrong (thruster 't')"),
+    ],
+)
+def test_the_verdict_names_what_the_lines_below_doubt(keys, named, tmp_path):
+    found = checked(keys, tmp_path)
+    assert named in found.reservations and "is " in "".join(found.findings)
+
+
+def four(*angles):
+    """Four horizontal thrusters at azimuths given in the file as they stand."""
+    at = [(0.2, -0.2), (0.2, 0.2), (-0.2, -0.2), (-0.2, 0.2)]
+    return [
+        thruster(name=f"t{i}", position=[x, y, 0], direction={"azimuth_deg": angle})
+        for i, ((x, y), angle) in enumerate(zip(at, angles, strict=True))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("thrusters", "said"),
+    [
+        (four(0.611, -0.611, -0.611, 0.611), "v: the angles of its thrusters, 0.611 deg, look like radians: 35 deg?"),
+        (four(0.785, -0.785, 2.356, -2.356), "0.785, 2.356 deg, look like radians: 45, 135 deg?"),
+        (four(1.57, -1.57, 0, 0), "1.57 deg, look like radians: 90 deg?"),
+        (four(1, -1, -1, 1), "make 0.7 N in sway, 1.7 % of those in surge: are their directions right"),
+    ],
+)
+def test_angles_in_radians_are_seen(thrusters, said, tmp_path):
+    found = checked({"thrusters": thrusters}, tmp_path)
+    assert any(said in line for line in found.findings), found
+    assert "units look wrong (angles of thrusters)" in found.reservations
+
+
+@pytest.mark.parametrize("angles", [(35, -35, -35, 35), (3, -3, -3, 3), (0, 0, 0, 0), (4.5, -4.5, 2.25, -2.25)])
+def test_angles_in_degrees_are_not_doubted(angles, tmp_path):
+    found = checked({"thrusters": four(*angles)}, tmp_path)
+    assert not any("radians" in line or "in degrees" in line for line in found.findings), found
+
+
+def checked(keys, tmp_path):
+    import yaml
+
+    path = tmp_path / "v.yaml"
+    path.write_text(yaml.safe_dump({"name": "v", "description": "d", **BALL, **keys}))
+    return check(path)
 
 
 def test_verdicts_on_the_library():

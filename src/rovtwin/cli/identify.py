@@ -331,6 +331,7 @@ def _standing(result: "Identification") -> dict[str, Any]:
     return {
         "grade": standing.grade,
         "learnt": standing.learnt,
+        "up_to_scale": result.up_to_scale.removeprefix(", "),
         "contradicted": standing.contradicted,
         "parameters": standing.count,
         "held_out_error": None if standing.error != standing.error else standing.error,
@@ -384,7 +385,8 @@ def _print(screen: Console, result: "Identification") -> None:
             for line in lines:
                 screen.print(f"- {line}", markup=False)
     standing = result.standing
-    heading = standing.heading(f"{standing.learnt} of {standing.count} parameters learnt", result.doubts)
+    learnt_words = f"{standing.learnt} of {standing.count} parameters learnt{result.up_to_scale}"
+    heading = standing.heading(learnt_words, result.doubts)
     style = "bold" if not result.doubts else "bold yellow" if standing.predicts else "bold red"
     screen.print(f"\n{heading}", style=style, markup=False)
     screen.print(f"\n{result.seconds:.0f} s", style="dim")

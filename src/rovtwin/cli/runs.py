@@ -111,7 +111,7 @@ def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
     """A line before a flight in moving water; on empty batteries, tuned for other parts, with assumed sensors."""
     from rovtwin.scenario.compose_autopilot import tuned_for_another
     from rovtwin.scenario.compose_battery import empty_at_start
-    from rovtwin.scenario.compose_sensors import on_board
+    from rovtwin.scenario.compose_sensors import assumed_sensors
     from rovtwin.scenario.composition import compose, vehicle_of
     from rovtwin.scenario.sea import moves, verdict
 
@@ -119,7 +119,7 @@ def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
         screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
     noted, vehicle = getattr(scenario.autopilot, "tuned", None), vehicle_of(scenario)
     other = tuned_for_another(scenario.autopilot, vehicle) if noted else None
-    assumed = on_board(scenario, vehicle).line(vehicle) if vehicle.thruster_names else None  # else it does not fly
+    assumed = assumed_sensors(scenario, vehicle) if vehicle.thruster_names else None  # else it does not fly
     changed = scenario.test.notes if scenario.test else []
     for said in (empty_at_start(scenario), other, assumed, *changed):
         if said:

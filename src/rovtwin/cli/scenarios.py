@@ -60,6 +60,7 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
     place (`rovtwin sea` says more), and whether a battery is empty from the start.
     """
     from rovtwin.scenario.compose_battery import empty_at_start
+    from rovtwin.scenario.compose_sensors import assumed_sensors
     from rovtwin.scenario.composition import compose
     from rovtwin.scenario.feasibility import foreseen
     from rovtwin.scenario.files import load_scenario
@@ -71,7 +72,7 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
     lines = foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model)
     lines += assumptions(found, composed.scenario)
     holds, line = verdict(composed) if moves(found) else (None, None)
-    empty, assumed = empty_at_start(found), composed.on_board.line(composed.vehicle)
+    empty, assumed = empty_at_start(found), assumed_sensors(found, composed.vehicle)
     if as_json:
         emit(
             {

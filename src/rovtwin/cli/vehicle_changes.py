@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the new vehicle; else only look.")]
 Ballast = Annotated[bool, typer.Option("--ballast", help="Put the foam and lead that trim it again into the file too.")]
+Buoyancy = Annotated[
+    str | None,
+    typer.Option(metavar="FORCE", help="With --ballast: net buoyancy, positive floats: 1.5N, 200g; default as before."),
+]
 
 
 def add(
@@ -29,6 +33,7 @@ def add(
     ] = "0,0,0",
     name: Annotated[str | None, typer.Option(help="Of the part; default the device's.")] = None,
     ballast: Ballast = False,
+    buoyancy: Buoyancy = None,
     out: Out = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
@@ -46,13 +51,15 @@ def add(
 
     _check_out(out, overwrite)
     attitude = _angles(attitude_deg)
-    _report(refit(vehicle, device, point(at, "--at"), attitude, name, out), ballast, out, as_json)
+    wanted = _net_buoyancy(buoyancy, ballast)
+    _report(refit(vehicle, device, point(at, "--at"), attitude, name, out), ballast, wanted, out, as_json)
 
 
 def remove(
     vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="A library name or a YAML file.")],
     part: Annotated[str, typer.Argument(metavar="PART", help="Its name in the file's list of parts.")],
     ballast: Ballast = False,
+    buoyancy: Buoyancy = None,
     out: Out = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
@@ -64,7 +71,8 @@ def remove(
     from rovtwin.vehicle.refit import remove as refit
 
     _check_out(out, overwrite)
-    _report(refit(vehicle, part, out), ballast, out, as_json)
+    wanted = _net_buoyancy(buoyancy, ballast)
+    _report(refit(vehicle, part, out), ballast, wanted, out, as_json)
 
 
 def diff(
@@ -89,7 +97,17 @@ def diff(
     _print_figures(f"{names[0]} and {names[1]}", rows, names, every)
 
 
-def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> None:
+def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
+    """Net buoyancy that is asked for [N]; None: that of before."""
+    from rovtwin.core.quantity import quantity
+    from rovtwin.vehicle.ballast import LIFT
+
+    if text is not None and not ballast:
+        raise ConfigError(f"--buoyancy {text}: found without --ballast, expected with it: foam and lead bring it about")
+    return None if text is None else quantity(text, LIFT, "--buoyancy")
+
+
+def _report(change: "Refit", ballast: bool, wanted: float | None, out: Path | None, as_json: bool) -> None:
     """Write the file, and print or emit what changed and what would trim the vehicle again."""
     from rovtwin.scenario.vehicle_figures import compared, devices_load
     from rovtwin.vehicle.findings import reservations
@@ -97,7 +115,7 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
 
     pieces, notes, without = [], list(change.notes), ""
     try:
-        pieces = trimming(change.before, change.after)
+        pieces = trimming(change.before, change.after, wanted)
     except ConfigError as error:
         if ballast:
             raise
@@ -106,6 +124,7 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
     shown = trimmed if ballast else change
     rows = compared(change.before, shown.after)
     notes += [f"in still water {line}" for line in reservations(shown.after.model())]
+    notes += [] if without or wanted is not None else _about_sinking(change, ballast)
     notes += sorted({f"no bound of the position: {row['why']}" for row in rows if row["why"]})
     drawn = devices_load(shown.after)
     if drawn and not shown.after.power_sources:
@@ -126,7 +145,7 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
         every=False,
     )
     screen = console(False)
-    screen.print(without or _about_ballast(pieces, trimmed, ballast), markup=False, soft_wrap=True)
+    screen.print(without or _about_ballast(pieces, trimmed, ballast, wanted), markup=False, soft_wrap=True)
     for note in notes:
         screen.print(f"- {note}", markup=False, soft_wrap=True)
     screen.print(
@@ -134,8 +153,23 @@ def _report(change: "Refit", ballast: bool, out: Path | None, as_json: bool) -> 
     )
 
 
-def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool) -> str:
-    """Which pieces give the vehicle its net buoyancy back and hang it level."""
+def _about_sinking(change: "Refit", on_board: bool) -> list[str]:
+    """That the ballast would make the vehicle sink as before, and how to ask for another net buoyancy."""
+    from rovtwin.vehicle.constants import GRAVITY
+    from rovtwin.vehicle.floating import floating_of
+
+    net, weight = floating_of(change.before.assembly).net_buoyancy, GRAVITY * change.after.assembly.solid.mass
+    if net >= -UNNOTICED * weight:
+        return []
+    made = "makes" if on_board else "would make"
+    return [
+        f"before, it sank with {-net:.3g} N, and ballast {made} it do so again: --ballast --buoyancy "
+        f"{BUOYANT * weight:.2g}N makes it float, with {BUOYANT:.0%} of its weight"
+    ]
+
+
+def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, wanted: float | None) -> str:
+    """Which pieces give the vehicle its net buoyancy back, or that asked for, and hang it level."""
     from rovtwin.vehicle.floating import floating_of
 
     if not pieces:
@@ -146,7 +180,8 @@ def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool) -> s
     )
     net = floating_of(trimmed.after.assembly).net_buoyancy
     done = "on it now" if on_board else "--ballast puts it on"
-    return f"ballast for the net buoyancy of before and level trim ({done}): {listed}; {net:+.2f} N then"
+    aim = "the net buoyancy of before" if wanted is None else f"{wanted:+.3g} N of net buoyancy"
+    return f"ballast for {aim} and level trim ({done}): {listed}; {net:+.2f} N then"
 
 
 def _print_figures(title: str, rows: list[dict[str, Any]], heads: tuple[str, str], every: bool) -> None:
@@ -162,6 +197,7 @@ def _print_figures(title: str, rows: list[dict[str, Any]], heads: tuple[str, str
 
 
 UNNOTICED = 1e-3  # relative
+BUOYANT = 0.01  # net buoyancy over weight that is proposed to one that sinks: it comes up when thrust fails
 
 
 def _alike(before: Any, after: Any) -> bool:

@@ -20,7 +20,13 @@ from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
 from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.scale import scale_response, with_scale
-from rovtwin.identification.judgement.contradictions import about_logs_apart, about_prior, contradicted
+from rovtwin.identification.judgement.contradictions import (
+    about_dead_bands,
+    about_logs_apart,
+    about_prior,
+    contradicted,
+    no_dead_band,
+)
 from rovtwin.identification.judgement.gain import about_gain
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
@@ -45,6 +51,7 @@ from rovtwin.vehicle.schema import LearnedDiscrepancy
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how far it is, 0 to 1."""
+USUAL_STEPS = "20 to 40"  # after which most estimates have settled
 
 
 def identify(
@@ -113,7 +120,10 @@ def identify(
     solution = estimate(
         problem,
         max_steps=settings.max_steps,
-        progress=lambda k, change: told(_step(k, change), begun + (fitted_at - begun) * k / settings.max_steps),
+        progress=lambda k, change: told(
+            step_in_words(k, settings.max_steps, change, time.perf_counter() - begin),
+            begun + (fitted_at - begun) * k / settings.max_steps,
+        ),
     )
     acceptance = None
     if learning:
@@ -136,7 +146,8 @@ def identify(
     tested = tested_ranges(problem, solution)
     blind = blind_directions(parameters, start, solution)
     C = solution.covariance
-    against = contradicted(start, theta, C, solution.apart)
+    against = contradicted(start, theta, C, solution.apart, no_dead_band(parameters, start, theta))
+    findings += about_dead_bands(parameters, start, theta, C)
     findings += about_prior(parameters, start, theta, C) + about_logs_apart(parameters, solution.apart)
     findings += about_equal_thrusters(parameters, theta, C) + about_odd_values(parameters, theta, tested)
     findings += about_gain(parameters, start, theta, records)
@@ -210,9 +221,11 @@ def _structured(
     return *restricted(parameters, start, chosen), ladder, 0.7
 
 
-def _step(number: int, change: float) -> str:
-    """Of the estimate, for who waits; before the second there is no change."""
-    return f"step {number}" + (f", largest change {change:.2g} standard deviations" if np.isfinite(change) else "")
+def step_in_words(number: int, most: int, change: float, seconds: float) -> str:
+    """Of the estimate, for who waits: how far it is, since when; before the second step there is no change."""
+    moved = f", largest change {change:.2g} standard deviations" if np.isfinite(change) else ""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"step {number} of at most {most} (most end after {USUAL_STEPS}), {minutes}:{rest:02d} min{moved}"
 
 
 def _predicted(

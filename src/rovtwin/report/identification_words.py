@@ -27,7 +27,7 @@ def verdict(result: Any, curves: Curves) -> Verdict:
     if result.solution is None:
         headline = f"No tests: {n} parameters predicted from what was known before"
         return Verdict(None, headline, [*result.findings], [])
-    learnt = f"{count['learnt']} of {n} parameters learnt from {_minutes(result)}"
+    learnt = f"{count['learnt']} of {n} parameters learnt from {_minutes(result)}{result.up_to_scale}"
     sentences = [f"{label}: {_families(result, kind)}." for kind, label in _LABELS.items() if count[kind]]
     if forces := _forces(result, curves):
         sentences.append(f"Damping force at the fastest speed tested, 95 %: {forces}.")

@@ -47,15 +47,29 @@ class OnBoard:
         """The part that carries a sensor, such as `port.imu`; empty where none does."""
         return self.carried[name].part if name in self.carried else ""
 
-    def line(self, vehicle: Vehicle) -> str | None:
-        """What is assumed beyond a horizontal position, which always comes from outside; None where nothing is."""
-        missing = [kind for kind in self.assumed if kind != "position"]
-        if self.preset != "vehicle" or not missing:
-            return None
-        return (
+
+def assumed_sensors(scenario: Scenario, vehicle: Vehicle) -> str | None:
+    """What flies though no part measures it: readings from outside of a horizontal position, and others; None: nothing.
+
+    Nothing is assumed where the scenario names a preset.
+    """
+    found = on_board(scenario, vehicle)
+    if found.preset != "vehicle":
+        return None
+    lines = []
+    if missing := [kind for kind in found.assumed if kind != "position"]:
+        lines.append(
             f"{vehicle.name} carries no sensor that measures {', '.join(missing)}: those of thesis table 5.7 fly at "
             "CO. Give its parts 'sensors:' of their own"
         )
+    if "position" in found.assumed:
+        sensor = sensors_of(scenario, vehicle)["position"]
+        period, off = 1000.0 / sensor.rate, float(np.max(np.asarray(sensor.noise)))
+        lines.append(
+            f"no part of {vehicle.name} measures a horizontal position: it is assumed to come from outside, every "
+            f"{period:.3g} s with noise of {off:.2g} m ('sensors.position' changes that)"
+        )
+    return ". ".join(lines) or None
 
 
 def on_board(scenario: Scenario, vehicle: Vehicle) -> OnBoard:

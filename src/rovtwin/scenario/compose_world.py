@@ -11,7 +11,7 @@ from rovtwin.core.numerics import Array, as_array
 from rovtwin.scenario.schema import AirySection, ConstantCurrentSection, ShearedCurrentSection, WorldSection
 from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.current import ConstantCurrent, Current, GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.mismatch import drawn, lifted, perturbed
 from rovtwin.simulation.relief import Relief
 from rovtwin.simulation.sea import SeaState
 from rovtwin.simulation.waves import ThesisWaves
@@ -43,6 +43,11 @@ def plant_of(world: WorldSection, vehicle: Vehicle, model: Model, key: Array, tr
             f"{vehicle.name} has no more buoyancy to lose"
         )
     return plant
+
+
+def mismatch_of(world: WorldSection, vehicle: Vehicle, model: Model, plant: Model) -> dict[str, float] | None:
+    """The factors that a run's `mismatch` has put between model and plant (`drawn`); None without a mismatch."""
+    return drawn(plant, in_water(world, vehicle, model)) if world.mismatch else None
 
 
 def in_water(world: WorldSection, vehicle: Vehicle, model: Model) -> Model:

@@ -23,7 +23,7 @@ from rovtwin.scenario.compose_sensors import OnBoard, on_board, sensors_of, toge
 from rovtwin.scenario.compose_tethers import tethers_of
 from rovtwin.scenario.compose_topside import topside_of
 from rovtwin.scenario.compose_trial import hand_of, trial_of
-from rovtwin.scenario.compose_world import plant_of, world_of
+from rovtwin.scenario.compose_world import mismatch_of, plant_of, world_of
 from rovtwin.scenario.fit_trial import fitted_test
 from rovtwin.scenario.fitting import fitted
 from rovtwin.scenario.inside import require_inside
@@ -68,6 +68,11 @@ class Composed:
     def vehicle_table(self) -> dict[str, Any]:
         """Parameters of the vehicle and what follows from them, for the report; longer to compute than to compose."""
         return summary(self.vehicle)
+
+    @cached_property
+    def mismatch(self) -> dict[str, float] | None:
+        """How the true vehicle of a simulated run differs from the model, by factors; None where it does not."""
+        return mismatch_of(self.scenario.world, self.vehicle, self.model, self.loop.twin.model)
 
     @cached_property
     def on_board(self) -> OnBoard:

@@ -50,22 +50,42 @@ def own_values(limits: Limits, speed: float | None = None) -> dict[str, float]:
 
 
 def assumptions(given: Scenario, made: Scenario) -> list[str]:
-    """What was taken from the vehicle, in lines: speed, acceptance, time limit; of a test what was changed for it."""
+    """What was taken from the vehicle, in lines: speed, acceptance, time limit; of a test what was changed for it.
+
+    Also what never happens, for the run ends before.
+    """
+    return [*_taken(given, made), *_too_late(made)]
+
+
+def _too_late(scenario: Scenario) -> list[str]:
+    """Faults and requests of the operator after the end of the run."""
+    events = [(f"faults[{i}]", fault.fault, fault.at) for i, fault in enumerate(scenario.faults)]
+    events += [(f"operator[{i}]", request.ask, request.at) for i, request in enumerate(scenario.operator)]
+    return [
+        f"{where}, {what} at {at:g} s, never happens: the run ends at {scenario.duration:g} s at the latest; give it "
+        "an earlier 'at', or the scenario a longer 'duration'"
+        for where, what, at in events
+        if at >= scenario.duration
+    ]
+
+
+def _taken(given: Scenario, made: Scenario) -> list[str]:
     if given.test and made.test:
         lines = [note for note in made.test.notes if note not in given.test.notes]
         if made.duration != given.duration:
             lines.append(f"the test's time limit is {made.duration:g} s, in place of {given.duration:g} s")
         return lines
     default = {key: Waypoint.model_fields[key].default for key in ("speed", "acceptance")}
-    taken = {}
+    taken: dict[str, str] = {}
     for before, after in zip(given.waypoints, made.waypoints, strict=True):
         for key in default:
             if key not in before.model_fields_set and getattr(after, key) != default[key]:
-                taken[key] = getattr(after, key)
-    parts = [f"{key} {value:g} {'m/s' if key == 'speed' else 'm'}" for key, value in taken.items()]
+                taken[key] = f"{key} {getattr(after, key):g} {'m/s' if key == 'speed' else 'm'}"
     if made.duration != given.duration:
-        parts.append(f"duration {made.duration:g} s")
-    return [f"the mission leaves it out, this vehicle's are taken: {', '.join(parts)}"] if parts else []
+        taken["duration"] = f"duration {made.duration:g} s"
+    if not taken:
+        return []
+    return [f"the mission gives no {' and no '.join(taken)}; taken from the vehicle: {', '.join(taken.values())}"]
 
 
 def travel(scenario: Scenario) -> float:

@@ -117,7 +117,7 @@ def _in_memory(scenario: Scenario, composed: Composed, realtime: bool, progress:
     flown = recorder.flown()
     summary = summarise(flown, composed, interrupted)
     data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(flown, scenario)
-    metadata = provenance(scenario, composed) | _closing(summary)
+    metadata = provenance(scenario, composed) | _truth(composed) | _closing(summary)
     return Flight(scenario, None, Log.from_arrays(channels, data, metadata), summary)
 
 
@@ -131,7 +131,7 @@ def _into_folder(
     film: bool,
 ) -> dict[str, Any]:
     """Log, scenario and pictures are written while the run goes on; its summary."""
-    metadata = provenance(scenario, composed)
+    metadata = provenance(scenario, composed) | _truth(composed)
     metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
     (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
     with ExitStack() as stack:
@@ -195,6 +195,11 @@ def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.
         "score/nees": (flown.t, nees(flown)),
         "score/cross_track": (flown.t, np.stack([distance, on_leg.astype(float)], axis=1)),
     }
+
+
+def _truth(composed: Composed) -> dict[str, str]:
+    """What a simulated run knows and a vehicle over a link does not: how the true vehicle differs from the model."""
+    return {"mismatch": to_json(composed.mismatch) if composed.mismatch else ""}
 
 
 def _closing(summary: dict[str, Any]) -> dict[str, str]:

@@ -49,6 +49,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,
         "speed_rms_m_s": speed,
+        "mismatch": composed.mismatch,
     }
 
 

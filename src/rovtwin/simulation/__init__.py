@@ -5,7 +5,7 @@ the same bit for bit for the same seed.
 """
 
 from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, Flow, GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.mismatch import lifted, perturbed
+from rovtwin.simulation.mismatch import drawn, lifted, perturbed
 from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
 from rovtwin.simulation.twin import Twin, TwinInput, TwinMemory, TwinOutput
 from rovtwin.simulation.waves import ThesisWaves, WaveAction
@@ -26,6 +26,7 @@ __all__ = [
     "TwinOutput",
     "WaveAction",
     "World",
+    "drawn",
     "lifted",
     "perturbed",
     "table_5_7",

@@ -1,7 +1,10 @@
 """A plant that differs from the model its autopilot was given, as real vehicles do."""
 
+import numpy as np
+
 from rovtwin.core.numerics import Array, jax, jnp, module_for
 from rovtwin.simulation.noise import key_for
+from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.model import GRAVITY, Model
 from rovtwin.vehicle.thrusters import Thrusters
 
@@ -40,6 +43,28 @@ def perturbed(
         **{name: mass * getattr(model, name) for name in heavier},
         thrusters=_weaker(model, thrust),
     )
+
+
+def drawn(plant: Model, model: Model) -> dict[str, float]:
+    """Factors between a plant and the model in the same water that it was drawn from, by name.
+
+    `mass` and `thrust`; of every damping coefficient that is not zero its own, named as `identify` names parameters:
+    `linear_damping.surge` ahead, `linear_damping_astern.surge` astern, `quadratic_damping.sway_yaw` for the moment in
+    yaw that motion in sway makes.
+    """
+    found = {"mass": float(plant.weight / model.weight), "thrust": _factor(plant.thrusters, model.thrusters)}
+    for name in DAMPING:
+        ours, theirs = np.asarray(getattr(plant, name)), np.asarray(getattr(model, name))
+        for i, j in zip(*np.nonzero(theirs.T), strict=True):
+            entry = AXES[i] if i == j else f"{AXES[i]}_{AXES[j]}"
+            found[f"{name.removesuffix('_ahead')}.{entry}"] = float(ours[j, i] / theirs[j, i])
+    return found
+
+
+def _factor(ours: Thrusters, theirs: Thrusters) -> float:
+    """Of the forces of all thrusters; 1 without any."""
+    weaker, whole = (np.abs(np.concatenate([one.force_ahead, one.table_force.ravel()])).sum() for one in (ours, theirs))
+    return float(weaker / whole) if whole > 0 else 1.0
 
 
 def _weaker(model: Model, factor: Array | float) -> Thrusters:

@@ -7,30 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.vehicle.assembly import bodies
-from rovtwin.vehicle.constants import AXES, GRAVITY
+from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.overlap import overlaps
-from rovtwin.vehicle.reach import (
-    BY_PRODUCT,
-    rank,
-    size,
-    uncontrollable_directions,
-)
-from rovtwin.vehicle.schema import Body, Thruster
+from rovtwin.vehicle.reach import BY_PRODUCT, rank, uncontrollable_directions
+from rovtwin.vehicle.schema import Thruster
+from rovtwin.vehicle.slips import doubted_units, slips
 from rovtwin.vehicle.trim import SPEED_LIMIT, by_products, hang, reach, stability, steady_speed, tilt_of_thrust
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 _UNNOTICED = 1e-6  # net buoyancy as a share of the weight
 _TILTING = 5.0  # roll or pitch by thrust that is worth a word [deg]
 _UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
-# Between a shape and what its part displaces or weighs: lead is 11 times water, the box around an open frame some 50
-# times its tubes; a slip of units is 1000 (litres, grams) or more.
-_SLIP = 100.0
-# Of a mesh without `scale`: what its solid displaces over the mass, and its length over that of any other part, beyond
-# which its file is taken to be in millimetres (lengths 1000 times, volumes 1e9).
-_HEAVY, _LONG, _LONG_M = 50.0, 20.0, 5.0  # the last [m]: 5 mm, the least of a part, read as metres
-_FAR, _SLOW = 10.0, 5.0  # sizes of the vehicle from CG, and [s] that a thruster takes, beyond which units are doubted
 _DOWNWARD = 0.5  # cosine of the angle to the vertical, below which an echo of the floor is no altitude
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
 
@@ -40,7 +29,7 @@ class Check:
     """What is to be said about a vehicle file that can be used.
 
     Attributes:
-        reservations: What the vehicle will do that nobody wants of one: sink, capsize, only drift.
+        reservations: What the vehicle will do that nobody wants of one: sink, capsize, only drift; and units in doubt.
         findings: One line each on all that may surprise.
     """
 
@@ -61,7 +50,7 @@ def check(name_or_path: str | Path) -> Check:
     """
     vehicle = load_vehicle(name_or_path)
     model = vehicle.model()
-    return Check(reservations(model), findings(vehicle, model))
+    return Check([*reservations(model), *doubted_units(vehicle, model)], findings(vehicle, model))
 
 
 def reservations(model: Model) -> list[str]:
@@ -90,7 +79,7 @@ def reservations(model: Model) -> list[str]:
 def findings(vehicle: Vehicle, model: Model) -> list[str]:
     """The same for a vehicle already loaded."""
     doubts = [f"what was identified is not to be relied on: {doubt}" for doubt in vehicle.doubts]
-    parts = [*doubts, *_about_parts(vehicle), *_about_places(vehicle, model), *_about_sensors(vehicle)]
+    parts = [*doubts, *(slip.line for slip in slips(vehicle, model)), *_about_parts(vehicle), *_about_sensors(vehicle)]
     water = [*_about_floating(model), *_about_tilting(model), *_about_speed(model)]
     return [*parts, *_about_thrusters(vehicle, model), *water]
 
@@ -114,8 +103,9 @@ def _about_parts(vehicle: Vehicle) -> Iterator[str]:
     for name, body in bodies(vehicle.file, vehicle.name):
         if body.mass and body.inertia is None and body.shape is None and body.rigid_body is None:
             yield f"{name}: {body.mass:g} kg counted as a point: neither 'inertia' nor 'shape' is given"
-        unscaled = _about_scale(name, body, vehicle)
-        yield from [unscaled] if unscaled else _about_units(name, body, vehicle.assembly.density)
+        mesh = None if body.shape is None else Solid.of(body.shape).mesh
+        if mesh is not None:
+            yield from (f"{name}: {note}" for note in mesh.notes)
     if vehicle.file.identified is None:
         yield from (one.line() for one in overlaps(vehicle.file, vehicle.name))
     if vehicle.file.hydrodynamics is None or vehicle.file.hydrodynamics.added_mass is None:
@@ -127,41 +117,6 @@ def _about_parts(vehicle: Vehicle) -> Iterator[str]:
             f"the parts displace {displaced:.4g} kg of water and weigh {mass:.4g} kg: {missing} "
             "A vehicle trimmed to float says 'restoring: {buoyancy: neutral}'"
         )
-
-
-def _about_scale(name: str, body: Body, vehicle: Vehicle) -> str | None:
-    """Whether a mesh without `scale` is far too large for its part's mass, or where it has none, for the vehicle."""
-    if body.shape is None or body.shape.mesh is None or body.shape.scale is not None:
-        return None
-    shape, fix = Solid.of(body.shape), "is its file in millimetres? Then give scale: 0.001"
-    mass = body.mass or vehicle.assembly.solid.mass
-    if vehicle.assembly.density * shape.volume() > _HEAVY * mass > 0:
-        whose = "its mass is" if body.mass else "the whole vehicle weighs"
-        held = vehicle.assembly.density * shape.volume()
-        return f"{name}: its mesh displaces {held:.3g} kg of water and {whose} {mass:.3g} kg: {fix}"
-    others = [Solid.of(b.shape) for _, b in bodies(vehicle.file, vehicle.name) if b.shape is not None and b is not body]
-    longest, rest = float(shape.size.max()), max((float(other.size.max()) for other in others), default=0.0)
-    if not body.mass and rest > 0 and longest > max(_LONG * rest, _LONG_M):
-        return f"{name}: its mesh is {longest:.3g} m long and no other part is longer than {rest:.3g} m: {fix}"
-    return None
-
-
-def _about_units(name: str, body: Body, density: float) -> Iterator[str]:
-    """Whether a part's shape fits what it displaces and weighs, in water of a density [kg/m3]."""
-    if body.shape is None:
-        return
-    shape = Solid.of(body.shape)
-    if shape.mesh is not None:
-        yield from (f"{name}: {note}" for note in shape.mesh.notes)
-    solid = shape.volume()
-    for key, given, held, unit, slip in (
-        ("volume", body.volume, solid, "m3", "litres"),
-        ("mass", body.mass, density * solid, "kg of water", "grams"),
-    ):
-        if given and not 1.0 / _SLIP < held / given < _SLIP:
-            why = "is the shape in millimetres?" if held > given else f"is the {key} in {slip}?"
-            yield f"{name}: its shape holds {held:.3g} {unit} and its {key} is {given:.3g}: {why}"
-            return
 
 
 def _about_sensors(vehicle: Vehicle) -> Iterator[str]:
@@ -194,28 +149,6 @@ def _about_thrusters(vehicle: Vehicle, model: Model) -> Iterator[str]:
             yield f"thruster '{mounted.name}': direction {item.direction} is not a unit vector and was normalised"
 
 
-def _about_places(vehicle: Vehicle, model: Model) -> Iterator[str]:
-    """Places, inertias and times that nobody builds: most are millimetres and milliseconds."""
-    length = size(model)
-    center = np.asarray(model.center_of_gravity)
-    placed = [("CB", np.asarray(model.center_of_buoyancy))]
-    placed += [(f"sensor '{one.name}'", one.position) for one in vehicle.assembly.sensors]
-    for one in vehicle.assembly.thrusters:
-        assert isinstance(one.item, Thruster)
-        placed.append((f"thruster '{one.name}'", one.placement.point(np.array(one.item.position))))
-    for what, position in placed:
-        away = float(np.linalg.norm(position - center))
-        if away > _FAR * length:
-            yield f"{what} is {away:.3g} m from CG, {away / length:.0f} times the size of the vehicle: is it in metres?"
-    radii = np.sqrt(np.diagonal(np.asarray(model.rigid_body_mass))[3:] / float(model.weight / GRAVITY))
-    for radius, axis in zip(radii, "xyz", strict=True):
-        if radius > 0.5 * _FAR * length:
-            yield f"radius of gyration about {axis} is {radius:.3g} m: are inertia and places in kg m2 and m?"
-    for name, constant in zip(vehicle.thruster_names, np.asarray(model.thrusters.time_constant), strict=True):
-        if constant > _SLOW:
-            yield f"thruster '{name}' takes {constant:.3g} s to follow its command: is its time_constant in seconds?"
-
-
 def _about_floating(model: Model) -> Iterator[str]:
     floating = hang(model)
     limits = reach(model)[2]
@@ -236,15 +169,26 @@ def _about_floating(model: Model) -> Iterator[str]:
             yield f"{axis} trim {np.degrees(floating.trim[i]):.1f} deg: CG and CB are not above each other"
 
 
+# Where a force acts whose moment about CG is positive, or negative: force along surge, sway, heave; roll or pitch.
+_ACTS = {
+    (0, 1): ("below", "above"),
+    (1, 0): ("above", "below"),
+    (2, 0): ("to starboard of", "to port of"),
+    (2, 1): ("behind", "ahead of"),
+}
+
+
 def _about_tilting(model: Model) -> Iterator[str]:
-    """Roll or pitch that full thrust ahead, aside, or up and down makes, where no other thrusters balance it."""
-    angles, levers = np.degrees(tilt_of_thrust(model)), 1e3 * np.abs(by_products(model))
-    for i, beside in ((0, "above or below"), (1, "above or below"), (2, "beside")):
+    """Roll or pitch that full thrust ahead, aside, and up or down makes, where no other thrusters balance it."""
+    angles, levers = np.degrees(tilt_of_thrust(model)), 1e3 * by_products(model)
+    for i, axis in enumerate(AXES[:3]):
         for j, tilts in ((0, "rolls"), (1, "pitches")):
+            lever = levers[j, i]
             if angles[j, i] > _TILTING:
+                where = _ACTS.get((i, j), ("beside", "beside"))[int(lever < 0)]
                 yield (
-                    f"full thrust in {AXES[i]} {tilts} it by {angles[j, i]:.0f} deg: it acts {levers[j, i]:.0f} mm "
-                    f"{beside} CG, and no other thrusters balance it"
+                    f"full thrust in {axis} {tilts} it by {angles[j, i]:.0f} deg: it acts {abs(lever):.0f} mm "
+                    f"{where} CG, and no other thrusters balance it"
                 )
 
 

@@ -141,10 +141,15 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
     return Refit(text, before, after, (*notes, *_about_identification(path, out)), folder)
 
 
-def trimming(before: Vehicle, after: Vehicle) -> list[Piece]:
-    """Least foam and lead that gives a changed vehicle its net buoyancy back and hangs it level, to the gram.
+def trimming(before: Vehicle, after: Vehicle, net_buoyancy: float | None = None) -> list[Piece]:
+    """Least foam and lead that gives a changed vehicle its net buoyancy and hangs it level, to the gram.
 
     The pieces sit around the box of the vehicle as it was; of one without shapes, of its thrusters.
+
+    Args:
+        before: The vehicle as it was.
+        after: The changed one.
+        net_buoyancy: That is wanted, positive floats [N]; None: that of before.
 
     Raises:
         ConfigError: No pieces do it.
@@ -152,7 +157,7 @@ def trimming(before: Vehicle, after: Vehicle) -> list[Piece]:
     box = bounding_box(before.file) or around_thrusters(before.assembly)
     if box is None:
         raise ConfigError(f"{before.where}: no part has a shape or a thruster, so it has no outside to put ballast on")
-    target = Wish(floating_of(before.assembly).net_buoyancy, level=True)
+    target = Wish(floating_of(before.assembly).net_buoyancy if net_buoyancy is None else net_buoyancy, level=True)
     stock = Stock(places_around(*box), SHARE * after.assembly.solid.mass, FOAM, LEAD)
     pieces = [piece.rounded(STEP) for piece in pieces_for(after.assembly, target, stock)]
     return [piece for piece in pieces if piece.mass > 0]

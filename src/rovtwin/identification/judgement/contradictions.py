@@ -4,7 +4,7 @@ A narrow interval far from the prior's is no success. Either what was known befo
 the model, which then bends its parameters.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -23,7 +23,35 @@ def outside_prior(prior: Gaussian, theta: np.ndarray) -> list[int]:
     return [int(i) for i in np.argsort(-far) if far[i] > _Z]
 
 
-def contradicted(prior: Gaussian, theta: np.ndarray, covariance: np.ndarray, apart: Apart | None) -> set[int]:
+def no_dead_band(parameters: Parameters, prior: Gaussian, theta: np.ndarray) -> list[int]:
+    """Dead bands that the vehicle file does not state and of which the tests saw none.
+
+    What is assumed of such a one is a positive number, whose prior cannot hold zero: below it is no contradiction.
+    """
+    stated, found = np.asarray(parameters.model.thrusters.dead_band), []
+    for i in outside_prior(prior, theta):
+        kind, _, rest = parameters.names[i].partition(".")
+        group, _, what = rest.rpartition(".")
+        if kind == "thrusters" and what == "dead_band" and theta[i] < prior.mean[i]:
+            found += [] if stated[list(parameters.groups[group])].any() else [i]
+    return found
+
+
+def about_dead_bands(parameters: Parameters, prior: Gaussian, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
+    """What the tests say of dead bands that nobody stated: less than the end of the 95 % interval."""
+    ends = theta + _Z * np.sqrt(np.diag(covariance))
+    rows = no_dead_band(parameters, prior, theta)
+    named = [f"{parameters.names[i]} below {float(parameters.free[i].value(float(ends[i]))):.2g}" for i in rows]
+    return [f"no dead band was seen (95 %; the vehicle file states none): {'; '.join(named)}"] if named else []
+
+
+def contradicted(
+    prior: Gaussian,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    apart: Apart | None,
+    allowed: Collection[int] = (),
+) -> set[int]:
     """Parameters that evidence contradicts itself about.
 
     Args:
@@ -31,19 +59,21 @@ def contradicted(prior: Gaussian, theta: np.ndarray, covariance: np.ndarray, apa
         theta: The estimate, shape (n,).
         covariance: Of it, shape (n, n).
         apart: What each log says by itself, or None.
+        allowed: Those that may lie outside their prior (`no_dead_band`).
 
     Returns:
         Those whose estimate lies outside the prior's 95 % interval and is known to half of its width or better, and
         those of which two logs say by themselves what differs by more than their widths.
     """
     ratio = np.sqrt(np.diag(covariance) / np.diag(prior.covariance))
-    narrow = {i for i in outside_prior(prior, theta) if ratio[i] < LEARNT}
+    narrow = {i for i in outside_prior(prior, theta) if ratio[i] < LEARNT and i not in allowed}
     return narrow | (set() if apart is None else set(apart.disagreeing()))
 
 
 def about_prior(parameters: Parameters, prior: Gaussian, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
     """What came out beyond what was known before, both values with their 95 % intervals."""
-    rows = outside_prior(prior, theta)
+    allowed = no_dead_band(parameters, prior, theta)
+    rows = [i for i in outside_prior(prior, theta) if i not in allowed]
     if not rows:
         return []
     std, before = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(prior.covariance))

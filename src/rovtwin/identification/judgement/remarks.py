@@ -11,7 +11,7 @@ from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.payload import without_shape
 from rovtwin.identification.judgement.validation import Prediction, judged
-from rovtwin.identification.judgement.verdict import scale_width
+from rovtwin.identification.judgement.verdict import COARSE, scale_width
 from rovtwin.identification.judgement.whiteness import Residuals
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
@@ -105,7 +105,7 @@ def about_solution(
     if not solution.converged:
         said.append(f"the estimate has not settled after {solution.steps} steps: widths are not to be trusted")
     scale, before = (scale_width(parameters, C) for C in (solution.covariance, prior.covariance))
-    if scale > 0.03:
+    if scale > COARSE:
         source = "from the anchors and the prior" if anchors else "from the prior"
         said.append(
             f"the common scale of all forces is known to {100 * scale:.0f} % only (one standard deviation), {source}: "

@@ -16,6 +16,7 @@ from rovtwin.identification.joint.parameters import Parameters
 
 # Standard deviation after over before: below the first a parameter was learnt, above the second only the prior speaks.
 LEARNT, PRIOR_ONLY = 0.5, 0.9
+COARSE = 0.03  # relative standard deviation of the scale of all forces, beyond which it is told
 _TELLING = 1.0  # information over the prior's, below which a direction is not told by the readings
 _NOTHING = 0.05  # below that they say nothing of it
 _LOADING = 0.3  # share of the largest component from which a parameter is named
@@ -125,3 +126,18 @@ def scale_width(parameters: Parameters, covariance: np.ndarray) -> float:
     mean = np.zeros(len(parameters))
     mean[rows] = 1.0 / len(rows)
     return float(np.sqrt(mean @ covariance @ mean))
+
+
+def up_to_scale(parameters: Parameters, prior: np.ndarray, covariance: np.ndarray) -> str:
+    """What a count of parameters learnt keeps quiet about, as the end of a phrase; empty where the scale is known.
+
+    Args:
+        parameters: The free ones.
+        prior: Covariance before the tests, shape (n, n).
+        covariance: After them, shape (n, n).
+    """
+    before, width = scale_width(parameters, prior), scale_width(parameters, covariance)
+    if width <= COARSE:
+        return ""
+    known = "which only the prior knows:" if width > PRIOR_ONLY * before else "known to"
+    return f", up to the common scale of all forces, {known} {100 * width:.0f} %"

@@ -22,7 +22,7 @@ from rovtwin.identification.judgement.reliance import Standing, standing
 from rovtwin.identification.judgement.tested import Range
 from rovtwin.identification.judgement.validation import Prediction
 from rovtwin.identification.judgement.validation import predict as open_loop
-from rovtwin.identification.judgement.verdict import Blind
+from rovtwin.identification.judgement.verdict import Blind, up_to_scale
 from rovtwin.identification.judgement.whiteness import Residuals
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.result import store, tables
@@ -108,6 +108,11 @@ class Identification:
     def std(self) -> np.ndarray:
         """Standard deviation of theta: relative for what is positive, shape (n,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def up_to_scale(self) -> str:
+        """What follows `.. parameters learnt`: how well their common scale is known, where that is not well."""
+        return up_to_scale(self.parameters, self.prior.covariance, self.covariance)
 
     @property
     def standing(self) -> Standing:
