@@ -127,6 +127,18 @@ def test_an_empty_battery_is_said_before_the_flight(capsys, tmp_path):
     assert "battery empty from the start (all)" in run(capsys, "fly", "lawnmower_calm", *flat, *short)[1]
 
 
+def test_a_file_that_exists_is_named_with_the_option_that_replaces_it(short_run, tmp_path, monkeypatch, capsys):
+    """Commands said it in four ways; `log export` asked for `overwrite=True`, which is Python."""
+    monkeypatch.chdir(tmp_path)
+    log, there = short_run[0] / "log.mcap", "exists already. Choose another name"
+    for target in ("run.nc", "csv"):
+        words = ("log", "export", log, target)
+        assert run(capsys, *words)[0] == 0
+        code, _, err = run(capsys, *words)
+        assert code == 2 and f"{there}, or replace it with --overwrite" in err and "overwrite=True" not in err
+        assert run(capsys, *words, "--overwrite")[0] == 0
+
+
 def test_log_commands(short_run, tmp_path, capsys):
     folder, _ = short_run
     code, out, _ = run(capsys, "log", "info", folder / "log.mcap", "--json")
@@ -258,12 +270,12 @@ BAD = [
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--water", "1.025"), "expected 900 to 1100"),
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--foam-density", "-1"), "above 0"),
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "--round", "0g"), "above 0"),
-    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "empty.yaml"), "not overwritten"),
+    (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "empty.yaml"), "exists already. Choose"),
     (("vehicle", "ballast", "double_blueye", "--buoyancy", "1", "-o", "x.json"), "expected .yaml"),
     (("vehicle", "add", "double_blueye", "dvl_a05", "--at", "0,0,0.2"), "Did you mean 'dvl_a50'"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0"), "expected x,y,z"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "--attitude-deg", "1"), "expected roll,pitch,yaw"),
-    (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "-o", "empty.yaml"), "exists already"),
+    (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "-o", "empty.yaml"), "it with --overwrite"),
     (("vehicle", "add", "double_blueye", "dvl_a50", "--at", "0,0,0", "-o", "x.json"), "expected .yaml"),
     (("vehicle", "add", "double_blueye", "uhi", "--at", "0,0,0", "--buoyancy", "1N"), "found without --ballast"),
     (("vehicle", "remove", "double_blueye", "uhi", "--ballast", "--buoyancy", "2mm"), "expected a force such as 2N"),

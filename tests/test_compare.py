@@ -13,7 +13,7 @@ from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.overlay import identified_file, to_yaml
 from rovtwin.identification.judgement.differences import as_a_whole, difference
 from rovtwin.identification.judgement.stated import Value, stated
-from rovtwin.report.vehicle_comparison import agreement, compare_files, said_difference, said_relative
+from rovtwin.report.vehicle_comparison import agreement, compare_files, said_difference, said_relative, said_value
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 FREE = ["added_mass.surge", "linear_damping.surge", "quadratic_damping.surge", "thrusters.surge.*"]
@@ -46,6 +46,12 @@ def run(monkeypatch, capsys, *words):
     with pytest.raises(SystemExit) as stopped:
         rovtwin.cli.main()
     return stopped.value.code, capsys.readouterr()
+
+
+def test_an_interval_wider_than_its_value_is_given_by_its_ends():
+    """`±43188 %` stood for a dead band of which the tests saw none."""
+    assert said_value(Value(10.0, "N", 0.05, True), short=True) == "10 ±9.8 %"
+    assert said_value(Value(1e-5, "1", 3.4, True), short=True).startswith("1e-05 (0.000000013 to 0.00")
 
 
 def test_a_file_states_what_was_identified():

@@ -651,7 +651,7 @@ def test_writing_after_close(tmp_path: Path) -> None:
 
 def test_where_a_log_cannot_be_written(path: Path, tmp_path: Path) -> None:
     for where, expected in [
-        (path, "exists already. Choose another name, or pass overwrite=True"),
+        (path, "exists already. Choose another name, or replace it with overwrite=True"),
         (tmp_path, "is a folder"),
         (tmp_path / "no" / "run.mcap", "No such file or directory. Create the folder first"),
         (path / "run.mcap", "Part of the path is a file"),

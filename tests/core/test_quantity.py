@@ -3,7 +3,7 @@
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
+from rovtwin.core.quantity import DENSITY, LENGTH, MASS, plain, point, positive, quantity
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,8 @@ def test_points_and_positive_quantities():
         point("1,2", "--at")
     with pytest.raises(ConfigError, match="above 0"):
         positive("0g", MASS, "--x")
+
+
+def test_numbers_in_sentences_have_no_powers_of_ten():
+    assert [plain(x) for x in (142.3, 99.7, 7.04, 0.0123, -0.0, 51900.0)] == ["142", "100", "7", "0.012", "0", "51900"]
+    assert plain(51912.4, 3) == "51912"

@@ -115,7 +115,7 @@ def test_calibrate_writes_a_camera_file_and_a_figure(tmp_path):
     assert yaml.safe_load(out.read_text())["resolution"] == [640, 480]
     assert figure.stat().st_size > 1000
     again = run("calibrate", *images, "--board", "9x6", "-o", out)
-    assert "camera.yaml: exists already; give another --out, or --overwrite" in str(again.exception)
+    assert "camera.yaml: exists already. Choose another name, or replace it with --overwrite" in str(again.exception)
     assert run("calibrate", *images, "--board", "9x6", "-o", out, "--overwrite").exit_code == 0
     bad = run("calibrate", *images, "--board", "nine", "-o", tmp_path / "other.yaml")
     assert "--board: found 'nine', expected inner corners along both sides" in str(bad.exception)

@@ -99,6 +99,14 @@ def test_a_bad_override_is_named_with_what_was_expected(override, expected):
     assert expected in str(error.value)
 
 
+def test_a_mistake_names_the_override_or_the_file_that_it_stands_in(tmp_path):
+    (tmp_path / "my.yaml").write_text("mission: square\nworld: {current: [1, 2]}\nduration: 50")
+    with pytest.raises(ConfigError) as error:
+        load_scenario(tmp_path / "my.yaml", ["duration=-5", "faults=[{fault: ded}]"])
+    lines = str(error.value).splitlines()
+    assert [line.split(": ")[0] for line in sorted(lines)] == ["--set duration=-5", "--set faults=[{fault", "my.yaml"]
+
+
 def test_a_missing_scenario_names_a_near_one():
     with pytest.raises(ConfigError, match="lawnmower_clam: no such scenario.*Did you mean 'lawnmower_calm'"):
         load_scenario("lawnmower_clam")

@@ -124,5 +124,5 @@ def test_markers_writes_its_pages(tmp_path):
     assert done.exit_code == 0, done.exception
     assert "12 pages of a4" in done.output and Path(out).read_bytes().startswith(b"%PDF")
     again = run(markers, "--ids", "0", "-o", str(out))
-    assert "exists already; give another --out, or --overwrite" in str(again.exception)
+    assert "exists already. Choose another name, or replace it with --overwrite" in str(again.exception)
     assert run(markers, "--ids", "0", "-o", str(out), "--overwrite").exit_code == 0

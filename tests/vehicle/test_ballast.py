@@ -220,7 +220,7 @@ def test_wishes_that_make_no_sense(wish, keys, said, tmp_path):
 def test_nothing_is_overwritten_and_the_part_is_found_from_elsewhere(tmp_path):
     path = written(tmp_path)
     before = path.read_text()
-    for out, said in ((path, "not overwritten"), (tmp_path / "x.txt", ".yaml"), (tmp_path / "no" / "x.yaml", "folder")):
+    for out, said in ((path, "exists already"), (tmp_path / "x.txt", ".yaml"), (tmp_path / "no" / "x.yaml", "folder")):
         with pytest.raises(ConfigError, match=said):
             ballast(path, Wish(1.0), out=out)
     assert path.read_text() == before and list(tmp_path.iterdir()) == [path]

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, progress_bar, table
 from rovtwin.cli.scenarios import Overrides, Seed
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, exists_already
 
 if TYPE_CHECKING:
     from rovtwin.scenario.pace import Clock
@@ -172,7 +172,7 @@ def record(
     screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), _clock(speed, link)
     wanted = as_read(link, wanted)  # a reader of the log finds how its readings lie
     if out.exists():
-        raise ConfigError(f"--out {out}: exists already; a log never overwrites another. Choose another name")
+        raise ConfigError(exists_already(f"--out {out}"))
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("{task.completed:.0f} s"))
         task = bar.add_task(f"recording {link}", total=duration)

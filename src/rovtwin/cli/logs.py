@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rovtwin.cli.output import AsJson, console, emit, figure, table
+from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, figure, table
 from rovtwin.core.errors import LogError
 
 log_app = typer.Typer(
@@ -91,7 +91,7 @@ def export(
         str | None,
         typer.Option(help="rosbag2: a folder for `ros2 bag play`, Foxglove and PlotJuggler, in ENU and FLU."),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")] = False,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Export a log: netCDF opens in xarray and MATLAB, GeoJSON in QGIS, GPX and KML on other maps, CSV anywhere."""
@@ -107,6 +107,9 @@ def export(
             f"{target}: found the ending {target.suffix!r}, expected .nc for netCDF, {', '.join(WRITERS)} for a map, "
             "or a folder for CSV files"
         )
+    written = target / "channels.csv" if to is None and not target.suffix else target
+    if to is not None or not written.is_dir():
+        check_free(written, overwrite)
     log = Log.read(log_of(path))
     if to == "rosbag2":
         from rovtwin.links.ros2.bag import export_rosbag2

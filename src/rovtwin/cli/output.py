@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, exists_already
 from rovtwin.core.jsontext import to_json
 
 AsJson = Annotated[bool, typer.Option("--json", help="One machine-readable object on standard output.")]
@@ -29,7 +29,7 @@ def check_free(path: Path, overwrite: bool) -> None:
         ConfigError: There is.
     """
     if path.exists() and not overwrite:
-        raise ConfigError(f"{path}: exists already; give another --out, or --overwrite")
+        raise ConfigError(exists_already(path, "--overwrite"))
 
 
 def refuse_idle(given: Mapping[str, bool], why: str) -> None:

@@ -1,5 +1,6 @@
 """rovtwin fly, demo and report: run scenarios and look at what came out."""
 
+import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -158,7 +159,8 @@ def _closing_table(flight: Any, screen: Console) -> None:
     acted = "" if summary["phase"] not in FAIL_SAFE_PHASES else f"{summary['phase']}, "
     verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"
     rows = table("", "figure", "value")
-    for label, key, unit in FIGURES:
+    idle = ("cross_track_rms_m", "cross_track_max_m") if _stays(flight.scenario, summary) else ()
+    for label, key, unit in (row for row in FIGURES if row[1] not in idle):
         judged = key != "nees_position_interval" or summary.get("nees_position_mean") is not None
         if summary.get(key) is not None and judged:
             rows.add_row(label, figure(100 * summary[key] if unit == "%" else summary[key], unit))
@@ -178,6 +180,13 @@ def _closing_table(flight: Any, screen: Console) -> None:
         screen.print(f"  judged by {summary['judged_by']}: there is no truth")
     if flight.folder:
         screen.print(f"wrote {flight.folder}", markup=False, soft_wrap=True)
+
+
+def _stays(scenario: "Scenario", summary: dict[str, Any]) -> bool:
+    """Whether a mission keeps one place from the start on: then there is no path to be off, but for rounding."""
+    points, here, origin = scenario.waypoints, scenario.start.position[:2], scenario.origin
+    still = all(math.dist(point.placed(origin)[:2], here) <= (point.acceptance or 0.0) for point in points)
+    return summary.get("station_rms_m") is not None and bool(points) and still
 
 
 def flight_object(flight: Any) -> dict[str, Any]:

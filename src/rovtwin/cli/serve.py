@@ -8,7 +8,7 @@ from rich.console import Console
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar, refuse_idle
 from rovtwin.cli.scenarios import Overrides, Seed
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, exists_already
 
 if TYPE_CHECKING:
     from rovtwin.links.server import Server
@@ -151,7 +151,7 @@ def _serve(
     from rovtwin.scenario.serving.serve import serve as serve_it
 
     if log is not None and log.exists():
-        raise ConfigError(f"--log {log}: exists already; a log never overwrites another. Choose another name")
+        raise ConfigError(exists_already(f"--log {log}"))
     told: list[str] = []
 
     def said(text: str) -> None:

@@ -34,3 +34,8 @@ class LinkTimeout(LinkError):
 
 class IdentificationError(RovtwinError):
     """Evidence that cannot be turned into parameters."""
+
+
+def exists_already(path: object, option: str = "") -> str:
+    """What is said of a file or folder that would be overwritten; option: what replaces it, where something does."""
+    return f"{path}: exists already. Choose another name" + (f", or replace it with {option}" if option else "")

@@ -69,3 +69,9 @@ def point(text: str, where: str) -> tuple[float, float, float]:
         raise ConfigError(f"{where}: found '{text}', expected x,y,z such as 0.2,0,-0.1 (m) or 200mm,0,-100mm")
     x, y, z = (quantity(part, LENGTH, where) for part in parts)
     return x, y, z
+
+
+def plain(value: float, digits: int = 2) -> str:
+    """A number for a sentence: so many significant digits or all before the point, `142` and never `1.4e+02`."""
+    text = f"{float(value) + 0.0:.{digits}g}"
+    return f"{float(value):.0f}" if "e+" in text else text

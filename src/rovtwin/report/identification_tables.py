@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.quantity import plain
 from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves
 from rovtwin.report.identification_tests import component_name, how, scaled, unit_of
 from rovtwin.report.identification_words import excitation, in_families, is_coupling, naive
@@ -26,9 +27,7 @@ def number(value: float, digits: int = 4) -> str:
     value = float(value)
     if not np.isfinite(value):
         return "-"
-    if abs(value) >= 10**digits:
-        return f"{value:.0f}"
-    return f"{value + 0.0:.{digits}g}"
+    return plain(value, digits)
 
 
 def estimated(value: float, low: float, high: float) -> str:

@@ -181,6 +181,8 @@ def said_value(value: Any, short: bool = False) -> str:
         return shown
     if short:
         half = (high - low) / 2
+        if value.positive and half > value.value:
+            return f"{shown} ({between(low, high)})"
         return f"{shown} ±{percent(half / value.value) if value.positive else f'{half:.2g}'}"
     return f"{estimated(value.value, low, high)} ({between(low, high)})"
 
@@ -234,7 +236,7 @@ def force_table(comparison: Comparison, short: bool = False) -> Table:
 def _with_band(force: float, band: Sequence[float], short: bool) -> str:
     if not np.all(np.isfinite(band)):
         return number(force)
-    if short:
+    if short and band[1] - band[0] <= 2 * abs(force):
         return f"{number(force)} ±{percent((band[1] - band[0]) / 2 / abs(force))}"
     return f"{estimated(force, *band)} ({between(*band)})"
 

@@ -1,7 +1,7 @@
 """Scenario and mission files: find, read, override, write."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -46,11 +46,27 @@ def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | N
         ConfigError: The file is missing or cannot be used; the message says where and why.
     """
     data, where, base = find_scenario(str(name))
+    overrides = list(overrides)
     for text in overrides:
         _apply(data, text)
     if seed is not None:
         data["seed"] = seed
-    return scenario_of(data, where, base)
+    try:
+        return scenario_of(data, where, base)
+    except ConfigError as error:
+        lines = [_by_override(line, where, overrides) for line in str(error).splitlines()]
+        raise ConfigError("\n".join(lines)) from None
+
+
+def _by_override(line: str, where: str, overrides: Sequence[str]) -> str:
+    """A mistake in what an override sets names the override, not the file of the scenario, which need not be there."""
+    place = line.removeprefix(f"{where}: ").partition(": ")[0]
+    for text in reversed(overrides):
+        key = text.partition("=")[0].strip()
+        near_by = place == key or place.startswith((f"{key}.", f"{key}[")) or (place and key.startswith(f"{place}."))
+        if line.startswith(f"{where}: ") and near_by:
+            return f"--set {text}: {line.removeprefix(f'{where}: ')}"
+    return line
 
 
 def scenario_of(data: dict[str, Any], where: str, base: Path | None = None) -> Scenario:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, exists_already
 from rovtwin.core.flow import PHASES
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Channel, Log, LogWriter
@@ -232,7 +232,7 @@ def new_folder(folder: str | Path) -> Path:
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
-        raise ConfigError(f"{folder}: exists already; a run never overwrites another. Choose another folder") from None
+        raise ConfigError(exists_already(folder)) from None
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be made ({error.strerror}). Choose a folder you may write to") from None
     return folder

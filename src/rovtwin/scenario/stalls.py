@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
+from rovtwin.core.quantity import plain
 from rovtwin.scenario.feasibility import baseline_of_another
 from rovtwin.scenario.limits import Limits, compass_point
 from rovtwin.scenario.schema import Scenario, ThesisSection, Waypoint
@@ -152,7 +153,7 @@ def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model:
     began = f"from {stall.start:.0f} s the vehicle"
     if stall.phase == DIVE:
         off, named = float(np.mean(eta[:, 2])) - leg[5], _axes(stall, flown, rows, model)
-        deep = f"stayed {abs(off):.2g} m {'below' if off > 0 else 'above'} its depth of {leg[5]:.3g} m"
+        deep = f"stayed {plain(abs(off))} m {'below' if off > 0 else 'above'} its depth of {plain(leg[5], 3)} m"
         turned = f"{math.degrees(np.mean(_aside(flown, rows))):.0f} deg off the heading of the leg"
         if _YAW not in named:
             return f"{began} {deep}"
@@ -162,11 +163,11 @@ def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model:
     off, x, y = eta[:, :2].mean(axis=0) - leg[3:5], *eta[:, :2].mean(axis=0)
     reach, accepted = float(np.hypot(*eta[:, :2].std(axis=0))), f"acceptance {point.acceptance:g} m"
     if reach > max(float(np.hypot(*off)), 4.0 * (point.acceptance or 0.0)):
-        near = f"came no nearer than {stall.nearest:.2g} m ({accepted})"
-        return f"{began} went to and fro within {reach:.2g} m (rms) and {near}"
+        near = f"came no nearer than {plain(stall.nearest)} m ({accepted})"
+        return f"{began} went to and fro within {plain(reach)} m (rms) and {near}"
     side = compass_point(math.atan2(off[1], off[0]))
-    near = f"{began} stayed {np.hypot(*off):.2g} m {side} of it at ({x:.1f}, {y:.1f})"
-    return f"{near}, no nearer than {stall.nearest:.2g} m ({accepted})"
+    near = f"{began} stayed {plain(np.hypot(*off))} m {side} of it at ({x:.1f}, {y:.1f})"
+    return f"{near}, no nearer than {plain(stall.nearest)} m ({accepted})"
 
 
 def _asked(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> str:
@@ -231,7 +232,7 @@ def _tilted(flown: Flown, rows: np.ndarray) -> str:
 def _misled(flown: Flown, rows: np.ndarray, point: Waypoint) -> str:
     """Where the truth is known: by how much the filter was wrong, if that alone would explain it."""
     error = float(np.mean(np.hypot(*(flown.eta_hat - flown.eta)[rows, :2].T)))
-    return f"the filter was wrong by {error:.2g} m" if error > 2.0 * max(point.acceptance or 0.0, 0.25) else ""
+    return f"the filter was wrong by {plain(error)} m" if error > 2.0 * max(point.acceptance or 0.0, 0.25) else ""
 
 
 def _advice(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, exists_already
 from rovtwin.vehicle import files
 from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
 from rovtwin.vehicle.extent import around_thrusters, bounding_box
@@ -237,7 +237,7 @@ def _require_new(out: Path) -> None:
     if out.suffix not in files.SUFFIXES:
         raise ConfigError(f"{out}: found the ending '{out.suffix}', expected .yaml")
     if out.exists():
-        raise ConfigError(f"{out}: is there already and is not overwritten; choose another name")
+        raise ConfigError(exists_already(out))
     if not out.parent.is_dir():
         raise ConfigError(f"{out}: there is no folder {out.parent}")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core.quantity import plain
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.hydrodynamics import Solid
@@ -61,9 +62,10 @@ def reservations(model: Model) -> list[str]:
     # z is down: the lowest heave force is the thrusters' lift.
     if net < -little:
         weak = model.thrusters.count > 0 and net < limits[0]
-        found.append(f"it sinks with {-net:.3g} N" + (f", and its thrusters lift {-limits[0]:.3g} N" if weak else ""))
+        lift = f", and its thrusters lift {plain(-limits[0], 3)} N" if weak else ""
+        found.append(f"it sinks with {plain(-net, 3)} N{lift}")
     elif net > max(limits[1], little):
-        found.append(f"it floats with {net:.3g} N, and its thrusters push down {limits[1]:.3g} N")
+        found.append(f"it floats with {plain(net, 3)} N, and its thrusters push down {plain(limits[1], 3)} N")
     roll, pitch = np.degrees(floating.trim)
     if floating.stiffness[0] < 0:
         found.append("it capsizes: CG is above CB")
@@ -158,7 +160,8 @@ def _about_floating(model: Model) -> Iterator[str]:
         share = "" if limit <= 0 else f", {100 * abs(net) / limit:.0f} % of the heave thrust"
         if 0 < limit < abs(net):
             share = ", more than the thrusters have"
-        yield f"{way} with {abs(net):.3g} N{share}; without thrust it drifts {steady_speed(model, 2, -net):.2f} m/s"
+        drift = steady_speed(model, 2, -net)
+        yield f"{way} with {plain(abs(net), 3)} N{share}; without thrust it drifts {drift:.2f} m/s"
     for i, axis in enumerate(("roll", "pitch")):
         if floating.stiffness[i] <= 0:
             yield (

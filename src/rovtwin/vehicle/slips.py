@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rovtwin.core.quantity import plain
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.hydrodynamics import Solid
@@ -63,11 +64,13 @@ def _about_scale(name: str, body: Body, vehicle: Vehicle) -> str | None:
     if vehicle.assembly.density * shape.volume() > _HEAVY * mass > 0:
         whose = "its mass is" if body.mass else "the whole vehicle weighs"
         held = vehicle.assembly.density * shape.volume()
-        return f"{name}: its mesh displaces {held:.3g} kg of water and {whose} {mass:.3g} kg: {fix}"
+        return f"{name}: its mesh displaces {plain(held, 3)} kg of water and {whose} {plain(mass, 3)} kg: {fix}"
     others = [Solid.of(b.shape) for _, b in bodies(vehicle.file, vehicle.name) if b.shape is not None and b is not body]
     longest, rest = float(shape.size.max()), max((float(other.size.max()) for other in others), default=0.0)
     if not body.mass and rest > 0 and longest > max(_LONG * rest, _LONG_M):
-        return f"{name}: its mesh is {longest:.3g} m long and no other part is longer than {rest:.3g} m: {fix}"
+        return (
+            f"{name}: its mesh is {plain(longest, 3)} m long and no other part is longer than {plain(rest, 3)} m: {fix}"
+        )
     return None
 
 
@@ -82,7 +85,7 @@ def _about_size(name: str, body: Body, density: float) -> str | None:
     ):
         if given and not 1.0 / _SLIP < held / given < _SLIP:
             why = "is the shape in millimetres?" if held > given else f"is the {key} in {slip}?"
-            return f"{name}: its shape holds {held:.3g} {unit} and its {key} is {given:.3g}: {why}"
+            return f"{name}: its shape holds {plain(held, 3)} {unit} and its {key} is {plain(given, 3)}: {why}"
     return None
 
 
@@ -99,16 +102,18 @@ def _about_places(vehicle: Vehicle, model: Model) -> Iterator[Slip]:
         away = float(np.linalg.norm(position - center))
         if away > _FAR * length:
             times = f"{away / length:.0f} times the size of the vehicle"
-            yield Slip(what, f"{what} is {away:.3g} m from CG, {times}: is it in metres?")
+            yield Slip(what, f"{what} is {plain(away, 3)} m from CG, {times}: is it in metres?")
     radii = np.sqrt(np.diagonal(np.asarray(model.rigid_body_mass))[3:] / float(model.weight / GRAVITY))
     for radius, axis in zip(radii, "xyz", strict=True):
         if radius > 0.5 * _FAR * length:
-            line = f"radius of gyration about {axis} is {radius:.3g} m: are inertia and places in kg m2 and m?"
+            line = f"radius of gyration about {axis} is {plain(radius, 3)} m: are inertia and places in kg m2 and m?"
             yield Slip("inertia", line)
     for name, constant in zip(vehicle.thruster_names, np.asarray(model.thrusters.time_constant), strict=True):
         if constant > _SLOW:
             what = f"thruster '{name}'"
-            yield Slip(what, f"{what} takes {constant:.3g} s to follow its command: is its time_constant in seconds?")
+            yield Slip(
+                what, f"{what} takes {plain(constant, 3)} s to follow its command: is its time_constant in seconds?"
+            )
 
 
 def _about_angles(vehicle: Vehicle) -> Iterator[Slip]:

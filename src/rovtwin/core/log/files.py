@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rovtwin.core.errors import LogError
+from rovtwin.core.errors import LogError, exists_already
 
 _FIXES = {
     errno.ENOENT: "Create the folder first",
@@ -23,7 +23,7 @@ def exists_error(path: Path) -> LogError:
     """The error for a file that would be overwritten."""
     if path.is_dir():
         return LogError(f"{path}: is a folder. Name a file in it, such as {path / 'run.mcap'}")
-    return LogError(f"{path}: exists already. Choose another name, or pass overwrite=True to replace it")
+    return LogError(exists_already(path, "overwrite=True"))
 
 
 def write_error(path: Path, error: Exception) -> LogError:

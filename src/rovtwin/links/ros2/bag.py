@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from rovtwin.core.errors import LogError
+from rovtwin.core.errors import LogError, exists_already
 from rovtwin.core.frames import readings_in_body
 from rovtwin.core.log import Log, Series
 from rovtwin.core.log.files import exists_error, write_error
@@ -78,13 +78,7 @@ def export_rosbag2(log: Log, path: str | Path, namespace: str = "rov", overwrite
     if not topics:
         raise LogError(f"{log.source}: has neither truth, estimate nor sensors of a run: nothing for a ROS 2 bag")
     if (path.exists() and not overwrite) or path.is_file():
-        raise (
-            exists_error(path)
-            if path.is_file()
-            else LogError(
-                f"{path}: exists already. Choose another name, or pass overwrite=True to replace the bag in it"
-            )
-        )
+        raise (exists_error(path) if path.is_file() else LogError(exists_already(path, "overwrite=True")))
     file = path / f"{path.name}_0.mcap"
     try:
         path.mkdir(exist_ok=True)
