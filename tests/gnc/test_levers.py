@@ -97,7 +97,7 @@ def runs():
 
 
 @eqx.filter_jit
-def filtered(filter, slots, u, starts):
+def filtered(filter, slots, u, starts, std=0.0):
     """Pose and velocity (n, 12), and covariance of north and east, of several runs."""
 
     def tick(memory, inputs):
@@ -105,7 +105,7 @@ def filtered(filter, slots, u, starts):
         return memory, (jnp.concatenate([estimate.eta, estimate.nu]), estimate.covariance[:2, :2])
 
     def one(slots, u, start):
-        begin = filter.init(jax.random.key(0), Start(start, jnp.array([1.0, 0, 0, 0]), jnp.zeros(6)))
+        begin = filter.init(jax.random.key(0), Start(start, jnp.array([1.0, 0, 0, 0]), jnp.zeros(6), std))
         return jax.lax.scan(tick, begin, (slots, u))[1]
 
     return jax.vmap(one)(slots, u, starts)
@@ -118,9 +118,9 @@ def flown(runs, far, without=()):
     filter = NavigationFilter(model, Tuning.of(model, known))
     slots = [silent(moved(at_0, run, known), *without) for run, at_0 in found]
     u = jnp.asarray(np.stack([run.u for run, _ in found]))
-    # As unsure of the start as the filter believes to be.
-    starts = jnp.array([0.0, 0.0, 0.5]) + 0.1 * np.random.default_rng(1).normal(size=(SEEDS, 3)) * [1, 1, 0]
-    x, P = filtered(filter, jax.tree.map(lambda *leaves: jnp.stack(leaves), *slots), u, starts)
+    std = 0.1
+    starts = jnp.array([0.0, 0.0, 0.5]) + std * np.random.default_rng(1).normal(size=(SEEDS, 3)) * [1, 1, 0]
+    x, P = filtered(filter, jax.tree.map(lambda *leaves: jnp.stack(leaves), *slots), u, starts, jnp.asarray(std))
     error = estimation_error(x, np.stack([run.x for run, _ in found]))[:, 500:, :2]
     return np.sqrt(np.mean(np.sum(error**2, axis=-1))), np.mean(nees(error, P[:, 500:], [0, 1]))
 
