@@ -14,6 +14,7 @@ from rovtwin.gnc.contingency import Contingency
 from rovtwin.gnc.course_keeping import CourseKeeping
 from rovtwin.gnc.navigation.state import ACCELEROMETER_BIAS, ATTITUDE, DRAG, GYRO_BIAS, POSITION, WAVE_PLACE
 from rovtwin.gnc.navigation.tuning import Tuning
+from rovtwin.gnc.off_course import SETTLES, limits_of
 from rovtwin.gnc.path_guidance import PathGuidance
 from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.scales import ANY, VehicleScales
@@ -317,3 +318,20 @@ def test_thrusters_whose_lag_nobody_stated_are_not_taken_to_have_none():
     stated, counted = VehicleScales.of(model), VehicleScales.of(quick)
     assert np.all(counted.bandwidth >= stated.bandwidth), "less than those of a real vehicle"
     assert np.all(counted.bandwidth[3:] <= 0.2 / (0.55 * np.sqrt(counted.length / 9.81)) + 1e-9)
+
+
+@pytest.mark.parametrize("dropped", [[], [1, 4]], ids=["sway", "no sway"])
+def test_how_far_off_course_and_for_how_long_grows_with_the_vehicle(dropped):
+    """Twice as far for sqrt(2) times as long; what cannot push sideways may take a turn to come back."""
+    whole = np.asarray(thirty_kg().thrusters.configuration)
+    model = thirty_kg(T=np.delete(whole, dropped, axis=1))
+    small, large = limits_of(model), limits_of(froude(model))
+    np.testing.assert_allclose(large.limit, LENGTH * small.limit, rtol=1e-3)
+    assert np.all(small.after > SETTLES), "else it is the sea's time"
+    np.testing.assert_allclose(large.after, TIME * small.after, rtol=1e-3)
+    assert large.step == pytest.approx(LENGTH * small.step, rel=1e-3)
+    if dropped:
+        crabbing = limits_of(thirty_kg())
+        assert small.limit[0] > crabbing.limit[0] and small.after[0] > crabbing.after[0]
+    no_heave = limits_of(thirty_kg(T=whole[:, np.abs(whole[2]) < 1e-9]))
+    assert no_heave.limit[1] == np.inf and np.isfinite(no_heave.limit[0])

@@ -47,6 +47,8 @@ LIMITS = {
     "estimate lost": 3.0,
     "geofence": 15.0,
     "altitude limit": 1.0,
+    "off course": 4.0,
+    "off depth": 2.0,
 }
 SHARES = [2.0, 1.0, 2.0, np.inf, np.inf, 0.5]
 CHANGES = {name: RULES[name]._replace(limit=limit) for name, limit in LIMITS.items()}
@@ -68,7 +70,16 @@ def reading(name, value):
     return {name: Slot(slot.value.at[0, 0].set(value), ~slot.valid, slot.t_valid)}
 
 
-def watched(request=NO_REQUEST, estimate=None, readings=None, host=None, shortfall=None, ability=FINE, saturated=False):
+def watched(
+    request=NO_REQUEST,
+    estimate=None,
+    readings=None,
+    host=None,
+    shortfall=None,
+    ability=FINE,
+    saturated=False,
+    wanted=None,
+):
     return Watched(
         at() if estimate is None else estimate,
         jnp.asarray(request),
@@ -77,6 +88,7 @@ def watched(request=NO_REQUEST, estimate=None, readings=None, host=None, shortfa
         jnp.zeros(6) if shortfall is None else jnp.asarray(shortfall),
         jnp.asarray(ability),
         jnp.broadcast_to(jnp.asarray(saturated), 6),
+        jnp.full(3, jnp.nan) if wanted is None else jnp.asarray(wanted),
     )
 
 
@@ -192,6 +204,9 @@ TRIGGERS = {
     ),
     "geofence": (watched(estimate=at(x=12.0, y=9.1)), watched(estimate=at(x=12.0, y=8.9))),
     "altitude limit": (watched(readings=reading("altimeter", 0.9)), watched(readings=reading("altimeter", 1.1))),
+    # Of 0.01 m of standard deviation three are added: at (1, 2, 3).
+    "off course": (watched(wanted=[4.3, 4.5, 3.0]), watched(wanted=[4.1, 4.5, 9.0])),
+    "off depth": (watched(wanted=[1.0, 2.0, 5.1]), watched(wanted=[9.0, 2.0, 4.9])),
 }
 RUNNING_OUT = {
     "positions lost",
@@ -264,6 +279,42 @@ def test_a_return_that_does_not_come_nearer_is_given_up():
     assert mode == MODE_RETURNING, "it came nearer"
     assert go_on(memory, near, 200.0)[1] == MODE_RETURNING, "it is there"
     assert go_on(begun(), far, 200.0)[1] == MODE_RUNNING, "it does not want to go home"
+
+
+def path(supervisor, places, wanted, mode=MODE_RUNNING, std=0.01):
+    """Mode after ticks at these places (n, 3) with set-points (n, 3)."""
+    memory = begun(mode, supervisor=supervisor)
+    for (x, y, z), place in zip(places, np.broadcast_to(wanted, np.shape(places)), strict=True):
+        memory, mode, _ = go_on(memory, watched(estimate=at(std, x=x, y=y, z=z), wanted=place), DT, supervisor)
+    return mode
+
+
+def line(seconds, speed, start=0.0):
+    """Places on a line to the north at 3 m."""
+    x = start + speed * DT * np.arange(round(seconds / DT))
+    return np.stack([x, 0.0 * x, 3.0 + 0.0 * x], axis=1)
+
+
+def test_what_comes_nearer_or_follows_is_not_off_course():
+    """Limits: 4 m, 0.5 m nearer within 30 s."""
+    rule = only("off course")
+    assert path(rule, line(120, -0.2, 30.0), [0.0, 0.0, 3.0]) == MODE_RUNNING, "it comes back"
+    assert path(rule, line(90, 0.2), [3.0, 0.0, 3.0]) == MODE_RETURNING, "it is swept on, past its place"
+    assert path(rule, line(60, 0.0), line(60, 0.5)) == MODE_RETURNING, "it stays behind"
+    assert path(rule, line(120, 0.1), line(120, 0.5)) == MODE_RUNNING, "slow, but it goes where its set-point goes"
+    jump = np.concatenate([line(60, 0.0), line(40, 0.0, 20.0), line(120, -0.2, 20.0)])
+    assert path(rule, jump[:150], [0.0, 0.0, 3.0]) == MODE_RUNNING, "the position jumped, and it has 30 s"
+    far = np.concatenate([line(60, 0.0), line(60, 0.1)])
+    away = np.concatenate([np.tile([0.0, 0.0, 3.0], (120, 1)), np.tile([50.0, 0.0, 3.0], (120, 1))])
+    assert path(rule, far, away) == MODE_RUNNING, "the next way-point is far off"
+    assert path(rule, line(120, 0.0, 9.0), [0.0, 0.0, 3.0], std=2.0) == MODE_RUNNING, "nobody knows where it is"
+
+
+@pytest.mark.parametrize("mode", [MODE_HOLDING, MODE_RETURNING])
+def test_what_a_fail_safe_cannot_hold_goes_up(mode):
+    assert path(only("off course"), line(60, 0.2), [-1.0, 0.0, 3.0], mode) == MODE_SURFACING
+    assert path(only("off course", "hold"), line(60, 0.2), [-1.0, 0.0, 3.0], mode) == MODE_SURFACING
+    assert path(only("off course", "ignore"), line(60, 0.2), [-1.0, 0.0, 3.0], mode) == mode
 
 
 def test_positions_that_are_rare_tell_of_a_filter_that_has_diverged():

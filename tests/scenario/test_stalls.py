@@ -5,7 +5,7 @@ import pytest
 
 from rovtwin.core.flow import ABORTED, DIVE, GO, HOLD, PAUSED, REASONS, TURN
 from rovtwin.scenario.decisions import without_headway
-from rovtwin.scenario.endings import fell_short, tipped, why_ended
+from rovtwin.scenario.endings import fell_short, left_depth, strayed, tipped, why_ended
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.score import Flown
@@ -93,6 +93,28 @@ def test_what_fell_short_names_force_and_flow(model):
     assert "it turns its bow in up to" in said and said.endswith("wait for less current")
     assert "in surge" in fell_short(flown(0.0, 0.0, tau=zero + 30.0, mode=mode), model), "the world may be unknown"
     assert why_ended(flown(0.0, 0.0), model, "leak") == ""
+
+
+def test_what_left_its_course_or_depth_says_how_far_and_what_was_asked(model):
+    """To the north-east at 0.1 m/s and down at 0.01 m/s; at 100 s the rule acts."""
+    t = np.arange(10 * SECONDS + 1) / 10
+    mode, tau = np.tile([GO, 0, 0, 1.0], (len(t), 1)), np.zeros((len(t), 6))
+    tau[:, 0], tau[:, 2] = -2.0, 3.0
+    eta = flown(0.0, 0.0).eta
+    eta[:, 0] = eta[:, 1] = 0.1 * t / np.sqrt(2.0)
+    eta[:, 2] += 0.01 * t
+    aim = flown(0.0, 0.0).eta
+    for rule, say, expected in (
+        ("off course", strayed, "it was 10 m north-east of where it was wanted, "),
+        ("off depth", left_depth, "it was 1 m below its depth of 3 m, "),
+    ):
+        mode[1000:, 1] = REASONS.index(rule)
+        run = flown(0.0, 0.0, eta=eta, eta_hat=eta, setpoint=aim, tau=tau, mode=mode)
+        said = say(run, model)
+        assert said.startswith(f"at 99.9 s {expected}") and "m farther than" in said
+        assert why_ended(run, model, rule) == said
+        assert ("2 of 22 N in surge on average" in said) == (rule == "off course")
+        assert ("3 of 11.5 N in heave on average" in said) == (rule == "off depth")
 
 
 TIME = np.arange(10 * SECONDS + 1) / 10
@@ -202,3 +224,35 @@ def test_a_filter_that_is_wrong_is_named(scenario, model):
     estimate = flown(3.0, 0.7).eta
     truth = estimate + np.array([5.0, 0, 0, 0, 0, 0])
     assert "the filter was wrong by 5 m" in unfinished(flown(3.0, 0.7, eta=truth), scenario, model, VEHICLE)
+
+
+def test_what_is_felt_is_a_current_only_where_the_water_runs(scenario, model):
+    """A lost thruster feels as a current does; where the water is known, as in the twin, it tells."""
+    bias, water = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 3))
+    bias[:, 1] = 3.1
+
+    def said(**changes):
+        return unfinished(flown(ARRIVES, 0.7, bias=bias, **changes), scenario, model, VEHICLE)
+
+    assert "or it has thrusters that give less than they should (dead, reversed, fouled)" in said()
+    still = said(water=water)
+    assert "but the water stood still: the rest is thrusters that give less" in still
+    assert "wait for less current" not in still and "check its thrusters" in still
+    water[:, 1] = float(said().partition("a current of ")[2].partition(" ")[0])
+    assert "thrusters that give less" not in said(water=water) and said(water=water).endswith("wait for less current")
+
+
+def test_a_vehicle_that_is_carried_off_did_not_stay(scenario, model):
+    said = unfinished(flown(3.0, 0.5 * TIME), scenario, model, VEHICLE)
+    assert "the vehicle went away, to 200 m east of it at 400 s" in said and "stayed" not in said
+
+
+def test_no_current_is_blamed_for_a_depth(scenario, model):
+    leg, bias, tau = np.tile([0, 0, 4.0, 3, 0, 4], (len(TIME), 1)), np.zeros((len(TIME), 6)), np.zeros((len(TIME), 6))
+    bias[:, 0], bias[:, 2] = 3.0, -2.0
+    said = unfinished(flown(0.0, 0.0, phase=DIVE, leg=leg, bias=bias), scenario, model, VEHICLE)
+    assert "something like 2 N up pushes it, or it has thrusters" in said and "current" not in said
+    mode = np.tile([GO, 0, 0, 1.0], (len(TIME), 1))
+    mode[1000:, 1], tau[:, 2] = REASONS.index("saturated"), 12.0
+    said = fell_short(flown(0.0, 0.0, tau=tau, water=np.zeros((len(TIME), 3)), mode=mode), model)
+    assert "in heave: check its heave thrusters" in said and "current" not in said

@@ -25,11 +25,12 @@ REASONS = (  # the gravest first
     *("", "not a number", "operator", "depth limit", "attitude limit", "estimate lost", "leak", "battery critical"),
     *("filter diverged", "positions lost", "thruster failed", "saturated", "link lost", "deadline missed"),
     *("battery low", "geofence", "altitude limit", "time out", "operator silent", "sensor silent"),
-    "no way home",
+    *("no way home", "off course", "off depth"),
 )
 NO_REASON, NOT_A_NUMBER, OPERATOR, DEPTH_LIMIT, ATTITUDE_LIMIT, ESTIMATE_LOST, LEAK, BATTERY_CRITICAL = range(8)
 FILTER_DIVERGED, POSITIONS_LOST, THRUSTER_FAILED, SATURATED, LINK_LOST, DEADLINE_MISSED = range(8, 14)
 BATTERY_LOW, GEOFENCE, ALTITUDE_LIMIT, TIME_OUT, OPERATOR_SILENT, SENSOR_SILENT, NO_WAY_HOME = range(14, 21)
+OFF_COURSE, OFF_DEPTH = range(21, 23)
 
 PROGRESS = ("", "going", "waiting", "limited", "again", "missed", "swept", "heading given up")
 NO_PROGRESS, GOING, WAITING, LIMITED, AGAIN, MISSED, SWEPT, HEADING_GIVEN_UP = range(len(PROGRESS))

@@ -39,7 +39,9 @@ Gains = Literal["table_7_1", "table_3_2", "pole_placement"]
 
 
 class AutopilotMemory(eqx.Module):
-    """Memories of the parts, the last command u (n_thrusters,), and what limits took of the last wrench, (6,)."""
+    """Memories of the parts; the last command u (n_thrusters,), what limits took of the last wrench, (6,), where they
+    cut it, (6,), and the place of the last set-point, (3,).
+    """
 
     observer: Any
     monitor: HealthMemory | None
@@ -54,6 +56,7 @@ class AutopilotMemory(eqx.Module):
     command: Command
     shortfall: Array
     saturated: Array
+    wanted: Array
 
 
 class Autopilot(Block):
@@ -136,17 +139,16 @@ class Autopilot(Block):
         keys = jax.random.split(key, len(names))
         blocks = [(name, getattr(self, name), k) for name, k in zip(names, keys, strict=True)]
         parts: dict[str, Any] = {name: None if block is None else block.init(k, start) for name, block, k in blocks}
-        none, free = jnp.zeros(6), jnp.zeros(6, dtype=bool)
-        return AutopilotMemory(**parts, command=Command(jnp.zeros_like(self.health)), shortfall=none, saturated=free)
+        none, free, command = jnp.zeros(6), jnp.zeros(6, dtype=bool), Command(jnp.zeros_like(self.health))
+        return AutopilotMemory(**parts, command=command, shortfall=none, saturated=free, wanted=start.position)
 
     def step(
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
     ) -> tuple[AutopilotMemory, AutopilotOutput]:
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
         monitor, health, ability = self._monitored(memory, estimate, input.request, dt)
-        watched = Watched(
-            estimate, input.request, input.measurements, input.host, memory.shortfall, ability, memory.saturated
-        )
+        fell_short = memory.shortfall, ability, memory.saturated
+        watched = Watched(estimate, input.request, input.measurements, input.host, *fell_short, memory.wanted)
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
         known = _usable(estimate)
         terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)
@@ -154,6 +156,7 @@ class Autopilot(Block):
         contingency, setpoint = self.contingency.step(
             memory.contingency, ContingencyInput(asked, known, mode, _fresh(input)), dt
         )
+        place = setpoint.eta[:3]  # before course keeping puts it beside the vehicle
         course, setpoint = self._steered(memory.course, setpoint, known, dt)
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
@@ -181,6 +184,7 @@ class Autopilot(Block):
             command,
             jnp.where(on, shortfall, 0.0),
             on & wanted.saturated,
+            place,
         )
         return after, AutopilotOutput(command, estimate, setpoint, path, wrench, health)
 

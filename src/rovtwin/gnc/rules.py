@@ -11,6 +11,7 @@ from rovtwin.core.flow import REASONS, Estimate, Host, Measurements, Slot
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ability import FINE
+from rovtwin.gnc.off_course import OffCourse
 
 ACTIONS = ("ignore", "hold", "return", "surface", "stop")
 IGNORE, HOLD_STATION, RETURN_HOME, SURFACE, STOP = range(len(ACTIONS))
@@ -51,6 +52,9 @@ RULES: dict[str, Rule] = {
     "operator silent": Rule(60.0, 0.0, "hold"),  # since the operator's last sign of life [s]
     "no way home": Rule(60.0, 0.0, "surface"),  # since the vehicle last came nearer while it returns [s]
     "sensor silent": Rule(3.0, 0.0, "surface"),  # since attitude or depth was last told [s]
+    # Distance from the set-point beyond which the vehicle has to come nearer [m]: `off_course`, from the vehicle.
+    "off course": Rule(np.inf, 30.0, "return"),
+    "off depth": Rule(np.inf, 30.0, "return"),
 }
 
 
@@ -64,6 +68,7 @@ class Rules(eqx.Module):
         fence: Corners of a polygon in which the vehicle has to stay, n [m], shape (m, 2), or None.
         allowance: Part of each axis's wrench that may be short without counting as saturated [N, N m], shape (6,).
         nearer: Of a return: by how much nearer to home counts as nearer, and how near as there [m].
+        step: Off course: by how much nearer to the set-point counts as nearer [m].
         sensors: Names of those on board, of which each of REMEMBERED is remembered by itself.
     """
 
@@ -73,6 +78,7 @@ class Rules(eqx.Module):
     fence: Array | None
     allowance: Array
     nearer: Array
+    step: Array
     sensors: tuple[str, ...] = eqx.field(static=True, default=REMEMBERED)
 
     @classmethod
@@ -83,6 +89,7 @@ class Rules(eqx.Module):
         allowance: Any = np.inf,
         nearer: float = 0.5,
         sensors: Iterable[str] = REMEMBERED,
+        step: float = 0.5,
     ) -> "Rules":
         """`RULES` with changes by name."""
         rows = [Rule(np.nan, 0.0, "ignore"), *(changes.get(name, RULES[name]) for name in REASONS[1:])]
@@ -93,6 +100,7 @@ class Rules(eqx.Module):
             fence=None if fence is None else as_array(fence),
             allowance=as_array(np.broadcast_to(allowance, 6)),
             nearer=as_array(nearer),
+            step=as_array(step),
             sensors=tuple(sensors),
         )
 
@@ -116,6 +124,7 @@ class Watched(eqx.Module):
         shortfall: Wrench that thrusters did not make in the last tick, b [N, N m], shape (6,).
         ability: FINE, UNABLE or HEAVE_LOST, see `ability`, int.
         saturated: Axes on which a limit cut what the controller wanted, shape (6,), bool.
+        wanted: Place of the last tick's set-point, n [m], shape (3,); NaN where none is told.
     """
 
     estimate: Estimate
@@ -125,6 +134,7 @@ class Watched(eqx.Module):
     shortfall: Array = eqx.field(default_factory=lambda: jnp.zeros(6))
     ability: Array = eqx.field(default_factory=lambda: jnp.asarray(FINE))
     saturated: Array = eqx.field(default_factory=lambda: jnp.zeros(6, dtype=bool))
+    wanted: Array = eqx.field(default_factory=lambda: jnp.full(3, jnp.nan))
 
 
 class Watch(eqx.Module):
@@ -143,6 +153,7 @@ class Watch(eqx.Module):
         quiet: Since each of VITAL was heard, shape (2,) [s].
         nis: Fading sum of the positions' squared normalised innovations, and of their number.
         dof: See `nis`.
+        course: How near the vehicle came to its set-point while it is off it.
     """
 
     lasting: Array
@@ -157,6 +168,7 @@ class Watch(eqx.Module):
     quiet: Array
     nis: Array
     dof: Array
+    course: OffCourse
 
     @classmethod
     def at(cls, home: Array, rules: Rules) -> "Watch":
@@ -164,7 +176,8 @@ class Watch(eqx.Module):
         zero, quiet = jnp.zeros(()), jnp.zeros(len(VITAL))
         leaks, batteries, altimeters = (len(rules.names_of(kind)) for kind in REMEMBERED)
         no, full, high = jnp.zeros(leaks, dtype=bool), jnp.ones(batteries), jnp.full(altimeters, FAR)
-        return cls(jnp.zeros(len(REASONS)), home, zero, no, full, high, zero, zero + FAR, zero, quiet, zero, zero)
+        told = no, full, high, zero, zero + FAR, zero, quiet, zero, zero
+        return cls(jnp.zeros(len(REASONS)), home, zero, *told, OffCourse.none())
 
     def step(self, rules: Rules, input: Watched, begun: Array, returning: Array, dt: float) -> "Watch":
         """A tick later; whether the mission has begun, and whether the vehicle is on its way home, bool."""
@@ -181,6 +194,8 @@ class Watch(eqx.Module):
         off = estimate.eta[:2] - self.home
         off = jnp.sqrt(off @ off)
         nearer = off < self.nearest - rules.nearer
+        limits = rules.limit[flow.OFF_COURSE : flow.OFF_DEPTH + 1]
+        course, astray = self.course.step(input.wanted, estimate, limits, rules.step)
         seen = Watch(
             lasting=self.lasting,
             home=self.home,
@@ -195,15 +210,16 @@ class Watch(eqx.Module):
             quiet=jnp.where(_spoke(measurements), 0.0, self.quiet + jnp.where(begun, dt, 0.0)),
             nis=fade * self.nis + squares,
             dof=fade * self.dof + heard,
+            course=course,
         )
-        lasting = jnp.where(seen._conditions(rules, input), self.lasting + dt, 0.0)
+        lasting = jnp.where(seen._conditions(rules, input, astray), self.lasting + dt, 0.0)
         return eqx.tree_at(lambda w: w.lasting, seen, lasting)
 
     def triggered(self, rules: Rules) -> Array:
         """Action that each row asks for now, shape (r,), int."""
         return jnp.where((self.lasting > 0.0) & (self.lasting > rules.after), rules.action, IGNORE)
 
-    def _conditions(self, rules: Rules, input: Watched) -> Array:
+    def _conditions(self, rules: Rules, input: Watched, astray: Array) -> Array:
         """Which rows hold now, shape (r,), bool. A comparison with NaN is false: that row asks for it by name."""
         estimate, host = input.estimate, input.host
         spread = jnp.sqrt(jnp.max(jnp.diagonal(estimate.covariance)[:3]))
@@ -237,6 +253,8 @@ class Watch(eqx.Module):
             flow.OPERATOR_SILENT: host.operator_age > rules.limit[flow.OPERATOR_SILENT],
             flow.NO_WAY_HOME: self.stalled > rules.limit[flow.NO_WAY_HOME],
             flow.SENSOR_SILENT: jnp.any(self.quiet > rules.limit[flow.SENSOR_SILENT]),
+            flow.OFF_COURSE: astray[0],
+            flow.OFF_DEPTH: astray[1],
         }
         return jnp.stack([jnp.asarray(found[row]) for row in range(len(REASONS))])
 

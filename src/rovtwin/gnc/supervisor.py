@@ -13,7 +13,7 @@ starts a thruster.
 import equinox as eqx
 
 from rovtwin.core.block import Block, Start
-from rovtwin.core.flow import ALTITUDE_LIMIT, ARM, NO_REASON, PAUSE, PILOT, RESUME
+from rovtwin.core.flow import ALTITUDE_LIMIT, ARM, NO_REASON, OFF_COURSE, OFF_DEPTH, PAUSE, PILOT, RESUME
 from rovtwin.core.numerics import Array, jnp
 from rovtwin.gnc.ability import HEAVE_LOST
 from rovtwin.gnc.rules import IGNORE, STOP, SURFACE, Rules, Watch, Watched
@@ -64,6 +64,10 @@ class Supervisor(Block):
         # On its way home a vehicle that comes near the floor has to go up: to stay there would not clear it.
         rising = returning & (actions[ALTITUDE_LIMIT] > IGNORE)
         actions = actions.at[ALTITUDE_LIMIT].max(jnp.where(rising, SURFACE, IGNORE))
+        # A vehicle that leaves the place, or the way home, where a fail-safe wants it has only the way up.
+        leaves = (returning | (before.mode == MODE_HOLDING)) & (actions > IGNORE)
+        for row in (OFF_COURSE, OFF_DEPTH):
+            actions = actions.at[row].max(jnp.where(leaves[row], SURFACE, IGNORE))
         overruled = overruled & (actions > IGNORE)
         actions = jnp.where((before.mode == MODE_IDLE) & (actions < STOP) | overruled, IGNORE, actions)
         rearmed = (before.mode > MODE_PAUSED) & (request == ARM) & (jnp.max(actions) < STOP)
@@ -86,4 +90,7 @@ class Supervisor(Block):
         mode = Mode(
             jnp.where(takes_over, MODE_PAUSED + action, wanted), jnp.where(takes_over, gravest, reason).astype(int)
         )
+        # What takes over wants the vehicle elsewhere: how long it has been off course begins anew.
+        lasting = watch.lasting.at[OFF_COURSE : OFF_DEPTH + 1].mul(jnp.where(takes_over, 0.0, 1.0))
+        watch = eqx.tree_at(lambda w: w.lasting, watch, lasting)
         return SupervisorMemory(mode, watch, overruled), mode

@@ -7,6 +7,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import kind_of
+from rovtwin.gnc.off_course import limits_of
 from rovtwin.gnc.rules import RULES, Rule, Rules
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_faults import units_of
@@ -21,7 +22,7 @@ _SENSORS = {"altitude_limit": "altimeter", "battery_low": "battery", "battery_cr
 NEARER = 0.35  # share of the least altitude that a mission asks for, below which the altitude limit acts by itself
 SHORT = 0.1  # of an axis's largest wrench, by which the controller may be short of what it wants
 # The thesis's autopilot has no fail-safes; those that its own weaknesses would call are off unless asked for.
-WEAK = ("filter diverged", "positions lost", "thruster failed", "saturated")
+WEAK = ("filter diverged", "positions lost", "thruster failed", "saturated", "off course", "off depth")
 THESIS_RULES = RULES | {name: RULES[name]._replace(action="ignore") for name in WEAK}
 
 
@@ -33,9 +34,12 @@ def rules_of(scenario: Scenario, model: Model, sensors: Collection[str], default
     """
     section = scenario.autopilot.supervisor
     _require_what_it_watches(scenario, sensors, defaults)
+    course = limits_of(model)
+    of_vehicle = zip(("off course", "off depth"), course.limit, course.after, strict=True)
+    own = {name: defaults[name]._replace(limit=float(m), after=float(s)) for name, m, s in of_vehicle}
     changes = {
         name: _rule(getattr(section, key), default)
-        for name, default in defaults.items()
+        for name, default in (defaults | own).items()
         if hasattr(section, key := _NAMES.get(name, name.replace(" ", "_")))
     }
     altitudes = [w.altitude for w in scenario.waypoints if w.altitude]
@@ -44,7 +48,7 @@ def rules_of(scenario: Scenario, model: Model, sensors: Collection[str], default
     lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
     allowance = np.where(_CARRIED, np.inf, SHORT * np.maximum(-lower, upper))
     nearer = 1.6 * VehicleScales.of(model).length  # as near home as counts as there
-    return Rules.of(defaults | changes, section.geofence.polygon, allowance, nearer, sensors)
+    return Rules.of(defaults | changes, section.geofence.polygon, allowance, nearer, sensors, course.step)
 
 
 def _require_what_it_watches(scenario: Scenario, sensors: Collection[str], defaults: dict[str, Rule]) -> None:

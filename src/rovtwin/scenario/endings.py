@@ -1,4 +1,8 @@
-"""Why a rule ended a run, in words: angle and speed of what tipped over, force and flow of what fell short."""
+"""Why a rule ended a run, in words.
+
+Angle and speed of what tipped over, force and flow of what fell short, how far off its course a vehicle was and what
+was asked of its thrusters there.
+"""
 
 import math
 
@@ -6,20 +10,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rovtwin.core.flow import REASONS
-from rovtwin.scenario.limits import Limits
-from rovtwin.scenario.score import Flown
+from rovtwin.gnc.off_course import limits_of
+from rovtwin.scenario.limits import Limits, compass_point
+from rovtwin.scenario.score import Flown, distance_to_leg
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.trim import stability
 
 TIPPING, SHORT = 5.0, 30.0  # what ends a run has its effect within this time [s]
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
-SURGE, PITCH, YAW = 0, 4, 5
+SURGE, HEAVE, PITCH, YAW = 0, 2, 4, 5
 
 
 def why_ended(flown: Flown, model: Model, reason: str) -> str:
     """Words beside the reason of a rule; empty where the reason says it all."""
-    known = {"attitude limit": tipped, "saturated": fell_short}
+    known = {"attitude limit": tipped, "saturated": fell_short, "off course": strayed, "off depth": left_depth}
     return known[reason](flown, model) if reason in known else ""
 
 
@@ -35,13 +40,65 @@ def fell_short(flown: Flown, model: Model) -> str:
     units = ["N"] * 3 + ["N m"] * 3
     text = ", ".join(f"{asked[i]:.2g} of {limits.both_ways(i):.2g} {units[i]} in {AXES[i]}" for i in shown)
     text = f"over the last {SHORT:.0f} s it was asked for {text}"
+    if spent == [HEAVE]:
+        ballast = "weight and buoyancy (rovtwin vehicle ballast)"
+        return f"{text}: check its heave thrusters (dead, reversed, fouled), and its {ballast}"
     speed = float(np.linalg.norm(_through(flown, rows), axis=1).mean())
     if flown.water is None:
         return text
     text += f", at {speed:.2g} m/s through the water"
     if YAW in spent and speed > limits.turns_in:
         return f"{text}: it turns its bow in up to {limits.turns_in:.2g} m/s; wait for less current"
-    return f"{text}: wait for less current, or give it stronger thrusters"
+    return f"{text}: wait for less current, check its thrusters (dead, reversed, fouled), or give it stronger ones"
+
+
+def strayed(flown: Flown, model: Model) -> str:
+    """How far from its set-point the vehicle was, where, whether it came nearer before, and what was asked for."""
+    at, rows = _last_before(flown, "off course", float(limits_of(model).after[0]))
+    if flown.setpoint is None:
+        return ""
+    off = (flown.eta_hat - flown.setpoint)[rows, :2]
+    distance, where = np.hypot(*off.T), "where it was wanted"
+    beside = distance_to_leg(flown.eta_hat[rows, :3], flown.leg[rows])
+    if distance[-1] < limits_of(model).step and beside[-1] > distance[-1]:
+        distance, where = beside, "its leg"  # course keeping puts the set-point beside the vehicle
+        text = f"{beside[-1]:.2g} m off {where}"
+    else:
+        text = f"{distance[-1]:.2g} m {compass_point(math.atan2(off[-1, 1], off[-1, 0]))} of {where}"
+    since = _since(flown, rows, distance)
+    return f"at {flown.t[at]:.1f} s it was {text}, {since}{_of_thrusters(flown, rows, model, (0, 1))}"
+
+
+def left_depth(flown: Flown, model: Model) -> str:
+    """The same of its depth."""
+    at, rows = _last_before(flown, "off depth", float(limits_of(model).after[1]))
+    if flown.setpoint is None:
+        return ""
+    below = (flown.eta_hat - flown.setpoint)[rows, 2]
+    text = f"{abs(below[-1]):.2g} m {'below' if below[-1] > 0 else 'above'} its depth of {flown.setpoint[at, 2]:.3g} m"
+    since = _since(flown, rows, np.abs(below))
+    return f"at {flown.t[at]:.1f} s it was {text}, {since}{_of_thrusters(flown, rows, model, (2,))}"
+
+
+def _last_before(flown: Flown, reason: str, seconds: float) -> tuple[int, np.ndarray]:
+    """The last sample before a rule acted, and the samples of so long before it, shape (n,), bool."""
+    at = max(_ended(flown, reason) - 1, 0)
+    return at, (flown.t >= flown.t[at] - seconds) & (flown.t <= flown.t[at])
+
+
+def _since(flown: Flown, rows: np.ndarray, distance: np.ndarray) -> str:
+    """Whether a distance [m] grew over these samples."""
+    grown, seconds = float(distance[-1] - distance[0]), float(np.ptp(flown.t[rows]))
+    return f"{abs(grown):.2g} m {'farther' if grown >= 0 else 'nearer'} than {seconds:.0f} s before"
+
+
+def _of_thrusters(flown: Flown, rows: np.ndarray, model: Model, axes: tuple[int, ...]) -> str:
+    """What was asked of these axes on average, of what they have."""
+    if flown.tau is None:
+        return ""
+    limits, asked = Limits.of(model), np.abs(flown.tau[rows].mean(axis=0))
+    has = [f"{asked[i]:.2g} of {limits.both_ways(i):.3g} N in {AXES[i]}" for i in axes if limits.can(i)]
+    return f"; asked for {', '.join(has)} on average" if has else ""
 
 
 def tipped(flown: Flown, model: Model) -> str:

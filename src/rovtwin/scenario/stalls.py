@@ -2,7 +2,7 @@
 
 The vehicle makes headway towards a way-point while its distance, on a dive its depth error, on a turn its heading
 error, goes on reaching new lows. It stalls where for PATIENCE lengths of the vehicle at the leg's speed there is none.
-What an autopilot feels as a disturbing force is also told as the current whose drag is that force.
+What pushes it is `pushes`' business.
 """
 
 import math
@@ -15,15 +15,14 @@ from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
 from rovtwin.core.quantity import plain
 from rovtwin.scenario.feasibility import baseline_of_another
 from rovtwin.scenario.limits import Limits, compass_point
+from rovtwin.scenario.pushes import FELT, disturbance, is_current, lifted, pushed
 from rovtwin.scenario.schema import Scenario, ThesisSection, Waypoint
 from rovtwin.scenario.score import Flown
 from rovtwin.vehicle import Model, Vehicle
-from rovtwin.vehicle.trim import steady_speed
 
 PATIENCE = 20.0  # lengths of the vehicle at the leg's speed
 HEADWAY = 0.25  # of a length, of a turn as many radians: a smaller step is no headway
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
-FELT = 0.02  # current from which it is worth a word [m/s]
 TILTED = math.radians(15.0)  # mean roll or pitch that explains something
 DEEP, AIMED = 0.16, 0.1  # errors at which a dive is complete: lengths of the vehicle, radians (`gnc.path_guidance`)
 BEFORE = 5.0  # what tips a vehicle has its effect within this time [s]
@@ -141,8 +140,13 @@ def cause(stall: Stall, flown: Flown, scenario: Scenario, model: Model, vehicle:
     """Where the vehicle was, what was asked of its thrusters, what pushes it, and, of a vehicle, what would help."""
     rows = (flown.t >= stall.start - 1e-9) & (flown.t <= stall.end + 1e-9)
     point = scenario.waypoints[min(stall.waypoint, len(scenario.waypoints) - 1)]
-    clauses = [_place(stall, flown, rows, point, model), _asked(stall, flown, rows, model), _pushed(flown, rows, model)]
-    clauses += [_tilted(flown, rows), _misled(flown, rows, point)]
+    clauses = [_place(stall, flown, rows, point, model), _asked(stall, flown, rows, model)]
+    vertical = _vertical(stall, flown, rows, model)
+    clauses += [
+        lifted(flown, rows, model) if vertical else pushed(flown, rows, model),
+        _tilted(flown, rows),
+        _misled(flown, rows, point),
+    ]
     text = "; ".join(part for part in clauses if part)
     return f"{text}: {_advice(stall, flown, rows, scenario, model, point, vehicle)}" if vehicle else text
 
@@ -165,9 +169,23 @@ def _place(stall: Stall, flown: Flown, rows: np.ndarray, point: Waypoint, model:
     if reach > max(float(np.hypot(*off)), 4.0 * (point.acceptance or 0.0)):
         near = f"came no nearer than {plain(stall.nearest)} m ({accepted})"
         return f"{began} went to and fro within {plain(reach)} m (rms) and {near}"
+    if _leaves(eta, point, model):
+        off, (x, y) = eta[-1, :2] - leg[3:5], eta[-1, :2]
+        side = compass_point(math.atan2(off[1], off[0]))
+        went = f"{began} went away, to {plain(float(np.hypot(*off)))} m {side} of it at {stall.end:.0f} s"
+        return f"{went}, at ({x:.1f}, {y:.1f}); no nearer than {plain(stall.nearest)} m ({accepted})"
     side = compass_point(math.atan2(off[1], off[0]))
-    near = f"{began} stayed {plain(np.hypot(*off))} m {side} of it at ({x:.1f}, {y:.1f})"
+    near = f"{began} stayed {plain(float(np.hypot(*off)))} m {side} of it at ({x:.1f}, {y:.1f})"
     return f"{near}, no nearer than {plain(stall.nearest)} m ({accepted})"
+
+
+def _leaves(eta: np.ndarray, point: Waypoint, model: Model) -> bool:
+    """Whether a vehicle went further in one direction, between the first and last quarter, than it moved about."""
+    quarter = max(len(eta) // 4, 1)
+    first, last = eta[:quarter, :2], eta[-quarter:, :2]
+    way = float(np.hypot(*(last.mean(axis=0) - first.mean(axis=0))))
+    about = float(np.hypot(*np.vstack([first - first.mean(axis=0), last - last.mean(axis=0)]).std(axis=0)))
+    return way > max(2.0 * about, Limits.of(model).length, 2.0 * (point.acceptance or 0.0))
 
 
 def _asked(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> str:
@@ -196,31 +214,9 @@ def _axes(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> list[tu
     return [_HEAVE] * (deep or not turned) + [_YAW] * turned
 
 
-def _pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
-    """The disturbance that the autopilot believes in, as a force and as the current whose drag it is."""
-    force, current = _disturbance(flown, rows, model)
-    speed = float(np.hypot(*current))
-    if speed < FELT:
-        return ""
-    towards = compass_point(math.atan2(force[1], force[0]))
-    surge, sway = np.abs(_in_body(force, flown, rows))
-    felt = f"something like a current of {speed:.2g} m/s to the {towards} pushes it"
-    return f"{felt}, which takes {surge:.2g} N in surge and {sway:.2g} N in sway"
-
-
-def _disturbance(flown: Flown, rows: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Mean horizontal force in n [N] and the current whose drag it is along each axis of the body, shape (2,) each."""
-    if flown.bias is None:
-        return np.zeros(2), np.zeros(2)
-    force = flown.bias[rows, :2].mean(axis=0)
-    body = _in_body(force, flown, rows)
-    return force, np.array([math.copysign(steady_speed(model, i, float(f)), f) for i, f in enumerate(body)])
-
-
-def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:
-    psi = flown.eta_hat[rows, 5]
-    c, s = float(np.mean(np.cos(psi))), float(np.mean(np.sin(psi)))
-    return np.array([[c, s], [-s, c]]) @ force / max(math.hypot(c, s), 1e-9)
+def _vertical(stall: Stall, flown: Flown, rows: np.ndarray, model: Model) -> bool:
+    """Whether it is the depth alone that does not get on: no current is to blame for that."""
+    return stall.phase == DIVE and _YAW not in _axes(stall, flown, rows, model)
 
 
 def _tilted(flown: Flown, rows: np.ndarray) -> str:
@@ -252,10 +248,17 @@ def _advice(
     if isinstance(scenario.autopilot, ThesisSection):
         weak = "the Double Blueye's" if baseline_of_another(scenario, vehicle) else "too weak for it here"
         return f"the gains of this baseline are {weak}; fly it with autopilot model_based"
-    limits, flow = Limits.of(model), float(np.hypot(*_disturbance(flown, rows, model)[1]))
-    if FELT < limits.through_water < flow:
+    limits, flow = Limits.of(model), float(np.hypot(*disturbance(flown, rows, model)[1]))
+    vertical = _vertical(stall, flown, rows, model)
+    current = is_current(flown, rows, model)
+    if current is False and flow > FELT and not vertical:
+        return "check its thrusters one by one, and its tether (rovtwin watch compares its forces with other runs)"
+    if FELT < limits.through_water < flow and not vertical:
         why = "to stay level" if limits.through_water < float(limits.top[:2].max()) else "with all its thrust"
-        return f"it goes no faster than {limits.through_water:.2g} m/s through the water {why}: wait for less current"
+        less = "wait for less current" if current else "wait for less current, or check its thrusters"
+        return f"it goes no faster than {limits.through_water:.2g} m/s through the water {why}: {less}"
+    if vertical:
+        return "check its heave thrusters and its weight and buoyancy (rovtwin vehicle show, rovtwin vehicle ballast)"
     if stall.phase != GO:
         return "raise duration, or look at the trim of the vehicle (rovtwin vehicle show)"
     wider = 0.1 * math.ceil(10.0 * 1.2 * stall.nearest)

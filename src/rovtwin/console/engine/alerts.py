@@ -28,6 +28,14 @@ REMEDIES = {
     "operator silent": ("nobody in control was heard", "take control, then Resume"),
     "sensor silent": ("attitude or depth is not told any more", "check the vehicle's sensors"),
     "no way home": ("the vehicle does not get nearer", "check tether and current; pilot it"),
+    "off course": (
+        "the vehicle leaves its path and does not come back",
+        "check thrusters, tether and current; pilot it",
+    ),
+    "off depth": (
+        "the vehicle leaves its depth and does not come back",
+        "check thrusters, tether and ballast; pilot it",
+    ),
 }
 SILENT = 3.0  # a position older than this is worth a word [s]
 

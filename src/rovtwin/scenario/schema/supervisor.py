@@ -93,6 +93,15 @@ class SupervisorSection(Strict):
         default=RuleSection(), description="since the vehicle last came nearer, while it returns [s]"
     )
     sensor_silent: _Rule = Field(default=RuleSection(), description="since attitude or depth was last told [s]")
+    off_course: _Rule = Field(
+        default=RuleSection(),
+        description="level distance from the set-point beyond which the vehicle has to come nearer [m]; without a "
+        "limit or a time those of the vehicle",
+    )
+    off_depth: _Rule = Field(
+        default=RuleSection(),
+        description="the same in depth [m]; without a limit or a time those of the vehicle",
+    )
 
     @property
     def deepest(self) -> float:

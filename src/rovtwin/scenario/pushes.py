@@ -1,0 +1,85 @@
+"""What pushes a vehicle off its way, in words: a current, or thrusters that do not give what was asked of them.
+
+What an autopilot feels as a disturbing force is told as the current whose drag is that force. A thruster that is dead,
+reversed or fouled feels the same: unless the water is known, as in the twin, both are named.
+"""
+
+import math
+
+import numpy as np
+
+from rovtwin.scenario.limits import compass_point
+from rovtwin.scenario.score import Flown
+from rovtwin.vehicle import Model
+from rovtwin.vehicle.trim import steady_speed
+
+FELT = 0.02  # current from which it is worth a word [m/s]
+OTHERWISE = 0.25  # share of the believed current by which the water's own may differ from it
+WEIGHS = 1e-3  # of the weight: a vertical force that is worth a word
+THRUSTERS = "thrusters that give less than they should (dead, reversed, fouled)"
+
+
+def pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
+    """The disturbance that the autopilot believes in, as a force and as the current whose drag it is, or thrusters."""
+    force, current = disturbance(flown, rows, model)
+    speed = float(np.hypot(*current))
+    if speed < FELT:
+        return ""
+    towards = compass_point(math.atan2(force[1], force[0]))
+    surge, sway = np.abs(_in_body(force, flown, rows))
+    takes = f"which takes {surge:.2g} N in surge and {sway:.2g} N in sway"
+    felt = f"something like a current of {speed:.2g} m/s to the {towards} pushes it"
+    water = _water(flown, rows)
+    if water is None:
+        return f"{felt}, {takes}, or it has {THRUSTERS}"
+    if is_current(flown, rows, model):
+        return f"{felt}, {takes}"
+    ran = f"ran at {np.hypot(*water):.2g} m/s to the {compass_point(math.atan2(water[1], water[0]))}"
+    ran = ran if np.hypot(*water) > FELT else "stood still"
+    return (
+        f"{felt}, {takes}, but the water {ran}: the rest is {THRUSTERS}, a tether, or drag that its file does not have"
+    )
+
+
+def _water(flown: Flown, rows: np.ndarray) -> np.ndarray | None:
+    """Mean level velocity of the water, n [m/s], shape (2,); None where nobody knows it."""
+    return None if flown.water is None else flown.water[rows, :2].mean(axis=0)
+
+
+def is_current(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
+    """Whether the water runs as the autopilot believes, but for a quarter; None where nobody knows the water."""
+    water = _water(flown, rows)
+    if water is None:
+        return None
+    force, current = disturbance(flown, rows, model)
+    size = float(np.hypot(*current))
+    believed = force * size / max(float(np.hypot(*force)), 1e-9)
+    return float(np.hypot(*(water - believed))) < max(OTHERWISE * size, FELT)
+
+
+def lifted(flown: Flown, rows: np.ndarray, model: Model) -> str:
+    """The vertical force that the autopilot believes in: weight or buoyancy, or thrusters that do not give it."""
+    if flown.bias is None:
+        return ""
+    force = float(flown.bias[rows, 2].mean())
+    way = "down" if force > 0.0 else "up"
+    return (
+        f"something like {abs(force):.2g} N {way} pushes it, or it has {THRUSTERS}"
+        if abs(force) > WEIGHS * float(model.weight)
+        else ""
+    )
+
+
+def disturbance(flown: Flown, rows: np.ndarray, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Mean horizontal force in n [N] and the current whose drag it is along each axis of the body, shape (2,) each."""
+    if flown.bias is None:
+        return np.zeros(2), np.zeros(2)
+    force = flown.bias[rows, :2].mean(axis=0)
+    body = _in_body(force, flown, rows)
+    return force, np.array([math.copysign(steady_speed(model, i, float(f)), f) for i, f in enumerate(body)])
+
+
+def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:
+    psi = flown.eta_hat[rows, 5]
+    c, s = float(np.mean(np.cos(psi))), float(np.mean(np.sin(psi)))
+    return np.array([[c, s], [-s, c]]) @ force / max(math.hypot(c, s), 1e-9)
