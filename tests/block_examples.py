@@ -171,7 +171,14 @@ def hosts() -> Host:
 def watched() -> Watched:
     able = every_tick(jnp.asarray(FINE))
     return Watched(
-        estimates(), requests(), measurements(), hosts(), over_time(6, seed=41), able, over_time(6, seed=42) > 0.0
+        estimates(),
+        requests(),
+        measurements(),
+        hosts(),
+        over_time(6, seed=41),
+        able,
+        over_time(6, seed=42) > 0.0,
+        over_time(3, seed=43),
     )
 
 

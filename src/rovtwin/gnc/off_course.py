@@ -32,14 +32,21 @@ CERTAIN = 3.0  # standard deviations of the estimate that are added to a limit
 
 
 class OffCourse(eqx.Module):
-    """What is remembered: the last place wanted, n [m], shape (3,), and the least distances, level and depth, (2,)."""
+    """What is remembered.
 
+    Attributes:
+        told: Whether a place was wanted in the last tick, bool.
+        wanted: It, n [m], shape (3,).
+        nearest: Least distances, level and in depth [m], shape (2,).
+    """
+
+    told: Array
     wanted: Array
     nearest: Array
 
     @classmethod
     def none(cls) -> "OffCourse":
-        return cls(jnp.full(3, jnp.nan), jnp.zeros(2))
+        return cls(jnp.asarray(False), jnp.zeros(3), jnp.zeros(2))
 
     def step(self, wanted: Array, estimate: Estimate, limit: Array, step: Array) -> tuple["OffCourse", Array]:
         """A tick later, and where the vehicle is too far off and no nearer than it was, shape (2,), bool.
@@ -54,12 +61,13 @@ class OffCourse(eqx.Module):
         variance = jnp.diagonal(estimate.covariance)[:3]
         std = jnp.sqrt(jnp.maximum(jnp.stack([jnp.max(variance[:2]), variance[2]]), 0.0))
         off, before = _apart(place, wanted), _apart(place, self.wanted)
-        known = jnp.isfinite(off)
+        known = jnp.all(jnp.isfinite(off))
         far = off > limit + CERTAIN * std
-        nearest = jnp.where(known & jnp.isfinite(before), self.nearest + off - before, off)
+        nearest = jnp.where(self.told, self.nearest + off - before, off)
         nearer = off < nearest - step
-        kept = jnp.where(far & ~nearer, nearest, jnp.where(known, off, 0.0))
-        return OffCourse(wanted, kept), far & ~nearer
+        kept = jnp.where(far & ~nearer, nearest, off)
+        kept = jnp.where(known, kept, 0.0)
+        return OffCourse(known, jnp.where(known, wanted, 0.0), kept), far & ~nearer
 
 
 def _apart(place: Array, wanted: Array) -> Array:
