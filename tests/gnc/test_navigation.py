@@ -416,3 +416,27 @@ def test_with_a_doppler_log_the_filter_errs_as_it_believes(model):
         error, P = map(np.asarray, listened_to(jnp.asarray(std * away), jnp.asarray(std)))
         nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(P), error)
         assert 1.43 < nees.mean() < 2.67, f"{std}: 95 % of chi-square with 80 degrees of freedom, over 40"
+
+
+def test_swinging_in_roll_is_not_taken_for_sway(model):
+    """Gravity is that of the attitude in which the accelerometer was read, not that of the start of the tick."""
+    filter = NavigationFilter(model, Tuning.of(model, MOUNTS | {"accelerometer": Mount(0.03)}))
+    n, angle, rate = 200, 0.5, 2.5
+
+    @eqx.filter_jit
+    def swung():
+        def tick(memory, k):
+            t = k * DT + jnp.array([-0.5 * DT, 0.0])
+            roll, zero = angle * (1.0 - jnp.cos(rate * t)), jnp.zeros(2)
+            yes = jnp.ones(2, dtype=bool)
+            down = jnp.stack([zero, jnp.sin(roll), jnp.cos(roll)], axis=1)
+            slots = {
+                "attitude": Slot(jnp.stack([roll, zero, zero], axis=1), yes, t),
+                "gyro": Slot(jnp.stack([angle * rate * jnp.sin(rate * t), zero, zero], axis=1), yes, t),
+                "accelerometer": Slot(-9.80665 * down, yes, t),
+            }
+            return filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
+
+        return jax.lax.scan(tick, filter.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0))), jnp.arange(n))[1].nu
+
+    assert np.abs(np.asarray(swung())[:, 1]).max() < 0.02  # [m/s]

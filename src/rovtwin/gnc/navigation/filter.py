@@ -204,6 +204,9 @@ class NavigationFilter(Block):
         mounts = [tuning.mounts[name] for name in names]
         read = readings.joined([mean.value for mean in means], [mean.count for mean in means], mounts)
         heard = read.heard
+        # n readings that end with the tick are, on average, so long after its start.
+        n = jnp.maximum(jnp.max(jnp.stack([mean.count for mean in means])), 1)
+        later = 0.5 * dt * (n + 1.0) / n
         # The angular acceleration is a difference of the gyro's readings: on a lever their noise is read, too.
         swing = skew(read.lever)
         variance = read.variance + (swing * swing) @ (2.0 * tuning.rate_variance / dt**2)
@@ -211,7 +214,7 @@ class NavigationFilter(Block):
         def difference(x: NavigationState) -> tuple[Acceleration, Acceleration, Acceleration]:
             R_nb = rotation_from_quaternion(x.attitude)
             model, wave = motion.by_model(self.model, x, tau, turning), motion.by_waves(x, waves)
-            sensed = motion.by_accelerometer(x, read.value, read.lever, turning)
+            sensed = motion.by_accelerometer(x, read.value, read.lever, turning, later)
             return model, wave, motion.less(sensed, motion.sum_of(model, wave, R_nb))
 
         found = readings.disagreement(difference(x)[2], slow + quick, variance, heard, dt)
