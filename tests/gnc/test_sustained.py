@@ -1,5 +1,7 @@
 """The speed that thrusters keep up, and guidance that asks for no more."""
 
+import dataclasses
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -38,6 +40,16 @@ def pushed(eta, velocity, current):
 def test_the_current_is_read_from_the_force_that_it_makes(heading, current):
     estimate = pushed(jnp.array([0, 0, 3, 0, 0, heading]), jnp.array([0.15, -0.05]), jnp.array(current))
     np.testing.assert_allclose(SUSTAINED.current(estimate), current, atol=1e-9)
+
+
+def test_a_horizontal_current_runs_along_the_heave_axis_of_a_vehicle_that_rolls():
+    """The monitor of thrusters took what Munk's moment made of that for a lost heave thruster."""
+    roll, flow = 0.35, 0.1
+    level = pushed(jnp.array([0, 0, 3, 0, 0, 0.0]), jnp.zeros(2), jnp.array([0.0, flow]))
+    rolled = dataclasses.replace(level, eta=level.eta.at[3].set(roll))
+    np.testing.assert_allclose(SUSTAINED.through_water(level)[:3], [0.0, -flow, 0.0], atol=1e-9)
+    expected = [0.0, -flow * np.cos(roll), flow * np.sin(roll)]
+    np.testing.assert_allclose(SUSTAINED.through_water(rolled)[:3], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.flow import Estimate
+from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.level_speed import LevelSpeed
 from rovtwin.vehicle.model import Model
@@ -87,8 +88,11 @@ class SustainedSpeed(eqx.Module):
         return to_n @ (nu - jnp.sign(drag) * speed)
 
     def through_water(self, estimate: Estimate) -> Array:
-        """Velocity through that current, b [m/s, rad/s], shape (6,)."""
-        return estimate.nu.at[:2].add(-turned(estimate.eta[5]).T @ self.current(estimate))
+        """Velocity through that current, b [m/s, rad/s], shape (6,); rolled or pitched, some of it is along heave."""
+        R_nb = rotation_from_euler(estimate.eta[3:])
+        level = turned(estimate.eta[5]).T @ (R_nb @ estimate.nu[:3])[:2]
+        current = self.current(dataclasses.replace(estimate, nu=estimate.nu.at[:2].set(level)))
+        return estimate.nu.at[:3].add(-R_nb.T @ jnp.append(current, 0.0))
 
     def along(self, direction: Array, heading: Array, current: Array) -> Array:
         """Largest speed over ground that both axes can keep up, level [m/s]: negative where one would be swept back.

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.sensors import SENSORS
+from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import TURNING, Limits, compass_point
@@ -28,11 +30,13 @@ from rovtwin.scenario.schema import (
     Waypoint,
     WorldSection,
 )
+from rovtwin.scenario.tilting import tilts
 from rovtwin.vehicle import Model, Vehicle
-from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.reach import size, wrench_limits
 
 SPARE = 0.9  # share of a top speed that guidance plans with: the rest is the feedback's
 ACROSS = 1.5  # times the flow in which it turns, beyond which the bow never comes round: flown, 1.1 does, 1.8 not
+TILTED = 15.0  # roll or pitch that is said beforehand, or half of the attitude limit [deg]
 SOME = 0.01  # current that counts [m/s]
 SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
 _BASELINE_OF = "double_blueye"
@@ -89,6 +93,7 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
             found += _on_leg(limits, leg, current, steers(scenario, model), _turns_bow(scenario))
         if known_world:
             found += [*_in_tank(limits, legs, scenario.world), *_over_nothing(legs, scenario.world), *_unseen(scenario)]
+        found += _tilted(legs, scenario, model, known_world)
     return sorted(_once(found), key=lambda finding: not finding.refused)
 
 
@@ -323,6 +328,33 @@ def _in_tank(limits: Limits, legs: list[_Leg], world: WorldSection) -> Iterator[
     if way < math.inf and 2.0 * way + limits.length > room:
         what = f"from {speed:.2g} m/s it takes {way:.2g} m to stop, and the tank is {room:.2g} m long"
         yield Finding(what, "write slower way-points", False)
+
+
+def _tilted(legs: list[_Leg], scenario: Scenario, model: Model, known_world: bool) -> Iterator[Finding]:
+    """Roll and pitch as a dive begins, where they are worth a word."""
+    section = scenario.autopilot
+    if isinstance(section, ThesisSection):
+        return  # dives as fast as its gains happen to
+    deepest = max(legs, key=lambda leg: abs(leg.down))
+    if abs(deepest.down) < size(model):
+        return
+    current = current_at(scenario.world, deepest.depth) if known_world else np.zeros(2)
+    c, s = math.cos(deepest.direction), math.sin(deepest.direction)
+    flow = np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])
+    std = scenario.sensors.position.noise
+    dive, at = section.control.dive_speed, float(np.max(std)) if std is not None else SENSORS["position"].std
+    limit = scenario.autopilot.supervisor.attitude_limit_deg.limit or math.degrees(RULES["attitude limit"].limit)
+    angles = np.degrees(tilts(model, flow, dive, at))
+    said = [f"{name} by up to {angle:.0f} deg" for name, angle in zip(("roll", "pitch"), angles, strict=True)
+            if angle > min(TILTED, 0.5 * limit)]  # fmt: skip
+    if said:
+        fast = VehicleScales.of(model).dive_speed if dive is None else dive
+        water = f" in a current of {np.hypot(*flow):.2g} m/s" if np.hypot(*flow) > SOME else ""
+        yield Finding(
+            f"the dive to {deepest.name}: at {fast:.2g} m/s{water} it is expected to {' and '.join(said)} as it begins "
+            f"(Munk's moment; attitude limit {limit:.0f} deg)",
+            "dive slower (autopilot.control.dive_speed), raise BG, or give it thrust in roll and pitch", False,
+        )  # fmt: skip
 
 
 def _over_nothing(legs: list[_Leg], world: WorldSection) -> Iterator[Finding]:
