@@ -109,20 +109,18 @@ def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tup
 
 
 def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
-    """A line before a flight in moving water; on empty batteries, tuned for other parts, with assumed sensors."""
+    """A line before a flight in moving water; on empty batteries, tuned for other parts."""
     from rovtwin.scenario.compose_autopilot import tuned_for_another
     from rovtwin.scenario.compose_battery import empty_at_start
-    from rovtwin.scenario.compose_sensors import assumed_sensors
     from rovtwin.scenario.composition import compose, vehicle_of
     from rovtwin.scenario.sea import moves, verdict
 
     if moves(scenario):
         screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
-    noted, vehicle = getattr(scenario.autopilot, "tuned", None), vehicle_of(scenario)
-    other = tuned_for_another(scenario.autopilot, vehicle) if noted else None
-    assumed = assumed_sensors(scenario, vehicle) if vehicle.thruster_names else None  # else it does not fly
+    noted = getattr(scenario.autopilot, "tuned", None)
+    other = tuned_for_another(scenario.autopilot, vehicle_of(scenario)) if noted else None
     changed = scenario.test.notes if scenario.test else []
-    for said in (empty_at_start(scenario), other, assumed, *changed):
+    for said in (empty_at_start(scenario), other, *changed):
         if said:
             screen.print(f"{scenario.name}: {said}", markup=False, soft_wrap=True)
 

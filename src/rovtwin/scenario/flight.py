@@ -15,6 +15,7 @@ from rovtwin.core.flow import PHASES
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Channel, Log, LogWriter
 from rovtwin.scenario.channels import log_channels
+from rovtwin.scenario.compose_sensors import assumed_sensors
 from rovtwin.scenario.composition import Composed, compose
 from rovtwin.scenario.feasibility import foreseen
 from rovtwin.scenario.files import dump_scenario
@@ -94,7 +95,8 @@ def fly(
     if refuse:
         for line in foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model):
             say(line)
-        for line in assumptions(scenario, composed.scenario):
+        assumed = assumed_sensors(scenario, composed.vehicle)
+        for line in (*assumptions(scenario, composed.scenario), *([assumed] if assumed else [])):
             say(line)
     scenario = composed.scenario
     if folder is None:
