@@ -481,14 +481,14 @@ def test_uncontrollable_directions_that_are_no_axis():
         ({"mass": 1.0}, "weigh 1 kg: is a mass missing, or a volume in litres?"),
         (
             {"shape": {"box": [400, 300, 220]}, "volume": 0.0095, "mass": 9.6},
-            "v: its shape holds 2.64e+07 m3 and its volume is 0.0095: is the shape in millimetres?",
+            "m3 and its volume is 0.0095: is the shape in millimetres?",
         ),
         (
             {"parts": [{"name": "a", "shape": {"sphere": 100}, "mass": 4.0}]},
-            "v.a: its shape holds 4.19e+09 kg of water and its mass is 4: is the shape in millimetres?",
+            "kg of water and its mass is 4: is the shape in millimetres?",
         ),
         ({"volume": 4.19}, "its volume is 4.19: is the volume in litres?"),
-        ({"mass": 4190.0}, "its mass is 4.19e+03: is the mass in grams?"),
+        ({"mass": 4190.0}, "its mass is 4190: is the mass in grams?"),
         ({"thrusters": [thruster(position=[240, -170, 20])]}, "thruster 't' is 295 m from CG"),
         ({"center_of_buoyancy": [0, -20, -40]}, "CB is 44.7 m from CG"),
         ({"shape": None, "inertia": [0.1] * 3, "thrusters": [thruster(position=[90, 0, 0])]}, "is 90 m from CG"),

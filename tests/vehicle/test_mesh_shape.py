@@ -234,8 +234,8 @@ def millimetres(folder, sensor, rov):
 @pytest.mark.parametrize(
     ("sensor", "rov", "said"),
     [
-        ({"mass": 0.02}, {}, "displaces 3.89e+06 kg of water and its mass is 0.02 kg"),
-        ({}, {}, "displaces 3.89e+06 kg of water and the whole vehicle weighs 72 kg"),
+        ({"mass": 0.02}, {}, "displaces 3888000 kg of water and its mass is 0.02 kg"),
+        ({}, {}, "displaces 3888000 kg of water and the whole vehicle weighs 72 kg"),
         ({}, {"mass": 1e6}, "is 18 m long and no other part is longer than 0.6 m"),
     ],
     ids=["mass", "whole", "length"],
