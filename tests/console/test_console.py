@@ -53,15 +53,16 @@ def page(browser, served):
     assert page.asked == {"127.0.0.1"}
 
 
-def add(page, count):
+def add(page, count, x, y):
     """Click until the plan has so many way-points: where the machine is busy an order comes late, and is refused."""
-    page.click("#add")
-    for _ in range(3):
+    for _ in range(4):
+        for key, value in (("x", x), ("y", y), ("depth", DEPTH)):
+            page.fill(f"#new-{key}", str(value))
+        page.click("#add")
         try:
             return page.wait_for_function(f"() => rovtwin.last.plan.draft.length === {count}")
         except playwright.TimeoutError:
             assert page.evaluate("rovtwin.last.plan.draft.length") == count - 1
-            page.click("#add")
     raise AssertionError(f"no {count} way-points: {page.inner_text('body')}")
 
 
@@ -79,10 +80,7 @@ def test_the_way_point_mission(page, served):
     page.click("#clear")
     page.wait_for_function("() => rovtwin.last.plan.draft.length === 0")
     for count, (x, y) in enumerate(TABLE_8_3, start=1):
-        page.fill("#new-x", str(x))
-        page.fill("#new-y", str(y))
-        page.fill("#new-depth", str(DEPTH))
-        add(page, count)
+        add(page, count, x, y)
     page.click("#cancel-last")
     page.wait_for_function("() => rovtwin.last.plan.draft.length === 6")
     assert page.locator("#plan tbody tr").count() == 6

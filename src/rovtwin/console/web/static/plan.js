@@ -51,7 +51,11 @@ function adding() {
     if (values[0] === '' || values[1] === '') { toast('a way-point needs north and east', 'danger'); return; }
     const point = {x: Number(values[0]), y: Number(values[1])};
     if (values[2] !== '') point.depth = Number(values[2]);
-    if (await plan({op: 'add', ...point})) { fields[0].value = fields[1].value = ''; fields[0].focus(); }
+    if (!await plan({op: 'add', ...point})) return;
+    // What has been typed since the click is the next way-point's.
+    if (fields.some((field, i) => field.value.trim() !== values[i])) return;
+    fields[0].value = fields[1].value = '';
+    fields[0].focus();
   };
   fields.forEach(field => field.addEventListener('keydown', event => { if (event.key === 'Enter') add(); }));
   return make('div', {class: 'line'}, ...fields, button('Add', 'Add this way-point', add, 'add'));
