@@ -12,6 +12,7 @@ from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.thrusters import static_force
 
 STEP = 0.02
+KEYS = ("command", "held", "fresh")
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +30,28 @@ def test_forces_are_averaged_within_a_step_not_commands(thrusters):
     still = Signal(np.array([0.0, 1.0]), np.zeros((2, 1)))
     record = Record("x", np.array([0.0, change]), np.stack([np.zeros(8), full]), {"depth": still}, 1.0)
     arrays = cut([record], Grid(STEP, 10)).arrays
-    history = thrust_history(instant(thrusters), *(jnp.asarray(arrays[k]) for k in ("command", "held", "fresh")), STEP)
+    history = thrust_history(instant(thrusters), *(jnp.asarray(arrays[k]) for k in KEYS), STEP)
     settled = np.asarray(thrusters.configuration @ static_force(thrusters, full))
-    found = np.asarray(history).reshape(-1, 3, 6)[:, 2]
-    assert np.allclose(found[2], 0.0) and np.allclose(found[3], 0.75 * settled) and np.allclose(found[4], settled)
+    found = np.asarray(history).reshape(-1, 3, 6)
+    impulse = (found[:, 0] + 4.0 * found[:, 1] + found[:, 2]) / 6.0  # Simpson's rule, as of RK4
+    assert np.allclose(impulse[2], 0.0) and np.allclose(impulse[3], 0.75 * settled) and np.allclose(impulse[4], settled)
+
+
+def test_a_command_in_the_middle_of_a_step_is_as_late_as_it_is(thrusters):
+    """Against steps so short that every change is at the end of one: the lag of a mean command was 0.3 ms too late."""
+    rng, fine = np.random.default_rng(1), 20
+    u = rng.uniform(-1, 1, (6, 8))
+    t = STEP * (np.arange(6) + 0.35)
+    still = Signal(np.array([0.0, 8 * STEP]), np.zeros((2, 1)))
+    record = Record("x", t, u, {"depth": still}, 8 * STEP)
+    coarse, exact = (
+        np.asarray(thrust_history(thrusters, *(jnp.asarray(cut([record], grid).arrays[k]) for k in KEYS), grid.step))
+        for grid in (Grid(STEP, 8), Grid(STEP / fine, 8 * fine))
+    )
+    coarse, exact = (x.reshape(-1, 3, 6) for x in (coarse, exact))
+    np.testing.assert_allclose(coarse[:, 2], exact[fine - 1 : 8 * fine : fine, 2], atol=1e-9)
+    impulse, small = ((x[:, 0] + 4.0 * x[:, 1] + x[:, 2]) / 6.0 for x in (coarse, exact))
+    np.testing.assert_allclose(impulse, small[: 8 * fine].reshape(8, fine, 6).mean(axis=1), atol=1e-4)
 
 
 @pytest.mark.parametrize("lagging", [True, False])

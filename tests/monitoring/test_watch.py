@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from tests.identification.commands import run
 from rovtwin.monitoring.reference import UNIT_TO_UNIT, identified_std
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
+from rovtwin.scenario.watching import watch_runs
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +75,16 @@ def test_what_the_identification_does_not_say_is_not_known():
     assert np.isnan(identified_std(vehicle, ["force.surge", "top_speed.surge", "thruster.v"])).all()
     vehicle.file.identified = None
     assert identified_std(vehicle, names) is None
+
+
+def test_what_only_the_later_run_tells_is_not_called_unchanged(runs):
+    """A baseline that does not tell the port thruster's force cannot say that it is what it was."""
+    found = watch_runs([runs / "before", runs / "after"])
+    untold = found.before.std.copy()
+    names = [reading.quantity.name for reading in found.runs[0].run.readings]
+    untold[[i for i, name in enumerate(names) if name.startswith(("thruster.", "force.", "top_speed."))]] = np.nan
+    found = replace(found, before=replace(found.before, std=untold))
+    assert found.changes[1] == []
+    said = " ".join(text for text, _ in found.words())
+    assert "after: not as described, where nothing is known from before: " in said
+    assert "force of port.surge against others" in said and "nothing has changed" not in said

@@ -90,6 +90,12 @@ def changed_since(run: Run, before: Baseline) -> list[Change]:
     return changes(run.readings, before.value, before.std, before.freedom)
 
 
+def first_told(run: Run, before: Baseline) -> list[Change]:
+    """What a run tells and the runs before do not, and is not as described: whether it has changed nobody knows."""
+    described = np.zeros(len(run.readings))
+    return changes(run.readings, described, np.where(np.isnan(before.std), 0.0, np.nan))
+
+
 def drifts(runs: Sequence[Run]) -> list[Drift]:
     """Quantities with a slope over the runs, by weighted least squares, that chance does not explain."""
     if len(runs) <= FEW:

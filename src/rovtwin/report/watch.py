@@ -69,6 +69,8 @@ def write_watch(found: Any, folder: Path) -> Path:
     ]
     any_changed = any(changed) or bool(found.drifts)
     headline = "Something has changed" if any_changed else "Nothing has changed that these runs can tell"
+    if any(found.first_told) and not any_changed:
+        any_changed, headline = True, f"Not as described, where nothing is known from {found.against}"
     if found.before is None:
         headline = "One run against its description"
     return write_page(

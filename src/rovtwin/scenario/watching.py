@@ -13,7 +13,7 @@ from rovtwin.monitoring.evidence import Estimated, estimated
 from rovtwin.monitoring.monitor import SHORTEST, watched
 from rovtwin.monitoring.quantities import Quantities
 from rovtwin.monitoring.reference import identified_std
-from rovtwin.monitoring.trend import Baseline, Drift, Run, baseline, changed_since, drifts
+from rovtwin.monitoring.trend import Baseline, Drift, Run, baseline, changed_since, drifts, first_told
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
@@ -72,6 +72,14 @@ class Watch:
         return [changed_since(one.run, of) if k >= self.first else [] for k, one in enumerate(self.runs)]
 
     @property
+    def first_told(self) -> list[list[Change]]:
+        """What of each run is not as described, where what it is compared with tells nothing."""
+        if self.before is None:
+            return [[] for _ in self.runs]
+        of = self.before
+        return [first_told(one.run, of) if k >= self.first else [] for k, one in enumerate(self.runs)]
+
+    @property
     def drifts(self) -> list[Drift]:
         """What goes one way over all runs."""
         return drifts([one.run for one in self.runs])
@@ -82,9 +90,14 @@ class Watch:
         if self.before is None:
             first = self.runs[-1].run.name
             return [*lines, (f"{first}: there is nothing to compare it with, {self.against}. {ALONE}", False)]
-        for one, changed in list(zip(self.runs, self.changes, strict=True))[self.first :]:
-            if not changed:
+        for one, changed, new in list(zip(self.runs, self.changes, self.first_told, strict=True))[self.first :]:
+            if not changed and not new:
                 lines.append((f"{one.run.name}: nothing has changed since {self.against} that it can tell", False))
+            if new:
+                rest = "" if changed else "; what is known from there has not changed"
+                figures = ", ".join(str(c.reading) for c in new)
+                text = f"{one.run.name}: not as described, where nothing is known from {self.against}: {figures}{rest}"
+                lines.append((text, True))
             lines += [
                 (f"{one.run.name}: {c.difference} since {self.against} ({abs(c.z):.1f} std)", True) for c in changed
             ]

@@ -23,21 +23,47 @@ def thrust_history(
         step: [s].
         delay: By which commands arrive late, or early where it is negative [s], shape ().
     """
-    forces = jax.vmap(jax.vmap(jax.vmap(lambda u: static_force(thrusters, u))))(command)
-    target = jnp.einsum("skm,skmn->skn", held, forces)
-    flat, begin = target.reshape(-1, target.shape[-1]), fresh.reshape(-1)
+    targets = jax.vmap(jax.vmap(jax.vmap(lambda u: static_force(thrusters, u))))(command)
+    flat, shares = (x.reshape(-1, *x.shape[2:]) for x in (targets, held))
+    begin = fresh.reshape(-1)
 
-    def one(force: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-        goal, begins = now
-        before = force_just_after(thrusters, jnp.where(begins > 0, goal, force), goal)
-        half = lag(thrusters, before, goal, 0.5 * step)
-        after = lag(thrusters, half, goal, 0.5 * step)
-        return after, jnp.stack([before, half, after])
+    def one(force: Array, now: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        goals, share, begins = now
+        return _through_step(thrusters, jnp.where(begins > 0, goals[0], force), goals, share, step)
 
-    _, history = jax.lax.scan(one, flat[0], (flat, begin))
+    _, history = jax.lax.scan(one, flat[0, 0], (flat, shares, begin))
     if delay is not None:
         history = _delayed(history, begin, 2.0 * delay / step)
     return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
+
+
+def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array, step: float) -> tuple[Array, Array]:
+    """Forces at the end of a step, shape (n,), and at its start, middle and end, shape (3, n).
+
+    Each command acts for as long as it is held: with the lag of their mean a thruster would seem late by half of the
+    step squared over its time constant. With a change in the step the middle is what Simpson's rule, as of RK4, needs
+    for the impulse of the step.
+
+    Args:
+        thrusters: With their lag.
+        force: Before [N], shape (n,).
+        goals: Forces that they settle at, one after the other [N], shape (m, n).
+        held: Share of the step that each is held, shape (m,).
+        step: [s].
+    """
+    begins, middle, impulse = force, force, jnp.zeros_like(force)
+    for number, (goal, share) in enumerate(zip(goals, held, strict=True)):
+        # What is made up is held for no time: any other time is finite, and not used.
+        some, time = share > 0.0, jnp.where(share > 0.0, share, 1.0) * step
+        before = force_just_after(thrusters, force, goal)
+        half = lag(thrusters, before, goal, 0.5 * time)
+        after = lag(thrusters, half, goal, 0.5 * time)
+        begins, middle = (before, half) if number == 0 else (begins, middle)
+        impulse = impulse + share * (before + 4.0 * half + after)
+        force = jnp.where(some, after, force)
+    if len(goals) > 1:
+        middle = 0.25 * (impulse - begins - force)
+    return force, jnp.stack([begins, middle, force])
 
 
 def _delayed(history: Array, begin: Array, halves: Array) -> Array:

@@ -187,7 +187,7 @@ def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Gr
         return [(np.zeros(0, int), np.zeros(0), np.zeros((0, size)))] * count
     keep = (signal.t >= start - 1e-9) & (signal.t <= last + 1e-9)
     t, value = signal.t[keep], signal.value[keep]
-    t, value = _thinned(t, value, grid)
+    t, value = _thinned(t, value, start, grid)
     place = np.clip((t - start) / grid.step, 0.0, None)
     place = np.where(np.abs(place - np.round(place)) < 1e-6, np.round(place), place)
     row = np.minimum(place.astype(int), count * grid.steps - 1)
@@ -197,7 +197,7 @@ def _rows(signal: Signal | None, start: float, last: float, count: int, grid: Gr
     ]
 
 
-def _thinned(t: np.ndarray, value: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def _thinned(t: np.ndarray, value: np.ndarray, start: float, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """About `rate` readings a second, never twice that, those nearest to the grid: interpolation costs them least."""
     if len(t) < 2:
         return t, value
@@ -205,7 +205,8 @@ def _thinned(t: np.ndarray, value: np.ndarray, grid: Grid) -> tuple[np.ndarray, 
     if every < 2:
         return t, value
     whole = len(t) // every * every
-    off = np.abs((t[:whole] - t[0]) / grid.step - np.round((t[:whole] - t[0]) / grid.step)).reshape(-1, every)
+    place = (t[:whole] - start) / grid.step
+    off = np.abs(place - np.round(place)).reshape(-1, every)
     pick = np.argmin(np.round(off, 3), axis=1) + every * np.arange(whole // every)
     return t[pick], value[pick]
 
