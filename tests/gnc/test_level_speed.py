@@ -11,6 +11,7 @@ from rovtwin.core.flow import Environment, Reference
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.control import ControlInput
+from rovtwin.gnc.level_allowance import MOST, QUIET, TILTED, Allowance, LevelAllowance
 from rovtwin.gnc.level_speed import EASY, LevelSpeed
 from rovtwin.gnc.scales import ANY, MARGIN, VehicleScales
 from rovtwin.gnc.sustained import SustainedSpeed
@@ -132,7 +133,7 @@ def test_tracking_drifts_where_holding_would_tip_the_vehicle():
 
     def asked(velocity):
         given = ControlInput(pushed(eta, velocity, current), reference, jnp.zeros(6))
-        return control.step(jnp.zeros(3), given, 0.02)[1].tau
+        return control.step(control.init(None, None), given, 0.02)[1].tau
 
     drifting = asked(jnp.array([-0.2 * axes[0], 0.0]))
     drag = SustainedSpeed.of(model)._drag(jnp.array([axes[0], 0.0]))
@@ -140,3 +141,46 @@ def test_tracking_drifts_where_holding_would_tip_the_vehicle():
     unlimited = dataclasses.replace(control.sustained, level=LevelSpeed(jnp.array([ANY, ANY])))
     control = dataclasses.replace(control, sustained=unlimited)
     assert asked(jnp.array([-0.2 * axes[0], 0.0]))[0] > 1.1 * drag[0]
+
+
+def allowed(allowance, memory, asked, tilt, seconds, dt=0.02):
+    def step(memory, _):
+        after = allowance.step(memory, jnp.asarray(asked), jnp.array([tilt, 0.0, 0.0]), dt)
+        return after, None
+
+    return jax.lax.scan(step, memory, None, round(seconds / dt))[0]
+
+
+def test_a_vehicle_that_stays_level_is_allowed_what_is_asked_for_and_one_that_tilts_is_not():
+    """A dead thruster looks like a current that would tip the vehicle; real water tilts it and is given way to."""
+    allowance = LevelAllowance.of(thirty_kg())
+    w = float(allowance.bandwidth)
+    start, level, tilted = Allowance.none(), 0.5 * QUIET, 1.1 * TILTED
+    assert allowed(allowance, start, 0.9, level, 30 / w).factor == 1.0, "nothing beyond is asked for"
+    assert allowed(allowance, start, 1.5, 1.1 * QUIET, 30 / w).factor == 1.0, "not quite level"
+    grown = allowed(allowance, start, 1.5, level, 30 / w)
+    assert grown.factor == pytest.approx(1.5, abs=0.01)
+    assert allowed(allowance, start, 9.0, level, 90 / w).factor == pytest.approx(MOST, rel=1e-3)
+    yielded = allowed(allowance, grown, 1.5, tilted, 5 / w)
+    assert yielded.factor < 1.01
+    assert allowed(allowance, yielded, 1.5, level, 10 / w).factor < 1.01, "it waits"
+    assert allowed(allowance, yielded, 1.5, level, 40 / w).factor > 1.4
+    assert allowed(allowance, grown, 0.5, level, 30 / w).factor < 1.01, "no longer asked for"
+
+
+def test_tracking_presses_against_what_does_not_tilt_it():
+    """The vehicle of the last test, held off its place for a while and level all the same."""
+    model, axes = thirty_kg(), np.array([0.25, 0.25])
+    control = Tracking.of(model)
+    control = dataclasses.replace(control, sustained=dataclasses.replace(control.sustained, level=LevelSpeed(axes)))
+    eta = jnp.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    reference = Reference(eta, jnp.zeros(6), jnp.zeros(6))
+    estimate = pushed(eta.at[0].set(-1.0), jnp.zeros(2), jnp.array([-1.2 * axes[0], 0.0]))
+    given = ControlInput(estimate, reference, jnp.zeros(6))
+
+    def step(memory, _):
+        memory, wrench = control.step(memory, given, 0.02)
+        return memory, wrench.tau[0]
+
+    force = np.asarray(jax.lax.scan(step, control.init(None, None), None, 3000)[1])
+    assert force[0] < force[-1] and force[-1] > 1.5 * force[0]

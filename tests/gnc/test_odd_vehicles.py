@@ -40,7 +40,8 @@ def test_control_asks_for_numbers(name):
     """Without sway and with nothing that rights it in roll, all forces were NaN."""
     tracking = Tracking.of(ODD[name])
     zero = jnp.zeros(6)
-    step = jax.jit(lambda at, to: tracking.step(zero[:3], ControlInput(at, to, zero), 0.02)[1])
+    memory = tracking.init(None, None)
+    step = jax.jit(lambda at, to: tracking.step(memory, ControlInput(at, to, zero), 0.02)[1])
     ahead = Reference(*(jnp.asarray(v) for v in ([1.0, 0.5, 3.2, 0, 0, 0.3], [0.2, 0.1, 0.1, 0, 0, 0.1], np.zeros(6))))
     for eta in (np.zeros(6), [0, 0, 3, 0.1, -0.1, 2.0]):
         assert np.isfinite(step(estimate_of(eta, nu=np.full(6, 0.1)), ahead).tau).all()

@@ -102,6 +102,7 @@ GROWS = {
     "control.reach": LENGTH,
     "control.limits.lower": WRENCH,
     "control.limits.upper": WRENCH,
+    "control.allowance.bandwidth": RATE,
     "control.tilting.speeds": SPEED,
     "control.tilting.gains": FORCE * np.array([1 / LENGTH, 1 / SPEED, TIME, TIME, 1.0, 1.0]),
     "control.tilting.lever": LENGTH,

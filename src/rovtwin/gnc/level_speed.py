@@ -40,9 +40,13 @@ class LevelSpeed(eqx.Module):
         """For a vehicle with sound thrusters."""
         return cls(VehicleScales.of(model).level_speed)
 
-    def nearest(self, w: Array) -> Array:
-        """A velocity through the water, b [m/s], shape (2,), reduced to what keeps the vehicle level."""
-        share = jnp.sqrt(_square(w / self.axes) + NEVER)
+    def share(self, w: Array) -> Array:
+        """A velocity through the water, b [m/s], shape (2,), over what keeps the vehicle level."""
+        return jnp.sqrt(_square(w / self.axes) + NEVER)
+
+    def nearest(self, w: Array, allowed: Array | float = 1.0) -> Array:
+        """A velocity through the water, b [m/s], shape (2,), reduced to so many times what keeps the vehicle level."""
+        share = self.share(w) / allowed
         return jnp.where(share > 1.0, w / share, w)
 
     def along(self, part: Array, flow: Array) -> Array:

@@ -23,6 +23,7 @@ from rovtwin.core.frames import cross, rotation_from_euler, wrap
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.control import ControlInput, body_rates_from_euler_rates
 from rovtwin.gnc.heave_feedback import HeaveFeedback
+from rovtwin.gnc.level_allowance import Allowance, LevelAllowance
 from rovtwin.gnc.reference import ReferenceModel
 from rovtwin.gnc.scales import HEAVE, YAW, VehicleScales, righting, straight
 from rovtwin.gnc.shared_thrust import SharedThrust
@@ -72,8 +73,20 @@ class PathReference(Block):
         return reference, reference
 
 
+class TrackingMemory(eqx.Module):
+    """What control remembers.
+
+    Attributes:
+        moments: Integral [N m], shape (3,).
+        level: What it may go beyond the level speed.
+    """
+
+    moments: Array
+    level: Allowance
+
+
 class Tracking(Block):
-    """Model-based tracking control; memory is the integral of the moments [N m], shape (3,).
+    """Model-based tracking control.
 
     Attributes:
         model: What the vehicle is believed to be.
@@ -83,6 +96,7 @@ class Tracking(Block):
         K_i: Of the attitude error's integral [N m/rad/s], shape (3,).
         reach: Largest position error that counts [m].
         limits: Of tau.
+        allowance: How it comes to go faster than its level speed.
         tilting: Feedback of depth and tilt in place of K_p and K_d in heave; None where heave thrust does not tilt it.
     """
 
@@ -93,6 +107,7 @@ class Tracking(Block):
     K_i: Array = eqx.field(converter=as_array)
     reach: Array = eqx.field(converter=as_array)
     limits: SharedThrust
+    allowance: LevelAllowance
     tilting: HeaveFeedback | None = None
 
     @classmethod
@@ -132,13 +147,14 @@ class Tracking(Block):
             K_i=(able * np.asarray(integral) * w**3)[3:] * inertia,
             reach=1.6 * scales.length if reach is None else reach,
             limits=SharedThrust.of(model),
+            allowance=LevelAllowance.of(model),
             tilting=tilting,
         )
 
-    def init(self, key: Array, start: Start) -> Array:
-        return jnp.zeros(3)
+    def init(self, key: Array, start: Start) -> TrackingMemory:
+        return TrackingMemory(jnp.zeros(3), Allowance.none())
 
-    def step(self, memory: Array, input: ControlInput, dt: float) -> tuple[Array, Wrench]:
+    def step(self, memory: TrackingMemory, input: ControlInput, dt: float) -> tuple[TrackingMemory, Wrench]:
         estimate, reference, model = input.estimate, input.reference, self.model
         euler = estimate.eta[3:]
         R_nb = rotation_from_euler(euler)
@@ -158,7 +174,8 @@ class Tracking(Block):
             nu_ref, ahead = (
                 x.at[HEAVE].set(y[HEAVE]) for x, y in ((nu_ref, reference.eta_dot), (ahead, reference.eta_ddot))
             )
-        nu_ref, eased = self._level(estimate, nu, nu_ref, e)
+        nu_ref, eased, asked = self._level(estimate, nu, nu_ref, e, memory.level.factor)
+        level = self.allowance.step(memory.level, asked, euler, dt)
         nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
         wanted = (
@@ -166,7 +183,7 @@ class Tracking(Block):
             + self._flow(estimate, nu, nu_ref)
             + jnp.concatenate([restoring_wrench(model, R_nb[2])[:3], restoring_wrench(model, DOWN)[3:]])
             - disturbance
-            + jnp.concatenate([jnp.zeros(3), memory])
+            + jnp.concatenate([jnp.zeros(3), memory.moments])
         )
         # What is learned of thrust depends on the answer: one round of putting it in is enough for some per cent.
         wanted = wanted - learned_wrench(model, self._through_water(estimate, nu, nu_ref), wanted)
@@ -180,9 +197,9 @@ class Tracking(Block):
         growth = self.K_i * turned * dt
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
         winding = (growth * (wanted - tau)[3:] > 0.0) | (growth * lost[3:] > 0.0)
-        return jnp.where(winding, memory, memory + growth), Wrench(
-            tau, jnp.abs(wanted - tau) > ROUNDING * self.limits.largest
-        )
+        moments = jnp.where(winding, memory.moments, memory.moments + growth)
+        cut = jnp.abs(wanted - tau) > ROUNDING * self.limits.largest
+        return TrackingMemory(moments, level), Wrench(tau, cut)
 
     def _depth_and_tilt(
         self, feedback: HeaveFeedback, deep: Array, heave: Array, nu_r: Array, euler: Array, wrench: Array
@@ -192,17 +209,20 @@ class Tracking(Block):
         deep = jnp.clip(deep, -most, most)
         return feedback.force(deep, heave - nu_r[HEAVE], nu_r, euler, wrench)
 
-    def _level(self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array) -> tuple[Array, Array]:
+    def _level(
+        self, estimate: Estimate, nu: Array, nu_ref: Array, e: Array, allowed: Array
+    ) -> tuple[Array, Array, Array]:
         """The reference's velocity, and what comes to the one that the error asks for, so that the vehicle stays level.
 
         Their velocities through the water are reduced to what keeps it level; nothing changes where they do. So in a
-        current that would tip it over it drifts.
+        current that would tip it over it drifts. Third, what is asked for as a share of the level speed.
 
         Args:
             estimate: Tells the current.
             nu: Slow velocity, b, shape (6,).
             nu_ref: Of the reference, b, shape (6,).
             e: Pose error, b, shape (6,).
+            allowed: Factor on the level speed.
         """
         level = self.sustained.level
         flow = turned(estimate.eta[5]).T @ self.sustained.current(estimate)
@@ -211,11 +231,11 @@ class Tracking(Block):
         def change(velocity: Array) -> Array:
             w = velocity[:2] - flow
             heave = jnp.clip(velocity[2], -down, down) - velocity[2]
-            return jnp.zeros(6).at[:2].set(level.nearest(w) - w).at[2].set(heave)
+            return jnp.zeros(6).at[:2].set(level.nearest(w, allowed) - w).at[2].set(heave)
 
-        kept = nu_ref + change(nu_ref)
-        follows = self.K_d > 0.0
-        return kept, change(kept + jnp.where(follows, self.K_p / jnp.where(follows, self.K_d, 1.0), 0.0) * e)
+        kept, follows = nu_ref + change(nu_ref), self.K_d > 0.0
+        pressed = jnp.where(follows, self.K_p / jnp.where(follows, self.K_d, 1.0), 0.0) * e
+        return kept, change(kept + pressed), level.share((nu_ref + pressed)[:2] - flow)
 
     def _flow(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
         """Coriolis wrench and drag, shape (6,): forces at the reference's velocity, as b takes the current's part.

@@ -20,6 +20,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS
+from rovtwin.gnc.path_guidance import SLOWEST
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_world import current_at
@@ -266,8 +267,12 @@ def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, turns:
     elif leg_speed > (planned := most if level else min(most, SPARE * ahead + along)):
         why = f" in {flow}" if np.hypot(*current) > SOME else ""
         gives = "it stays level up to" if level else "the thrusters give"
+        does = f"it is flown at about {planned:.2g} m/s"
+        if planned < SLOWEST * leg_speed:
+            does = (f"guidance asks for {SLOWEST * leg_speed:.2g} m/s all the same, a tenth of the leg's: the vehicle "
+                    "falls behind, and may be carried off")  # fmt: skip
         yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and {gives} {most:.2g} m/s over ground{why}",
-                      f"it is flown at about {max(planned, 0.1 * leg_speed):.2g} m/s", False)  # fmt: skip
+                      does, False)  # fmt: skip
     if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY) and leg.point.heading_deg is None:
         pushed = float(limits.top[SWAY, 0 if across > 0 else 1])
         stems = "thrust in sway can stem" if aside >= pushed else "it stems sideways and stays level"
