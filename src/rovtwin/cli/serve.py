@@ -56,6 +56,8 @@ def serve(
     is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own. A vehicle that
     would sink is ballasted first; [bold]--set world.net_buoyancy=0[/bold] leaves it as described.
     """
+    from rovtwin.scenario.compose_sensors import assumed_sensors
+    from rovtwin.scenario.composition import vehicle_of
     from rovtwin.scenario.serving.host import ServedVehicle
     from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of, world_for
     from rovtwin.scenario.trimmed import trimmed
@@ -72,6 +74,8 @@ def serve(
     names = known(protocol or [own_protocol(scenario)])
     places = places_of(names, address or [], port)
     _warn([host for place in places.values() for host in place.hosts], expose, screen)
+    if assumed := assumed_sensors(scenario, vehicle_of(scenario)):
+        screen.print(f"{what}: {assumed}", markup=False, soft_wrap=True)
     screen.print(f"{what}: compiling, some 10 to 30 s", markup=False)
     with progress_bar("") as bar:
         bar.add_task(f"{what}: compiling", total=None)

@@ -134,7 +134,7 @@ def _invert_tables(thrusters: Thrusters, force: Array) -> Array:
     return jnp.where(jnp.abs(force) > 1e-9, jnp.sum(jnp.where(chosen, u, 0.0), axis=1), 0.0)
 
 
-def lag(thrusters: Thrusters, force: Array, target: Array, dt: float) -> Array:
+def lag(thrusters: Thrusters, force: Array, target: Array, dt: float | Array) -> Array:
     """Force after dt [N], shape (n,): exact first-order response to a constant target, then the rate limit.
 
     The thesis's (5.1) is the implicit Euler step of the same lag; this is exact at any step.
