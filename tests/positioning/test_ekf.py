@@ -23,6 +23,7 @@ from rovtwin.positioning.ekf_steps import (
     WAITING,
     Given,
     State,
+    deviation,
     take_position,
     update,
     vote,
@@ -243,6 +244,20 @@ def test_a_known_offset_of_the_compass_is_not_forgotten_when_the_position_is_tak
     assert np.linalg.norm(there - d.position[0]) < 0.15
     off = take_position(given, state, vote(given, state, slots)).x[POSITION]
     assert np.linalg.norm(off - d.position[0]) > 1.0
+
+
+def test_an_offset_that_is_known_exactly_spoils_no_gradient():
+    """Its variance is zero, where a root's slope is infinite."""
+    found = frames_of(cut(drive(), 1), seen()[:1])
+    block = MarkerEkf.of([EYE], SlamTuning.of(start_position=10.0), LAYOUT)
+    state = block.init(jax.random.key(0), Start.at(np.zeros(3))).state
+    given = Given(block.tuning, block.eyes, block.sizes, jnp.eye(3))
+    slots = jax.tree.map(jnp.asarray, found.at(0).sightings)
+    slope = jax.grad(lambda P: vote(given, State(state.x, P, state.map), slots).std)(state.P)
+    assert np.isfinite(slope).all()
+    variance = jnp.array([0.0, -1e-20, 0.04])
+    np.testing.assert_array_equal(deviation(variance), jnp.sqrt(jnp.maximum(variance, 0.0)))
+    np.testing.assert_allclose(jax.grad(lambda v: deviation(v).sum())(variance), [0.0, 0.0, 2.5])
 
 
 def test_a_marker_that_is_moved_is_taken_out_of_the_map_and_put_in_where_it_is():

@@ -214,7 +214,7 @@ def vote(given: Given, state: State, slots: Sightings) -> Vote:
     from_b = jax.vmap(lambda camera, t: given.eyes.position[camera] + given.eyes.R_bc[camera] @ t)
     at = place - from_b(slots.camera, slots.t_cm) @ given.attitude(state.x).T
     distance = jnp.abs(slots.t_cm[:, 2])
-    turn = jnp.sqrt(jnp.trace(state.P[OFFSET, OFFSET]))  # an offset of the compass moves them against each other
+    turn = deviation(jnp.trace(state.P[OFFSET, OFFSET]))  # an offset of the compass moves them against each other
     apart = jnp.linalg.norm(place[:, None] - place, axis=-1)
     bound = 0.1 + 0.05 * jnp.maximum(distance[:, None], distance) + 2.0 * turn * apart
     agree = (jnp.linalg.norm(at[:, None] - at, axis=-1) < bound) & mapped
@@ -243,6 +243,14 @@ def forget(state: State, gone: Array) -> State:
     ids = jnp.where(gone, NOBODY, state.map.ids)
     counts = jnp.where(gone, 0, state.map.contradicted)
     return State(state.x, state.P * kept[:, None] * kept, MarkerMap(ids, state.map.position, state.map.R_nm, counts))
+
+
+def deviation(variance: Array) -> Array:
+    """Standard deviation of a variance, any shape; zero of one that is not positive."""
+    # A root's slope at zero is infinite, which spoils gradients even where it is not used; an offset of the attitude
+    # that is known exactly stays at zero variance.
+    none = variance <= 0.0
+    return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, variance)))
 
 
 def _times(a: Array, b: Array) -> Array:
