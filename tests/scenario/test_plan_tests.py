@@ -177,7 +177,7 @@ def test_a_plan_ends_though_candidates_come_near_walls_in_company():
         return _laid_out(fly, near, prior, told, 40.0, lambda what, share: None)[0]
 
     assert set(laid_out({5})) == {5}
-    with pytest.raises(ConfigError, match="no plan keeps clear of the walls"):
+    with pytest.raises(ConfigError, match="no plan keeps clear of the walls and level enough"):
         laid_out(set())
 
 

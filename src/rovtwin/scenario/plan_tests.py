@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
+from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.trial import mixing
 from rovtwin.identification.experiment.choice import Expected, choose_tests, expected, identified, variance_ratio
@@ -42,6 +43,7 @@ from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import wrench_limits
 
 BOLLARD = 0.02  # full thrust is known to, before the test
+TIPPING = 0.75 * RULES["attitude limit"].limit  # roll or pitch beyond which another true vehicle may leave it [rad]
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
 MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
@@ -159,7 +161,10 @@ def plan_tests(
     quick = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
     flown = rehearse(quick)
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
-    usable = [i for i, room in enumerate(rooms) if room > margin]
+    fits = [i for i, room in enumerate(rooms) if room > margin]
+    # Where every manoeuvre tilts it that far, those that stay within the limit have to do.
+    usable = [i for i in fits if flown[i].tilt.max() < TIPPING]
+    tipping, usable = (TIPPING, usable) if usable else (np.inf, fits)
     if not usable:
         raise ConfigError(too_small(vehicle, tank, margin, wanted, flown))
     progress("what each of them tells", 0.1)
@@ -175,9 +180,11 @@ def plan_tests(
         return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
 
     touching = TOUCHING * scales.length
-    order, scenario, whole = _laid_out(
-        fly, lambda one: tank.near(vehicle, one, touching), prior, ours, 60.0 * minutes, progress
-    )
+
+    def near(one: Rehearsed) -> np.ndarray:
+        return np.append(tank.near(vehicle, one, touching), one.t[one.tilt > tipping])
+
+    order, scenario, whole = _laid_out(fly, near, prior, ours, 60.0 * minutes, progress)
     pulls = [(data.get("axis"), one) for data, one in zip(wanted, flown, strict=False)]
     top = VehicleScales.of(model).top
     slow = excitation(vehicle, tank, top, scales.able, pulls, np.abs(whole.nu).max(axis=0))
@@ -207,7 +214,7 @@ def _laid_out(
     seconds: float,
     progress: Progress,
 ) -> tuple[list[int], Scenario, Rehearsed]:
-    """The best order of candidates that keeps clear of the walls when it is flown whole: scenario, path.
+    """The best order of candidates that keeps clear of walls and of the attitude limit when it is flown whole.
 
     One that begins where the last one ended may come nearer to a wall than alone: others take its place, and after
     ROUNDS of that none, so that this ends.
@@ -233,8 +240,8 @@ def _laid_out(
         told.seconds[list(out)] = np.inf
         order = [i for i in order if i not in out]
     raise ConfigError(
-        "--tank: no plan keeps clear of the walls: each manoeuvre that fits alone comes too near to one in every plan; "
-        "it needs a larger tank, or another --seed"
+        "--tank: no plan keeps clear of the walls and level enough: each manoeuvre that fits alone comes too near to a "
+        "wall, or tilts the vehicle too far, in every plan; it needs a larger tank, or another --seed"
     )
 
 

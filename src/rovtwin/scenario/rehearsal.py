@@ -10,6 +10,7 @@ import numpy as np
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORTED
+from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.trial import Trial
 from rovtwin.identification.logs.record import Record
@@ -21,6 +22,7 @@ from rovtwin.scenario.run import ticks_in
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.hand import Hand
 
+_euler = jax.jit(jax.vmap(euler_from_quaternion))
 CHUNK = 10.0  # simulated time between looks from outside [s]
 
 
@@ -50,6 +52,11 @@ class Rehearsed:
     def aborted(self) -> bool:
         """Whether the vehicle left its limits."""
         return self.aborted_at is not None
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """The larger of roll and pitch, either way [rad], shape (n,)."""
+        return np.abs(np.asarray(_euler(self.attitude))[:, :2]).max(axis=1)
 
 
 def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
