@@ -135,6 +135,7 @@ SAME = {
     "contingency.lead": "an angle",
     "reference.model.damping_ratio": "a ratio",
     "control.limits.shared": "which axes",
+    "control.allowance.trim": "an angle",
     "allocation.start": "a share of the force",
     "allocation.stop": "a share of the force",
     "allocation.preferred": "a share of the force",

@@ -73,5 +73,24 @@ def test_commands_that_come_late_give_the_same_forces_later(thrusters, lagging):
     np.testing.assert_allclose(by_two[:, :2], np.broadcast_to(now[:, :1, :1], (2, 2, 3, 6)), atol=1e-12)
     np.testing.assert_allclose(np.asarray(late(-STEP))[:, :-1], now[:, 1:], atol=1e-12)
     slope = np.asarray(jax.jacfwd(late)(0.3 * STEP))
-    around = (np.asarray(late(0.31 * STEP)) - np.asarray(late(0.29 * STEP))) / (0.02 * STEP)
+    around = (np.asarray(late(0.301 * STEP)) - np.asarray(late(0.299 * STEP))) / (0.002 * STEP)
     np.testing.assert_allclose(slope, around, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("constant", [0.0, 0.05, 0.3])
+@pytest.mark.parametrize("phase", [0.1, 0.35, 0.75])
+def test_a_delay_is_as_long_as_it_says_wherever_commands_begin(thrusters, constant, phase):
+    """The impulse so far comes late by half a step: as area, for a thruster without a lag has no slope."""
+    some = eqx.tree_at(lambda t: t.time_constant, thrusters, jnp.full(thrusters.count, constant))
+    t = np.array([0.0, (5.0 + phase) * STEP])
+    still = Signal(np.array([0.0, 200 * STEP]), np.zeros((2, 1)))
+    record = Record("x", t, np.stack([np.zeros(8), np.full(8, 0.8)]), {"depth": still}, 200 * STEP)
+    arrays = [jnp.asarray(cut([record], Grid(STEP, 200)).arrays[k]) for k in KEYS]
+
+    def area(delay):
+        forces = np.asarray(thrust_history(some, *arrays, STEP, delay))[0, :, :, 2]
+        return STEP * (forces[:, 0] + 4.0 * forces[:, 1] + forces[:, 2]).sum() / 6.0
+
+    settled = float((thrusters.configuration @ static_force(thrusters, np.full(8, 0.8)))[2])
+    for delay in (0.5 * STEP, -0.3 * STEP, 1.7 * STEP):
+        assert (area(0.0) - area(delay)) / settled == pytest.approx(delay, abs=1e-5)

@@ -50,6 +50,16 @@ def test_commands_slower_and_faster_than_the_grid():
     assert np.allclose(commands(faster)[0], faster.command[:20].mean(axis=0), atol=2e-3)
 
 
+@pytest.mark.parametrize("first", [0.005, 0.012])
+def test_of_many_readings_those_nearest_to_the_grid_are_used(first):
+    """The grid begins with the record, not with the signal: half a step off it a reading is interpolated the most."""
+    t = np.arange(first, 1.0, 0.01)
+    record = Record("x", np.array([0.0]), np.zeros((1, 2)), {"gyro": Signal(t, np.zeros((len(t), 3)))}, 1.0)
+    rows = cut([record], Grid(STEP, 50, 20.0)).arrays["gyro"]
+    share = rows["share"][rows["used"] > 0.0]
+    assert len(share) > 15 and np.minimum(share, 1.0 - share).max() < 0.26
+
+
 @pytest.mark.parametrize("exact", [False, True])
 def test_nodes_are_states_of_co_not_of_the_sensors(exact):
     """A vehicle that turns on the spot: a DVL ahead of CO reads a speed, a positioning mark goes in circles."""

@@ -57,6 +57,8 @@ def test_what_the_baseline_has_not_learnt_is_no_change():
     assert str(new.reading) == "drag 0 +65 ± 5 %"
     near = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.05, 0.03, 0.5)])
     assert first_told(near, baseline(wide)) == []
+    told = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.5, 0.03, 0.5)])
+    assert first_told(sure, baseline([told, wide[0]])) == [], "one of the runs before says the same"
 
 
 def thrusters(**values):

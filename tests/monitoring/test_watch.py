@@ -80,10 +80,10 @@ def test_what_the_identification_does_not_say_is_not_known():
 def test_what_only_the_later_run_tells_is_not_called_unchanged(runs):
     """A baseline that does not tell the port thruster's force cannot say that it is what it was."""
     found = watch_runs([runs / "before", runs / "after"])
-    untold = found.before.std.copy()
     names = [reading.quantity.name for reading in found.runs[0].run.readings]
-    untold[[i for i, name in enumerate(names) if name.startswith(("thruster.", "force.", "top_speed."))]] = np.nan
-    found = replace(found, before=replace(found.before, std=untold))
+    untold = np.array([name.startswith(("thruster.", "force.", "top_speed.")) for name in names])
+    std = np.where(untold, np.nan, found.before.std)
+    found = replace(found, before=replace(found.before, std=std, untold=untold))
     assert found.changes[1] == []
     said = " ".join(text for text, _ in found.words())
     assert "after: not as described, where nothing is known from before: " in said

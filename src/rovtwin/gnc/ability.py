@@ -24,11 +24,13 @@ class Ability(eqx.Module):
         lost: Thrusters, 1 where lost, shape (k, n).
         verdict: FINE: the mission can go on. UNABLE: it cannot, but the vehicle can come up. HEAVE_LOST: not even that.
             Shape (k,), int.
+        upright: Whether roll and pitch can still be controlled by themselves, shape (k, 2), bool.
     """
 
     heave: Array
     lost: Array
     verdict: Array
+    upright: Array
 
     @classmethod
     def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "Ability":
@@ -44,7 +46,8 @@ class Ability(eqx.Module):
         able = enough[:, [0, 1, 2, 5]].all(axis=1)
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
         heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])
-        return cls(as_array(heave / max(heave.sum(), 1e-12)), as_array(lost), jnp.asarray(verdict))
+        share = as_array(heave / max(heave.sum(), 1e-12))
+        return cls(share, as_array(lost), jnp.asarray(verdict), jnp.asarray(enough[:, 3:5]))
 
     def judged(self, health: Array) -> Array:
         """FINE, UNABLE or HEAVE_LOST, int, for a health of 1 or 0 of each thruster, shape (n,)."""
@@ -52,6 +55,15 @@ class Ability(eqx.Module):
         # More than the table knows: no mission, but up as long as there is some heave.
         beyond = jnp.where(self.heave @ health >= LEAST, UNABLE, HEAVE_LOST)
         return jnp.where(jnp.any(known), jnp.max(jnp.where(known, self.verdict, FINE)), beyond)
+
+    def axes(self, health: Array) -> Array:
+        """0 along roll and pitch where what is left cannot push alone: nothing may be asked for; else 1, shape (6,).
+
+        A fore and an aft thruster control depth and pitch; one of them alone would trade the one for the other.
+        """
+        known = jnp.all(self.lost == (health < 0.5), axis=1)
+        upright = jnp.any(known[:, None] & self.upright, axis=0)
+        return jnp.ones(6).at[3:5].set(jnp.where(upright, 1.0, 0.0))
 
 
 _remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))

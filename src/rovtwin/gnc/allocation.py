@@ -25,10 +25,12 @@ class AllocationInput(eqx.Module):
     Attributes:
         tau: Wanted wrench, b at CO [N, N m], shape (6,).
         health: Share of its force that each thruster still gives, shape (n,): 1 sound, 0 lost.
+        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
     """
 
     tau: Array
     health: Array
+    axes: Array = eqx.field(default_factory=lambda: jnp.ones(6))
 
 
 class Allocated(eqx.Module):

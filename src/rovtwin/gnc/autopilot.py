@@ -146,7 +146,7 @@ class Autopilot(Block):
         self, memory: AutopilotMemory, input: AutopilotInput, dt: float
     ) -> tuple[AutopilotMemory, AutopilotOutput]:
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
-        monitor, health, ability = self._monitored(memory, estimate, input.request, dt)
+        monitor, health, ability, axes = self._monitored(memory, estimate, input.request, dt)
         fell_short = memory.shortfall, ability, memory.saturated
         watched = Watched(estimate, input.request, input.measurements, input.host, *fell_short, memory.wanted)
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
@@ -161,10 +161,10 @@ class Autopilot(Block):
         reference, path = self.reference.step(memory.reference, setpoint, dt)
 
         on = mode.active
-        feedback = ControlInput(known, path, memory.shortfall)
+        feedback = ControlInput(known, path, memory.shortfall, axes)
         control, wanted = self.control.step(memory.control, feedback, dt)
         tau = jnp.where(on, wanted.tau, 0.0)
-        allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health), dt)
+        allocation, allocated = self.allocation.step(memory.allocation, AllocationInput(tau, health, axes), dt)
         # A controller that is off starts afresh: no integral survives an abort or a wait.
         control = jax.tree.map(lambda new, old: jnp.where(on, new, old), control, memory.control)
 
@@ -206,16 +206,16 @@ class Autopilot(Block):
 
     def _monitored(
         self, memory: AutopilotMemory, estimate: Estimate, request: Array, dt: float
-    ) -> tuple[HealthMemory | None, Array, Array]:
-        """The monitor's memory, health of each thruster, shape (n_thrusters,), and what can be done with it, int.
+    ) -> tuple[HealthMemory | None, Array, Array, Array]:
+        """The monitor's memory, health of each thruster, shape (n,), what can be done with it, int, and on which axes.
 
         An operator who arms wants to try thrusters again that were given up.
         """
         if self.monitor is None or self.ability is None or memory.monitor is None:
-            return None, self.health, jnp.asarray(FINE)
+            return None, self.health, jnp.asarray(FINE), jnp.ones(6)
         before = memory.monitor.retried(request == ARM)
         monitor, found = self.monitor.step(before, HealthInput(estimate, memory.command), dt)
-        return monitor, self.health * found, self.ability.judged(found)
+        return monitor, self.health * found, self.ability.judged(found), self.ability.axes(found)
 
 
 def _fresh(input: AutopilotInput) -> Array:

@@ -26,11 +26,13 @@ class ControlInput(eqx.Module):
         estimate: Where the vehicle is believed to be.
         reference: Where it should be.
         shortfall: Wrench asked for less wrench allocated in the last tick, shape (6,): what limits took away.
+        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
     """
 
     estimate: Estimate
     reference: Reference
     shortfall: Array
+    axes: Array = eqx.field(default_factory=lambda: jnp.ones(6))
 
 
 class Pid(Block):

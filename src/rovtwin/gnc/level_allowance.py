@@ -2,20 +2,24 @@
 
 The velocity through the water is read off a disturbance force, and the speed that keeps the vehicle level off its
 model. A dead or reversed thruster, a tether or drag that the file lacks looks like a current, and a vehicle that gives
-way to it drifts though no water flows. Water that does flow past turns the vehicle by Munk's moment, and roll and pitch
-are measured. So a vehicle that is asked for more than its level speed and stays level is allowed it little by little;
-as soon as it tilts it is not, for a while.
+way to it drifts though no water flows. Too much water that does flow past turns the vehicle by Munk's moment, and roll
+and pitch are measured. So a vehicle that is asked for more than its level speed and stays at its trim is allowed it
+little by little. Beyond QUIET it has to be quiet again for a while first; beyond TILTED all is taken back at once, for
+the moment grows with the square of the speed and the angle with its exponential. A dive that tilts it counts, too.
 """
 
 import equinox as eqx
+import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.trim import hang
 
-QUIET, TILTED = 0.1, 0.2  # roll and pitch together below which it is level, and beyond which it is not [rad]
+QUIET, TILTED = 0.1, 0.2  # off the trim, roll and pitch together: level, and not level [rad]
 MOST = 2.0  # of the level speed
-LEARNS, YIELDS, WAITS = 5.0, 1.0, 15.0  # time constants and the wait, in 1 / bandwidth
+LEARNS, SETTLES, WAITS = 5.0, 2.0, 10.0  # time constant; waits beyond QUIET and beyond TILTED; in 1 / bandwidth
+NEVER = 1e-12  # for a root that has a gradient at zero
 
 
 class Allowance(eqx.Module):
@@ -39,14 +43,16 @@ class LevelAllowance(eqx.Module):
 
     Attributes:
         bandwidth: Of surge and sway [rad/s].
+        trim: Roll and pitch at rest [rad], shape (2,).
     """
 
     bandwidth: Array = eqx.field(converter=as_array)
+    trim: Array = eqx.field(converter=as_array)
 
     @classmethod
     def of(cls, model: Model) -> "LevelAllowance":
         """In the vehicle's own time."""
-        return cls(VehicleScales.of(model).level_bandwidth)
+        return cls(VehicleScales.of(model).level_bandwidth, np.nan_to_num(hang(model).trim))
 
     def step(self, memory: Allowance, asked: Array, euler: Array, dt: float) -> Allowance:
         """A tick later.
@@ -57,12 +63,12 @@ class LevelAllowance(eqx.Module):
             euler: Roll, pitch and yaw [rad], shape (3,).
             dt: Tick [s].
         """
-        tilt = jnp.sqrt(euler[0] ** 2 + euler[1] ** 2 + 1e-12)
-        yields = tilt > TILTED
-        wait = jnp.where(yields, WAITS / self.bandwidth, jnp.maximum(memory.wait - dt, 0.0))
-        grows = (tilt < QUIET) & (memory.wait <= 0.0)
+        off = euler[:2] - self.trim
+        tilt = jnp.sqrt(off @ off + NEVER)
+        wait = jnp.maximum(memory.wait - dt, 0.0)
+        wait = jnp.where(tilt > QUIET, jnp.maximum(wait, SETTLES / self.bandwidth), wait)
+        wait = jnp.where(tilt > TILTED, WAITS / self.bandwidth, wait)
         wanted = jnp.clip(asked, 1.0, MOST)
-        goal = jnp.where(grows, wanted, jnp.minimum(wanted, memory.factor))
-        goal = jnp.where(yields, 1.0, goal)
-        rate = self.bandwidth / jnp.where(yields, YIELDS, LEARNS)
-        return Allowance(memory.factor + (1.0 - jnp.exp(-rate * dt)) * (goal - memory.factor), wait)
+        goal = jnp.where(wait > 0.0, jnp.minimum(wanted, memory.factor), wanted)
+        learns = 1.0 - jnp.exp(-self.bandwidth / LEARNS * dt)
+        return Allowance(jnp.where(tilt > TILTED, 1.0, memory.factor + learns * (goal - memory.factor)), wait)

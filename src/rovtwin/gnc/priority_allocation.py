@@ -114,23 +114,23 @@ class PriorityAllocation(Block):
         working, room = input.health > 0.0, self.slew * dt
         lower = jnp.where(working, jnp.maximum(self.lowest, memory.solved - room), 0.0)
         upper = jnp.where(working, jnp.minimum(self.highest, memory.solved + room), 0.0)
-        T = self.thrusters.configuration * input.health
-        solved = self._solve(T, input.tau, lower, upper)
+        T, weight = self.thrusters.configuration * input.health, self.weight * input.axes
+        solved = self._solve(T, input.tau, weight, lower, upper)
         sent = self._away_from_standstill(solved, memory.sent)
         made = T @ sent
         near = ROUNDING * largest_force(self.lowest, self.highest)
         limited = working & ((solved <= lower + near) | (solved >= upper - near))
-        missing = jnp.where(self.weight > 0.0, input.tau - T @ solved, 0.0)
+        missing = jnp.where(weight > 0.0, input.tau - T @ solved, 0.0)
         command = Command(command_for_force(self.thrusters, sent))
         allocated = Allocated(command, made, input.tau - made, missing, limited)
         return AllocationMemory(solved, sent), allocated
 
-    def _solve(self, T: Array, tau: Array, lower: Array, upper: Array) -> Array:
+    def _solve(self, T: Array, tau: Array, weight: Array, lower: Array, upper: Array) -> Array:
         """The best forces [N], shape (n,)."""
         largest = largest_force(self.lowest, self.highest)
-        A = self.weight[:, None] * T * largest
+        A = weight[:, None] * T * largest
         # Beyond what an axis can do at all, asking for more must not weigh more against the others.
-        b = self.weight * jnp.clip(tau, self.least_wrench, self.greatest_wrench)
+        b = weight * jnp.clip(tau, self.least_wrench, self.greatest_wrench)
         bounds = lower / largest, upper / largest
         # Damping pulls towards the preferred forces, by 1e-4 or so of the wrench; a second pass, which prefers what
         # the first one found, leaves 1e-8 of that (a proximal step: Rockafellar 1976).

@@ -6,12 +6,13 @@ with drag and Coriolis at the reference's velocity and the estimated disturbance
 slow motion: what waves do is left to them. Moments have an integral, because the filter estimates no moment. The
 restoring moment is that of a level vehicle: what rights it is not cancelled, and what a flow from the side does to turn
 it further (Munk's moment), which grows with the square of the speed, sets the least stiffness. What is asked for
-through the water is no more than keeps the vehicle level. Where heave thrust tilts the vehicle, and nothing else rights
-it, depth and tilt share one feedback.
+through the water is no more than keeps the vehicle level, and more only while it does stay level. Where heave thrust
+tilts the vehicle, and nothing else rights it, depth and tilt share one feedback, made for no more than that speed.
 
 Reference: Fossen (2021), sec. 15.2 and 16.3 (inverse dynamics with acceleration feed-forward).
 """
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -96,7 +97,7 @@ class Tracking(Block):
         K_i: Of the attitude error's integral [N m/rad/s], shape (3,).
         reach: Largest position error that counts [m].
         limits: Of tau.
-        allowance: How it comes to go faster than its level speed.
+        allowance: How it comes to go faster than its level speed; guidance, which plans ways, knows nothing of it.
         tilting: Feedback of depth and tilt in place of K_p and K_d in heave; None where heave thrust does not tilt it.
     """
 
@@ -155,6 +156,12 @@ class Tracking(Block):
         return TrackingMemory(jnp.zeros(3), Allowance.none())
 
     def step(self, memory: TrackingMemory, input: ControlInput, dt: float) -> tuple[TrackingMemory, Wrench]:
+        # An acceleration that nobody makes must not be counted on either: by the coupled mass it asks for a force.
+        axes = input.axes
+        left = replace(self, K_p=axes * self.K_p, K_d=axes * self.K_d, K_i=axes[3:] * self.K_i)
+        return left._step(memory, input, dt)
+
+    def _step(self, memory: TrackingMemory, input: ControlInput, dt: float) -> tuple[TrackingMemory, Wrench]:
         estimate, reference, model = input.estimate, input.reference, self.model
         euler = estimate.eta[3:]
         R_nb = rotation_from_euler(euler)
@@ -174,7 +181,8 @@ class Tracking(Block):
             nu_ref, ahead = (
                 x.at[HEAVE].set(y[HEAVE]) for x, y in ((nu_ref, reference.eta_dot), (ahead, reference.eta_ddot))
             )
-        nu_ref, eased, asked = self._level(estimate, nu, nu_ref, e, memory.level.factor)
+        allowed = memory.level.factor if self.tilting is None else jnp.ones(())
+        nu_ref, eased, asked = self._level(estimate, nu, nu_ref, e, allowed)
         level = self.allowance.step(memory.level, asked, euler, dt)
         nu_dot = ahead + self.K_d * (nu_ref - nu + eased) + self.K_p * e
         disturbance = jnp.concatenate([R_bn @ estimate.bias[:3], estimate.bias[3:]])
@@ -192,7 +200,7 @@ class Tracking(Block):
             nu_r = nu.at[:3].add(-R_bn @ current)
             deep = reference.eta[HEAVE] - slow[HEAVE]
             wanted = wanted.at[HEAVE].add(self._depth_and_tilt(self.tilting, deep, nu_ref[HEAVE], nu_r, euler, wanted))
-        wanted = jnp.where(self.limits.upper > self.limits.lower, wanted, 0.0)
+        wanted = jnp.where(self.limits.upper > self.limits.lower, input.axes * wanted, 0.0)
         tau = self.limits.cut(wanted)
         growth = self.K_i * turned * dt
         lost = jnp.where(jnp.abs(input.shortfall) > 1e-6, input.shortfall, 0.0)
@@ -215,7 +223,7 @@ class Tracking(Block):
         """The reference's velocity, and what comes to the one that the error asks for, so that the vehicle stays level.
 
         Their velocities through the water are reduced to what keeps it level; nothing changes where they do. So in a
-        current that would tip it over it drifts. Third, what is asked for as a share of the level speed.
+        current that tips it over it drifts. Third, what is asked for as a share of the level speed.
 
         Args:
             estimate: Tells the current.
@@ -235,7 +243,9 @@ class Tracking(Block):
 
         kept, follows = nu_ref + change(nu_ref), self.K_d > 0.0
         pressed = jnp.where(follows, self.K_p / jnp.where(follows, self.K_d, 1.0), 0.0) * e
-        return kept, change(kept + pressed), level.share((nu_ref + pressed)[:2] - flow)
+        # What cannot be asked for is carried along: no water flows past an axis without thrusters.
+        asked = jnp.where(follows, nu_ref + pressed, nu)[:2]
+        return kept, change(kept + pressed), level.share(asked - flow)
 
     def _flow(self, estimate: Estimate, nu: Array, nu_ref: Array) -> Array:
         """Coriolis wrench and drag, shape (6,): forces at the reference's velocity, as b takes the current's part.

@@ -44,6 +44,7 @@ class Baseline:
         scatter: Between runs beyond what they state, shape (q,).
         freedom: Degrees of freedom with which it is known.
         runs: How many.
+        untold: What none of them has learnt, shape (q,), bool.
     """
 
     value: np.ndarray
@@ -51,6 +52,7 @@ class Baseline:
     scatter: np.ndarray
     freedom: float
     runs: int
+    untold: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,9 @@ def baseline(runs: Sequence[Run]) -> Baseline:
     scatter = np.sqrt(((n - 1) * found + AS_IF * usual**2) / (n - 1 + AS_IF))
     w = 1.0 / (std**2 + scatter**2)
     mean = np.sum(w * value, axis=0) / w.sum(axis=0)
-    learnt = np.array([all(run.readings[i].learnt for run in runs) for i in range(len(usual))])
-    wide = np.where(learnt, np.sqrt(1.0 / w.sum(axis=0) + scatter**2), np.nan)
-    return Baseline(mean, wide, scatter, n - 1.0 + AS_IF, n)
+    learnt = np.array([[reading.learnt for reading in run.readings] for run in runs])
+    wide = np.where(learnt.all(axis=0), np.sqrt(1.0 / w.sum(axis=0) + scatter**2), np.nan)
+    return Baseline(mean, wide, scatter, n - 1.0 + AS_IF, n, ~learnt.any(axis=0))
 
 
 def changed_since(run: Run, before: Baseline) -> list[Change]:
@@ -91,9 +93,9 @@ def changed_since(run: Run, before: Baseline) -> list[Change]:
 
 
 def first_told(run: Run, before: Baseline) -> list[Change]:
-    """What a run tells and the runs before do not, and is not as described: whether it has changed nobody knows."""
+    """What a run tells and none of the runs before, and is not as described: whether it has changed nobody knows."""
     described = np.zeros(len(run.readings))
-    return changes(run.readings, described, np.where(np.isnan(before.std), 0.0, np.nan))
+    return changes(run.readings, described, np.where(before.untold, 0.0, np.nan))
 
 
 def drifts(runs: Sequence[Run]) -> list[Drift]:

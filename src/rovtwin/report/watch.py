@@ -69,16 +69,15 @@ def write_watch(found: Any, folder: Path) -> Path:
     ]
     any_changed = any(changed) or bool(found.drifts)
     headline = "Something has changed" if any_changed else "Nothing has changed that these runs can tell"
-    if any(found.first_told) and not any_changed:
-        any_changed, headline = True, f"Not as described, where nothing is known from {found.against}"
+    unknown = found.before is None or (any(found.first_told) and not any_changed)
+    if unknown:
+        headline = f"Not as described, where nothing is known from {found.against}"
     if found.before is None:
         headline = "One run against its description"
     return write_page(
         Path(folder) / "report.html",
         "sections.html.j2",
         title=f"Watch: {found.vehicle.name}",
-        verdict=Verdict(
-            None if found.before is None else not any_changed, headline, [f"Compared with {found.against}."], []
-        ),
+        verdict=Verdict(None if unknown else not any_changed, headline, [f"Compared with {found.against}."], []),
         sections=[Section("runs", "Runs", (), [text for text, _ in found.words()], [*items, Table("", head, cells)])],
     )

@@ -269,8 +269,8 @@ def _made_good(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, turns:
         gives = "it stays level up to" if level else "the thrusters give"
         does = f"it is flown at about {planned:.2g} m/s"
         if planned < SLOWEST * leg_speed:
-            does = (f"guidance asks for {SLOWEST * leg_speed:.2g} m/s all the same, a tenth of the leg's: the vehicle "
-                    "falls behind, and may be carried off")  # fmt: skip
+            does = (f"guidance asks for {SLOWEST * leg_speed:.2g} m/s all the same, {SLOWEST:.0%} of the leg's: the "
+                    "vehicle falls behind, and may be carried off")  # fmt: skip
         yield Finding(f"{name}: {leg_speed:.2g} m/s are wanted, and {gives} {most:.2g} m/s over ground{why}",
                       does, False)  # fmt: skip
     if most > 0.0 and not crabs and abs(across) > SOME and limits.can(SWAY) and leg.point.heading_deg is None:

@@ -17,7 +17,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.trial import mixing
@@ -38,12 +38,13 @@ from rovtwin.scenario.plan_tank import Tank
 from rovtwin.scenario.rehearsal import Rehearsed, rehearse
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.trial import AXES
-from rovtwin.scenario.trial_scales import TrialScales
+from rovtwin.scenario.trial_scales import TIPPED, TrialScales
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import wrench_limits
 
 BOLLARD = 0.02  # full thrust is known to, before the test
-TIPPING = 0.75 * RULES["attitude limit"].limit  # roll or pitch beyond which another true vehicle may leave it [rad]
+# Roll or pitch beyond which another true vehicle may leave the attitude limit [rad]; what hands do is no fault.
+TIPPING = max(0.75 * RULES["attitude limit"].limit, 1.01 * np.arcsin(TIPPED))
 TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
 MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
 SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
@@ -61,7 +62,7 @@ class Plan:
         ratio: Geometric mean of the variances over the thesis's, of what at least one of both identifies.
         flown: As the twin flies it: times, path, commands.
         room: Between hull and walls on that path [m].
-        candidates: How many there were, and how many fitted the tank.
+        candidates: How many there were, and how many fitted the tank and the attitude limit.
         manoeuvres: Chosen, in words, in order.
         notes: What the vehicle or the tank does not let the test do, in words.
         model: Of the vehicle as it is believed to be.
@@ -161,10 +162,7 @@ def plan_tests(
     quick = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
     flown = rehearse(quick)
     rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
-    fits = [i for i, room in enumerate(rooms) if room > margin]
-    # Where every manoeuvre tilts it that far, those that stay within the limit have to do.
-    usable = [i for i in fits if flown[i].tilt.max() < TIPPING]
-    tipping, usable = (TIPPING, usable) if usable else (np.inf, fits)
+    usable = [i for i, room in enumerate(rooms) if room > margin]
     if not usable:
         raise ConfigError(too_small(vehicle, tank, margin, wanted, flown))
     progress("what each of them tells", 0.1)
@@ -181,10 +179,25 @@ def plan_tests(
 
     touching = TOUCHING * scales.length
 
-    def near(one: Rehearsed) -> np.ndarray:
-        return np.append(tank.near(vehicle, one, touching), one.t[one.tilt > tipping])
+    def lay_out(tipping: float) -> tuple[list[int], Scenario, Rehearsed]:
+        tilts = np.array([flown[i].tilt.max() > tipping for i in usable])
+        left = replace(ours, seconds=np.where(tilts, np.inf, ours.seconds))
 
-    order, scenario, whole = _laid_out(fly, near, prior, ours, 60.0 * minutes, progress)
+        def near(one: Rehearsed) -> np.ndarray:
+            return np.append(tank.near(vehicle, one, touching), one.t[one.tilt > tipping])
+
+        return _laid_out(fly, near, prior, left, 60.0 * minutes, progress)
+
+    tilted = []
+    try:
+        order, scenario, whole = lay_out(TIPPING)
+    except (ConfigError, IdentificationError):
+        order, scenario, whole = lay_out(np.inf)
+        most, least = np.degrees([whole.tilt.max(), TIPPING])
+        tilted = [
+            f"it rolls or pitches by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is not "
+            "quite as described may leave the limit"
+        ]
     pulls = [(data.get("axis"), one) for data, one in zip(wanted, flown, strict=False)]
     top = VehicleScales.of(model).top
     slow = excitation(vehicle, tank, top, scales.able, pulls, np.abs(whole.nu).max(axis=0))
@@ -201,7 +214,7 @@ def plan_tests(
         room=tank.room(vehicle, whole)[0],
         candidates=(len(wanted), len(usable)),
         manoeuvres=[in_words(wanted[usable[i]]) for i in order],
-        notes=[*axes_left_out(scales), *slow],
+        notes=[*axes_left_out(scales), *tilted, *slow],
         model=model,
     )
 
@@ -214,7 +227,7 @@ def _laid_out(
     seconds: float,
     progress: Progress,
 ) -> tuple[list[int], Scenario, Rehearsed]:
-    """The best order of candidates that keeps clear of walls and of the attitude limit when it is flown whole.
+    """The best order of candidates that keeps clear of walls, and level enough, when it is flown whole.
 
     One that begins where the last one ended may come nearer to a wall than alone: others take its place, and after
     ROUNDS of that none, so that this ends.

@@ -73,7 +73,7 @@ class Watch:
 
     @property
     def first_told(self) -> list[list[Change]]:
-        """What of each run is not as described, where what it is compared with tells nothing."""
+        """What of each run is not as described, where nothing that it is compared with tells it."""
         if self.before is None:
             return [[] for _ in self.runs]
         of = self.before
@@ -94,10 +94,11 @@ class Watch:
             if not changed and not new:
                 lines.append((f"{one.run.name}: nothing has changed since {self.against} that it can tell", False))
             if new:
-                rest = "" if changed else "; what is known from there has not changed"
                 figures = ", ".join(str(c.reading) for c in new)
-                text = f"{one.run.name}: not as described, where nothing is known from {self.against}: {figures}{rest}"
-                lines.append((text, True))
+                text = f"{one.run.name}: not as described, where nothing is known from {self.against}: {figures}"
+                lines.append(
+                    (f"{text}. Whether it has changed nobody knows; the description may be wrong there", False)
+                )
             lines += [
                 (f"{one.run.name}: {c.difference} since {self.against} ({abs(c.z):.1f} std)", True) for c in changed
             ]
@@ -145,9 +146,8 @@ def watch_runs(
     if std is None:
         return Watch(described, runs, None, 0, "for the vehicle was not identified and this is the only run")
     nothing = np.zeros(len(std))
-    return Watch(
-        described, runs, Baseline(nothing, std, nothing, np.inf, 0), 0, f"the identification of {described.name}"
-    )
+    identified = Baseline(nothing, std, nothing, np.inf, 0, np.isnan(std))
+    return Watch(described, runs, identified, 0, f"the identification of {described.name}")
 
 
 def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float], None]) -> WatchedRun:

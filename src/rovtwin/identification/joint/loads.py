@@ -1,7 +1,6 @@
 """Forces on a vehicle under test: of its thrusters at known commands, of known ballast and of the tether."""
 
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
@@ -27,22 +26,32 @@ def thrust_history(
     flat, shares = (x.reshape(-1, *x.shape[2:]) for x in (targets, held))
     begin = fresh.reshape(-1)
 
-    def one(force: Array, now: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    def one(force: Array, now: tuple[Array, Array, Array]) -> tuple[Array, _Cell]:
         goals, share, begins = now
         return _through_step(thrusters, jnp.where(begins > 0, goals[0], force), goals, share, step)
 
-    _, history = jax.lax.scan(one, flat[0, 0], (flat, shares, begin))
+    _, cells = jax.lax.scan(one, flat[0, 0], (flat, shares, begin))
     if delay is not None:
-        history = _delayed(history, begin, 2.0 * delay / step)
+        cells = _delayed(cells, begin, delay / step)
+    # With a command that changes in the step the middle is what Simpson's rule, as of RK4, needs for the impulse.
+    middle = 0.25 * (6.0 * cells.mean - cells.first - cells.last)
+    history = jnp.stack([cells.first, middle, cells.last], axis=1)
     return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
 
 
-def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array, step: float) -> tuple[Array, Array]:
-    """Forces at the end of a step, shape (n,), and at its start, middle and end, shape (3, n).
+class _Cell(NamedTuple):
+    """Forces of thrusters in a step [N], shape (n,), or of N steps, shape (N, n): at its ends, and their mean."""
+
+    first: Array
+    mean: Array
+    last: Array
+
+
+def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array, step: float) -> tuple[Array, _Cell]:
+    """Forces at the end of a step, shape (n,), and in it.
 
     Each command acts for as long as it is held: with the lag of their mean a thruster would seem late by half of the
-    step squared over its time constant. With a change in the step the middle is what Simpson's rule, as of RK4, needs
-    for the impulse of the step.
+    step squared over its time constant.
 
     Args:
         thrusters: With their lag.
@@ -51,44 +60,50 @@ def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array,
         held: Share of the step that each is held, shape (m,).
         step: [s].
     """
-    begins, middle, impulse = force, force, jnp.zeros_like(force)
-    for number, (goal, share) in enumerate(zip(goals, held, strict=True)):
+    first, mean = force_just_after(thrusters, force, goals[0]), jnp.zeros_like(force)
+    for goal, share in zip(goals, held, strict=True):
         # What is made up is held for no time: any other time is finite, and not used.
         some, time = share > 0.0, jnp.where(share > 0.0, share, 1.0) * step
         before = force_just_after(thrusters, force, goal)
         half = lag(thrusters, before, goal, 0.5 * time)
         after = lag(thrusters, half, goal, 0.5 * time)
-        begins, middle = (before, half) if number == 0 else (begins, middle)
-        impulse = impulse + share * (before + 4.0 * half + after)
+        mean = mean + share * (before + 4.0 * half + after) / 6.0
         force = jnp.where(some, after, force)
-    if len(goals) > 1:
-        middle = 0.25 * (impulse - begins - force)
-    return force, jnp.stack([begins, middle, force])
+    return force, _Cell(first, mean, force)
 
 
-def _delayed(history: Array, begin: Array, halves: Array) -> Array:
-    """Forces (N, 3, n) at the start, middle and end of steps, so many half steps later, linear between these instants.
+def _delayed(cells: _Cell, begin: Array, shift: Array) -> _Cell:
+    """The same so many steps later.
 
-    At the ends of a record, whose steps begin where `begin` (N,) is 1, its first or last force goes on.
+    In a step the impulse so far is the cubic with the forces at both ends as its slopes, so that no impulse is lost,
+    whatever the shift. At the ends of a record, whose steps begin where `begin` (N,) is 1, its first or last force
+    goes on.
     """
-    count = len(history)
-    # Each half step by its own ends: a thruster without a lag jumps between two of them.
-    first, last = history[:, :2].reshape(2 * count, -1), history[:, 1:].reshape(2 * count, -1)
+    count = len(begin)
     number = jnp.arange(count)
-    starts = jax.lax.cummax(jnp.where(begin > 0, number, 0))
+    low = jax.lax.cummax(jnp.where(begin > 0, number, 0))
     following = jnp.concatenate([begin[1:], jnp.ones(1)]) > 0
-    ends = jax.lax.cummin(jnp.where(following, number, count - 1), reverse=True)
+    high = jax.lax.cummin(jnp.where(following, number, count - 1), reverse=True)
 
-    def at(instant: Array, low: Array, high: Array, from_left: bool) -> Array:
-        place = jnp.clip(instant - halves, 2.0 * low, 2.0 * high + 2.0)
-        cell = jnp.ceil(place) - 1 if from_left else jnp.floor(place)
-        cell = jnp.clip(cell, 2 * low, 2 * high + 1).astype(int)
-        return first[cell] + (place - cell) * (last[cell] - first[cell])
+    def impulse(cell: _Cell, s: Array) -> Array:
+        return cell.first * s * (1.0 - s) ** 2 + cell.mean * s**2 * (3.0 - 2.0 * s) - cell.last * s**2 * (1.0 - s)
 
-    sides = ((0.0, False), (1.0, False), (2.0, True))
-    return jnp.stack(
-        [jax.vmap(partial(at, from_left=left))(2.0 * number + k, starts, ends) for k, left in sides], axis=1
-    )
+    def force(cell: _Cell, s: Array) -> Array:
+        ends = cell.first * (1.0 - s) * (1.0 - 3.0 * s) - cell.last * s * (2.0 - 3.0 * s)
+        return ends + 6.0 * cell.mean * s * (1.0 - s)
+
+    def at(k: Array, low: Array, high: Array) -> _Cell:
+        begins, ends = (jnp.clip(k + side - shift, low, high + 1.0) for side in (0.0, 1.0))
+        a = jnp.clip(jnp.floor(begins), low, high).astype(int)
+        b = jnp.clip(jnp.ceil(ends) - 1.0, low, high).astype(int)
+        one, other = (jax.tree.map(lambda x, row=row: x[row], cells) for row in (a, b))
+        s, t = begins - a, ends - b
+        inside = impulse(other, t) - impulse(one, s) + jnp.where(a == b, 0.0, one.mean)
+        before = jnp.clip(low - (k - shift), 0.0, 1.0) * cells.first[low]
+        after = jnp.clip(k + 1.0 - shift - (high + 1.0), 0.0, 1.0) * cells.last[high]
+        return _Cell(force(one, s), inside + before + after, force(other, t))
+
+    return jax.vmap(at)(1.0 * number, low, high)
 
 
 def load_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:
