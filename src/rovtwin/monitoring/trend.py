@@ -84,7 +84,7 @@ def baseline(runs: Sequence[Run]) -> Baseline:
     mean = np.sum(w * value, axis=0) / w.sum(axis=0)
     learnt = np.array([[reading.learnt for reading in run.readings] for run in runs])
     wide = np.where(learnt.all(axis=0), np.sqrt(1.0 / w.sum(axis=0) + scatter**2), np.nan)
-    return Baseline(mean, wide, scatter, n - 1.0 + AS_IF, n, ~learnt.any(axis=0))
+    return Baseline(mean, wide, scatter, n - 1.0 + AS_IF, n, np.asarray(~learnt.any(axis=0)))
 
 
 def changed_since(run: Run, before: Baseline) -> list[Change]:

@@ -195,8 +195,8 @@ def plan_tests(
         order, scenario, whole = lay_out(np.inf)
         most, least = np.degrees([whole.tilt.max(), TIPPING])
         tilted = [
-            f"it rolls or pitches by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is not "
-            "quite as described may leave the limit"
+            f"it rolls or pitches by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is "
+            "not quite as described may leave the limit"
         ]
     pulls = [(data.get("axis"), one) for data, one in zip(wanted, flown, strict=False)]
     top = VehicleScales.of(model).top

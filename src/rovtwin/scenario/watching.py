@@ -96,9 +96,8 @@ class Watch:
             if new:
                 figures = ", ".join(str(c.reading) for c in new)
                 text = f"{one.run.name}: not as described, where nothing is known from {self.against}: {figures}"
-                lines.append(
-                    (f"{text}. Whether it has changed nobody knows; the description may be wrong there", False)
-                )
+                text += ". Whether it has changed nobody knows; the description may be wrong there"
+                lines.append((text, False))
             lines += [
                 (f"{one.run.name}: {c.difference} since {self.against} ({abs(c.z):.1f} std)", True) for c in changed
             ]
