@@ -1,5 +1,7 @@
 """A floor that is not level: what it is, what an altimeter says of it, and a vehicle that follows it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.scenario.composition import compose
+from rovtwin.scenario.contacts import touched
 from rovtwin.scenario.feasibility import require_feasible
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
@@ -52,6 +55,28 @@ def test_the_hull_is_held_by_the_floor_that_is_below_it():
     on_it = jnp.append(state.position[:2] + 0.1, depth + 0.1 * jnp.sum(slope))
     assert np.isclose(around.walls.normals[-1] @ on_it, around.walls.offsets[-1], atol=1e-12)
     assert around.walls.normals.shape == (3, 3) and np.isclose(around.floor, depth)
+
+
+def test_what_the_hull_touched_is_told_with_times_and_durations():
+    """By the plant's own geometry: corners against planes, the floor the one that is below them."""
+    model = compose(load_scenario("lawnmower_calm")).model
+    lowest, foremost = (float(np.max(np.asarray(model.hull.corners)[:, i])) for i in (2, 0))
+    pose = np.zeros((3001, 6))
+    pose[:, 2] = float(RELIEF.under(jnp.zeros(2))[0]) - 2.0
+    pose[1000:1020, 2] += 2.0 - lowest + 0.1
+    pose[1030:1050, 2] += 2.0 - lowest + 0.1
+    pose[2000:2100, 0] = 5.0 - foremost + 0.01
+    run = SimpleNamespace(pose=pose, control_dt=0.02)
+    world = World(walls=walls_of((-5.0, 5.0), None, 5.0), relief=RELIEF, surface=jnp.zeros(()))
+    assert touched(run, model, world, False) == [
+        "touched the northern wall at 40.0 s for 2.0 s", "touched the floor at 20.0 s for 1.0 s",
+    ]  # fmt: skip
+    pose[:, 2], pose[500, 2], pose[:, 0] = 2.0, 0.0, 0.0
+    assert touched(run, model, world, False) == []
+    (line,) = touched(run, model, world, True)
+    assert line.startswith("came out of the water at 10.0 s for 0.1 s; identify knows no such force")
+    pose[:, 2], pose[100::200, 2] = 2.0, 9.0
+    assert touched(run, model, world, False)[0].startswith("touched the floor 15 times, longest at 2.0 s for 0.1 s, at")
 
 
 @pytest.mark.parametrize(

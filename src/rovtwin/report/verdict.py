@@ -63,6 +63,7 @@ def verdict(flight: Flight) -> Verdict:
     sentences = [
         *_why(summary, good),
         *_about_decisions(summary),
+        *[f"It {line}." for line in summary.get("touched") or []],
         *_sentences(summary),
         *_about_supply(flight),
         *_about_place(flight),

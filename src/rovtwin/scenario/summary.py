@@ -8,6 +8,7 @@ from rovtwin.core.flow import GO, HOLD
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.contacts import touched
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.depths import not_at_depth
 from rovtwin.scenario.endings import why_ended
@@ -45,6 +46,7 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
         "foreseen": [finding.line for finding in judge(composed.scenario, composed.loop.twin.model)],
         "altitude_rms_m": altitude,
         "unmet": [one.line for one in unmet_headings(flown, composed.scenario)],
+        "touched": touched(flown, composed.loop.twin.model, composed.loop.twin.world, not judged),
         "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,
