@@ -41,7 +41,7 @@ TILTED = 15.0  # roll or pitch that is said beforehand, or half of the attitude 
 SOME = 0.01  # current that counts [m/s]
 SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
 _BASELINE_OF = "double_blueye"
-_KEEPS = "this autopilot keeps its heading and is carried off: fly it with model_based, steering auto or los"
+_KEEPS = "this autopilot keeps its heading and is carried off: fly it with model_based, steering {}"
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,9 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
     if not any(finding.refused for finding in found):
         for leg in legs:
             current = current_at(scenario.world, leg.depth) if known_world else np.zeros(2)
-            found += _on_leg(limits, leg, current, steers(scenario, model), _turns_bow(scenario))
+            found += _on_leg(
+                limits, leg, current, steers(scenario, model), _turns_bow(scenario), _would_turn(scenario, model)
+            )
         if known_world:
             found += [*_in_tank(limits, legs, scenario.world), *_over_nothing(legs, scenario.world), *_unseen(scenario)]
         found += _tilted(legs, scenario, model, known_world)
@@ -205,7 +207,20 @@ def _turns_bow(scenario: Scenario) -> bool:
     return not isinstance(scenario.autopilot, ThesisSection)
 
 
-def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns: bool) -> Iterator[Finding]:
+def _would_turn(scenario: Scenario, model: Model) -> str:
+    """Steering with which `model_based` would turn where what is flown, the thesis's or `crab`, does not; else empty.
+
+    A vehicle that crabs keeps a heading that is asked for with `auto`, too.
+    """
+    section = scenario.autopilot
+    if not isinstance(section, ThesisSection) and section.guidance.steering != "crab":
+        return ""
+    return "los" if VehicleScales.of(model).crabs else "auto or los"
+
+
+def _on_leg(
+    limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns: bool, would_turn: str
+) -> Iterator[Finding]:
     """What speed, current, heading and corner ask of a leg and of the stay at its end."""
     ahead, size = float(limits.top[SURGE, 1]), float(np.hypot(*current))
     best = max(ahead, float(limits.top[SWAY].max()))
@@ -225,12 +240,13 @@ def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns
         yield from _made_good(limits, leg, current, flow, turns and limits.can(YAW))
         yield from _stops(limits, leg)
     if leg.point.heading_deg is not None and size > SOME:
-        yield from _held_heading(limits, leg, current, flow, float(limits.through[SURGE, 1]) if steered else 0.0)
+        gives_up = float(limits.through[SURGE, 1]) if steered else 0.0
+        yield from _held_heading(limits, leg, current, flow, gives_up, would_turn)
     elif leg.point.hold_time > 0 and size > SOME and not limits.can(SWAY):
         psi = math.degrees(math.atan2(-current[1], -current[0])) % 360
         instead = f"it turns its bow into the current ({psi:.0f} deg)"
         yield Finding(f"{leg.name}: no thrust in sway, and it is to stay there in {flow}",
-                      instead if steered else _KEEPS, False)  # fmt: skip
+                      instead if steered else _KEEPS.format("auto or los"), False)  # fmt: skip
 
 
 def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
@@ -298,28 +314,42 @@ def _up(value: float) -> float:
     return round(0.1 * math.ceil(10.0 * value), 1)
 
 
-def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float) -> Iterator[Finding]:
-    """Whether a place can be held with the heading that is asked for; `ahead` is its speed if it may turn, or 0."""
+def _held_heading(
+    limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float, would_turn: str
+) -> Iterator[Finding]:
+    """Whether a place can be held with the heading that is asked for.
+
+    `ahead` is its speed if it gives the heading up by itself, or 0; `would_turn`: as of `_would_turn`.
+    """
     psi = math.radians(leg.point.heading_deg or 0.0)
     c, s = math.cos(psi), math.sin(psi)
     stem = -np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])  # through the water, in b
-    has = [float(limits.through[axis, 1 if stem[axis] > 0 else 0]) for axis in (SURGE, SWAY)]
-    short = [(name, abs(float(stem[i])), has[i]) for i, name in enumerate(("surge", "sway"))
-             if abs(stem[i]) > max(has[i], SOME)]  # fmt: skip
+    sides = [1 if stem[axis] > 0 else 0 for axis in (SURGE, SWAY)]
+    has = [float(limits.through[axis, sides[axis]]) for axis in (SURGE, SWAY)]
+    short = [axis for axis in (SURGE, SWAY) if abs(stem[axis]) > max(has[axis], SOME)]
     if not short:
         return
-    name, takes, gives = short[0]
-    into = math.degrees(math.atan2(-current[1], -current[0])) % 360
-    cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name}, level, is {gives:.2g} m/s"
+    axis, into = short[0], math.degrees(math.atan2(-current[1], -current[0])) % 360
+    name, turned, takes, gives = ("surge", "sway")[axis], ("pitch", "roll")[axis], abs(float(stem[axis])), has[axis]
+    thrust = float(limits.top[axis, sides[axis]])
+    tips = 0.0 < gives < thrust
+    if tips:
+        cannot = (
+            f"it stays level up to {gives:.2g} m/s in {name} (Munk's moment in {turned}); thrust would give "
+            f"{thrust:.2g} m/s"
+        )
+    else:
+        cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name} is {gives:.2g} m/s"
     what = (
         f"{leg.name}: {flow} cannot be stemmed heading {leg.point.heading_deg:g} deg: {takes:.2g} m/s in {name}, and "
     )
     if np.hypot(*current) < ahead:
         yield Finding(what + cannot, f"the heading is given up: it looks into the current ({into:.0f} deg)", False)
     else:
-        instead = "leave the heading out, or wait for less current"
-        if np.hypot(*current) < float(limits.top[SURGE, 1]):
-            instead = f"{_KEEPS}, or {instead}"
+        instead = f"wait for less current, or {'raise BG' if tips else 'give it more thrust'}"
+        if np.hypot(*current) < float(limits.through[SURGE, 1]) and limits.can(YAW):
+            looks = f"ask for a heading near {into:.0f} deg, into the current, or leave it out"
+            instead = f"{_KEEPS.format(would_turn)}, or {looks}" if would_turn else f"{looks}, or {instead}"
         yield Finding(what + cannot, instead, True)
 
 
