@@ -23,6 +23,7 @@ from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.path_guidance import SLOWEST
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
+from rovtwin.scenario.compose_sensors import sensors_of, together
 from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import TURNING, Limits, compass_point
 from rovtwin.scenario.schema import (
@@ -32,6 +33,7 @@ from rovtwin.scenario.schema import (
     WorldSection,
 )
 from rovtwin.scenario.tilting import tilts
+from rovtwin.simulation.sensors import Sensor
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import size, wrench_limits
 
@@ -76,13 +78,16 @@ class _Leg:
     depth: float
 
 
-def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Finding]:
+def judge(
+    scenario: Scenario, model: Model, known_world: bool = True, sensors: dict[str, Sensor] | None = None
+) -> list[Finding]:
     """What the vehicle cannot do of the scenario's mission, the gravest first; NumPy, milliseconds.
 
     Args:
         scenario: Its mission, start and world; a test has its own checks.
         model: Of the vehicle as it truly is.
         known_world: False where the vehicle is somewhere else, behind a link: current and tank do not count then.
+        sensors: That fly; None: the usual ones.
     """
     if not scenario.waypoints:
         return []
@@ -96,17 +101,19 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
             )
         if known_world:
             found += [*_in_tank(limits, legs, scenario.world), *_over_nothing(legs, scenario.world), *_unseen(scenario)]
-        found += _tilted(legs, scenario, model, known_world)
+        found += _tilted(legs, scenario, model, known_world, _fixes_std(scenario, sensors))
     return sorted(_once(found), key=lambda finding: not finding.refused)
 
 
-def require_feasible(scenario: Scenario, model: Model, known_world: bool = True) -> list[Finding]:
+def require_feasible(
+    scenario: Scenario, model: Model, known_world: bool = True, sensors: dict[str, Sensor] | None = None
+) -> list[Finding]:
     """What remains to be said of a mission that can be flown; arguments are those of `judge`.
 
     Raises:
         ConfigError: Nothing useful can be flown; with the numbers and what to change.
     """
-    found = judge(scenario, model, known_world)
+    found = judge(scenario, model, known_world, sensors)
     refused = [finding.line for finding in found if finding.refused]
     if refused:
         raise ConfigError(f"{scenario.name}: " + "\n".join(refused))
@@ -121,7 +128,8 @@ def foreseen(scenario: Scenario, vehicle: Vehicle, model: Model, known_world: bo
     Raises:
         ConfigError: Nothing useful can be flown.
     """
-    lines = [finding.line for finding in require_feasible(scenario, model, known_world)]
+    sensors = sensors_of(scenario, vehicle)
+    lines = [finding.line for finding in require_feasible(scenario, model, known_world, sensors)]
     other = baseline_of_another(scenario, vehicle) if scenario.waypoints else None
     return [*lines, other] if other else lines
 
@@ -365,7 +373,17 @@ def _in_tank(limits: Limits, legs: list[_Leg], world: WorldSection) -> Iterator[
         yield Finding(what, "write slower way-points", False)
 
 
-def _tilted(legs: list[_Leg], scenario: Scenario, model: Model, known_world: bool) -> Iterator[Finding]:
+def _fixes_std(scenario: Scenario, sensors: dict[str, Sensor] | None) -> float:
+    """Of a horizontal position fix [m]; 0 with a Doppler log on board, which tells a fix's error from a motion."""
+    if sensors is not None and together(sensors, "dvl"):
+        return 0.0
+    fixes, given = together(sensors or {}, "position"), scenario.sensors.position.noise
+    return (fixes[0] if fixes else 0.0) or (SENSORS["position"].std if given is None else float(np.max(given)))
+
+
+def _tilted(
+    legs: list[_Leg], scenario: Scenario, model: Model, known_world: bool, fixes_std: float
+) -> Iterator[Finding]:
     """Roll and pitch as a dive begins, where they are worth a word."""
     section = scenario.autopilot
     if isinstance(section, ThesisSection):
@@ -376,10 +394,9 @@ def _tilted(legs: list[_Leg], scenario: Scenario, model: Model, known_world: boo
     current = current_at(scenario.world, deepest.depth) if known_world else np.zeros(2)
     c, s = math.cos(deepest.direction), math.sin(deepest.direction)
     flow = np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])
-    std = scenario.sensors.position.noise
-    dive, at = section.control.dive_speed, float(np.max(std)) if std is not None else SENSORS["position"].std
+    dive = section.control.dive_speed
     limit = scenario.autopilot.supervisor.attitude_limit_deg.limit or math.degrees(RULES["attitude limit"].limit)
-    angles = np.degrees(tilts(model, flow, dive, at))
+    angles = np.degrees(tilts(model, flow, dive, fixes_std))
     said = [f"{name} by up to {angle:.0f} deg" for name, angle in zip(("roll", "pitch"), angles, strict=True)
             if angle > min(TILTED, 0.5 * limit)]  # fmt: skip
     if said:
