@@ -8,6 +8,7 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.scenario.compose_sensors import assumed_sensors
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.contacts import touched
 from rovtwin.scenario.feasibility import require_feasible
@@ -105,6 +106,14 @@ def test_an_altitude_over_no_floor_is_refused_though_the_vehicle_carries_the_alt
     with pytest.raises(ConfigError, match="altitude of 2 m is wanted, and the world has no floor; set world.floor"):
         require_feasible(flown.scenario, flown.model)
     assert require_feasible(flown.scenario, flown.model, known_world=False) == []
+
+
+def test_an_altimeter_over_no_floor_is_said_to_give_no_readings():
+    """It carried one, the world had no floor, and nobody said why its channel stayed empty."""
+    changes = ((), ["world.floor=9"], ["sensors.altimeter=false", "sensors.altimeter_2=false"])
+    said = [assumed_sensors(load_scenario("lawnmower_calm", change), with_altimeters(2)) or "" for change in changes]
+    assert "altimeter and altimeter_2 of v will give no readings: the world has no floor ('world.floor'" in said[0]
+    assert "no floor" not in said[1] + said[2]
 
 
 def test_with_the_first_altimeter_silenced_the_second_is_followed():
