@@ -65,6 +65,8 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert figures["hotel_load"]["change"] == 4 and figures["endurance"]["change"] < 0
     code, out, _ = run(capsys, "vehicle", "remove", new, "dvl", "-o", bare)
     assert code == 0 and "part: dvl_a50" not in bare.read_text() and "-dvl" in out
+    assert "new.yaml and bare.yaml" in out  # not what new.yaml calls the vehicle
+    assert "new.yaml, before and after" in run(capsys, "vehicle", "remove", new, "dvl")[1]
     code, out, _ = run(capsys, "vehicle", "diff", "double_blueye", bare, "--json")
     assert code == 0 and {row["key"]: row for row in json.loads(out)["figures"]}["hotel_load"]["change"] == 0
 

@@ -43,6 +43,19 @@ def test_what_has_changed_is_told_and_drawn(runs, monkeypatch, capsys, tmp_path)
     assert "Something has changed" in page and "port.surge against others" in page
 
 
+def test_nothing_has_changed_says_how_little_it_could_tell(runs):
+    found = watch_runs([runs / "before", runs / "before"])
+    readings = [replace(one, value=0.0, std=one.prior_std) for one in found.runs[1].run.readings]
+    blind = replace(found.runs[1], run=replace(found.runs[1].run, readings=readings))
+    (line,) = [text for text, _ in replace(found, runs=[found.runs[0], blind]).words() if "nothing has changed" in text]
+    assert f"that it can tell; 0 of {len(readings)} quantities were learnt in it and before, and no thruster" in line
+    (line,) = [text for text, _ in found.words() if "nothing has changed" in text]
+    learnt = sum(one.learnt for one in found.runs[1].run.readings)
+    assert (
+        0 < learnt < len(readings) and f"{learnt} of {len(readings)} quantities" in line and "thrusters could" in line
+    )
+
+
 def test_one_run_of_a_vehicle_that_was_not_identified_says_so(runs, monkeypatch, capsys):
     code, out, _ = watch(monkeypatch, capsys, runs / "before")
     assert code == 0 and "nothing to compare it with" in out and "surge top speed" in out

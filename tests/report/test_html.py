@@ -243,6 +243,20 @@ def test_bound_in_words(error, words):
     assert found.scores[0].beside == "bound 0.110"
 
 
+def test_an_aborted_run_is_not_praised_and_its_figures_are_plain_numbers():
+    """It read "to 6.37e-03 and 5.35e-03 m" and "this run was luckier than the average" in one that was broken off."""
+    figures = {"position_error_rms_m": [6.37e-3, 5.38e-3], "bound_position_m": [0.018, 0.018]}
+    ended, done = (
+        verdict(with_summary(completed=completed, phase=phase, **figures))
+        for completed, phase in ((False, "aborted"), (True, "finished"))
+    )
+    (said,) = [s for s in ended.sentences if "horizontal position" in s]
+    assert "to 6.4 mm and 5.4 mm rms (north and east)" in said and said.endswith("is 18 mm and 18 mm.")
+    assert any("luckier than the average" in s for s in done.sentences)
+    rows = scores({"position_error_rms_m": [6.4e-4, 1.23e-2], "effort_n2s": 238586.6, "depth_rms_m": 5.4e-5})
+    assert [row.value for row in rows] == ["0.000054", "0.00064, 0.012", "238 587"]
+
+
 def test_scores_pass_over_what_is_no_number():
     rows = scores({"duration_s": "long", "effort_n2s": None, "saturated_share": 0.25, "depth_rms_m": float("nan")})
     assert {row.name: row.value for row in rows} == {

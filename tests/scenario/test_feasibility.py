@@ -223,6 +223,20 @@ def test_an_autopilot_that_keeps_its_heading_is_not_said_to_give_it_up(flown):
     assert not any("given up" in line for line in [*refused, *noted])
 
 
+def test_a_heading_that_staying_level_forbids_is_said_so_with_what_thrust_would_give():
+    """It was called a top speed, and a flight with model_based was told to fly with model_based."""
+    there = "mission.waypoints=[{position: [3, 0, 3], heading_deg: 0, hold_time: 30, acceptance: 0.2}]"
+    for current, bow in (("[0, 0.34, 0]", 270), ("[0, -0.34, 0]", 90)):
+        refused, _ = lines(DISC, f"world.current={current}", there)
+        assert "it stays level up to 0.32 m/s in sway (Munk's moment in roll); thrust would give 1." in refused[0]
+        assert f"ask for a heading near {bow} deg, into the current, or leave it out, or wait for less" in refused[0]
+        assert "raise BG" in refused[0] and "model_based" not in refused[0]
+    refused, _ = lines(DISC, "world.current=[0, 0.34, 0]", there, "autopilot=thesis")
+    assert "fly it with model_based, steering los, or ask for a heading near 270 deg" in refused[0]
+    refused, _ = lines("double_blueye", "world.current=[0, 0.3, 0]", there)
+    assert "its top speed in sway is 0.25 m/s" in refused[0] and "level" not in refused[0]
+
+
 def test_a_current_that_turns_it_across_is_said_and_refused_where_the_bow_never_comes_round():
     """A slender body turns across the flow. Flown: 0.5 m/s completes, 0.8 and 1.4 m/s end at the attitude limit."""
     pair = [

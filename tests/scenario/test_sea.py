@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.scenario.test_stalls import NO_SWAY
 
+from rovtwin.cli.sea import _stems
 from rovtwin.scenario.composition import compose, vehicle_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
@@ -117,6 +118,12 @@ def test_what_control_keeps_level_does_not_tip_over_and_what_tips_is_not_stemmed
     assert heavy["verdict"] == "holds" and "tips" not in heavy["line"]
     level = Limits.of(load_vehicle("bluerov2").model()).level[0]
     assert plain["verdict"] == "holds" and plain["stems_m_s"]["ahead"] == pytest.approx(level, abs=0.02)
+    said = _stems(plain)  # it stood under a table by which a quarter of the thrust was enough
+    assert "staying level, not thrust, is the limit from each side: thrust would stem 2.6 m/s from ahead" in said
+    alike = plain["stems_m_s"] | {"ahead": 2.6, "off the bow": 2.1}
+    said = _stems({"stems_m_s": alike, "thrust_stems_m_s": alike | {"abeam": 2.3, "astern": 2.6}})
+    assert "limit from abeam and astern: thrust would stem 2.3 m/s from abeam, 2.6 m/s from astern" in said
+    assert "level" not in _stems({"stems_m_s": alike, "thrust_stems_m_s": alike})
 
 
 def test_what_would_tip_over_along_its_nose_turns_its_side_to_the_flow():

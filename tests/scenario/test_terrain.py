@@ -1,12 +1,16 @@
 """A floor that is not level: what it is, what an altimeter says of it, and a vehicle that follows it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.scenario.compose_sensors import assumed_sensors
 from rovtwin.scenario.composition import compose
+from rovtwin.scenario.contacts import touched
 from rovtwin.scenario.feasibility import require_feasible
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
@@ -54,6 +58,28 @@ def test_the_hull_is_held_by_the_floor_that_is_below_it():
     assert around.walls.normals.shape == (3, 3) and np.isclose(around.floor, depth)
 
 
+def test_what_the_hull_touched_is_told_with_times_and_durations():
+    """By the plant's own geometry: corners against planes, the floor the one that is below them."""
+    model = compose(load_scenario("lawnmower_calm")).model
+    lowest, foremost = (float(np.max(np.asarray(model.hull.corners)[:, i])) for i in (2, 0))
+    pose = np.zeros((3001, 6))
+    pose[:, 2] = float(RELIEF.under(jnp.zeros(2))[0]) - 2.0
+    pose[1000:1020, 2] += 2.0 - lowest + 0.1
+    pose[1030:1050, 2] += 2.0 - lowest + 0.1
+    pose[2000:2100, 0] = 5.0 - foremost + 0.01
+    run = SimpleNamespace(pose=pose, control_dt=0.02)
+    world = World(walls=walls_of((-5.0, 5.0), None, 5.0), relief=RELIEF, surface=jnp.zeros(()))
+    assert touched(run, model, world, False) == [
+        "touched the northern wall at 40.0 s for 2.0 s", "touched the floor at 20.0 s for 1.0 s",
+    ]  # fmt: skip
+    pose[:, 2], pose[500, 2], pose[:, 0] = 2.0, 0.0, 0.0
+    assert touched(run, model, world, False) == []
+    (line,) = touched(run, model, world, True)
+    assert line.startswith("came out of the water at 10.0 s for 0.1 s; identify knows no such force")
+    pose[:, 2], pose[100::200, 2] = 2.0, 9.0
+    assert touched(run, model, world, False)[0].startswith("touched the floor 15 times, longest at 2.0 s for 0.1 s, at")
+
+
 @pytest.mark.parametrize(
     ("said", "change"),
     [
@@ -80,6 +106,14 @@ def test_an_altitude_over_no_floor_is_refused_though_the_vehicle_carries_the_alt
     with pytest.raises(ConfigError, match="altitude of 2 m is wanted, and the world has no floor; set world.floor"):
         require_feasible(flown.scenario, flown.model)
     assert require_feasible(flown.scenario, flown.model, known_world=False) == []
+
+
+def test_an_altimeter_over_no_floor_is_said_to_give_no_readings():
+    """It carried one, the world had no floor, and nobody said why its channel stayed empty."""
+    changes = ((), ["world.floor=9"], ["sensors.altimeter=false", "sensors.altimeter_2=false"])
+    said = [assumed_sensors(load_scenario("lawnmower_calm", change), with_altimeters(2)) or "" for change in changes]
+    assert "altimeter and altimeter_2 of v will give no readings: the world has no floor ('world.floor'" in said[0]
+    assert "no floor" not in said[1] + said[2]
 
 
 def test_with_the_first_altimeter_silenced_the_second_is_followed():

@@ -6,11 +6,13 @@ import yaml
 from tests.scenario.test_feasibility import DISC, lines
 
 from rovtwin.gnc.level_speed import TILT
+from rovtwin.scenario.feasibility import foreseen
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import fly
 from rovtwin.scenario.tilting import tilts
-from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
+STABLE = DISC | {"center_of_buoyancy": [0, 0, -0.07]}  # what rights it is more than what its dive takes away
 ABEAM = "world.current=[0, 0.34, 0]"
 
 
@@ -31,6 +33,28 @@ def test_a_dive_that_rolls_the_disc_is_said_with_the_angle_and_what_helps():
 def test_one_that_thrusters_keep_level_and_a_baseline_hear_nothing_of_it():
     assert said("bluerov2_heavy", "world.current=[0, 0.3, 0]") == [] and said("double_blueye") == []
     assert said(DISC, ABEAM, "autopilot=thesis") == []
+
+
+def test_with_a_doppler_log_no_fix_pulls_it_aside_in_calm_water():
+    """A made-up one was said to roll by 20 degrees and rolled by 0.6; this disc by 0.2, without it by 14 to 18."""
+    vehicle = vehicle_from_dict(DISC | {"sensors": [*DISC["sensors"], {"name": "dvl", "kind": "dvl"}]}, "disc")
+    bare, model = vehicle_from_dict(DISC, "disc"), vehicle.model()
+    calm, abeam = load_scenario("square"), load_scenario("square", [ABEAM])
+    assert [line for line in foreseen(calm, vehicle, model) if "expected to" in line] == []
+    assert "roll by up to 20 deg" in foreseen(abeam, vehicle, model)[-1]
+    assert "roll by up to 20 deg" in foreseen(calm, bare, model)[0]
+
+
+def test_the_noise_of_the_fixes_is_that_of_the_vehicle_s_own_sensor():
+    """One of the blueye's size in steps of a fix: the usual 0.5 m counted, whatever was on board."""
+    angles = []
+    for noise in (0.02, 0.5):
+        fixes = {"name": "usbl", "kind": "position", "noise": [noise, noise]}
+        vehicle = vehicle_from_dict(STABLE | {"sensors": [*DISC["sensors"], fixes]}, "stable")
+        angles.append(
+            [line for line in foreseen(load_scenario("square"), vehicle, vehicle.model()) if "expected" in line]
+        )
+    assert angles[0] == [] and "expected to roll by up to" in angles[1][0]
 
 
 def test_the_angle_is_that_of_munks_moment():

@@ -4,9 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
+from rovtwin.cli.runs import _closing_table
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot
@@ -84,6 +86,18 @@ def test_a_test_is_done_and_says_so(flight):
     assert flight.completed and flight.summary["test"] and flight.summary["duration_s"] == pytest.approx(36.0)
     assert flight.summary["nees_position_mean"] is None and flight.summary["effort_n2s"] > 0
     assert verdict(Seen(flight.log)).headline == "Test done in 36 s"
+
+
+def test_a_test_that_touched_the_floor_says_so_in_summary_terminal_and_report(flight, capsys):
+    """The planned test of a bluerov2_heavy did, twice, and identify only found that its stretches disagree."""
+    assert flight.summary["touched"] == []
+    down = [{"manoeuvre": "steps", "axis": "heave", "levels": [0.6], "duration": 4, "home": 4}]
+    shallow = fly(short(down, start={"position": [0, 0, 1.5]}, world={"floor": 2.0}))
+    (line,) = shallow.summary["touched"]
+    assert line.startswith("touched the floor at ") and "identify knows no such force" in line
+    assert f"It {line}." in verdict(Seen(shallow.log)).sentences
+    _closing_table(shallow, Console())
+    assert line in capsys.readouterr().out
 
 
 def test_a_full_command_on_an_axis_is_full_and_pushes_no_other_axis():

@@ -167,6 +167,8 @@ def _closing_table(flight: Any, screen: Console) -> None:
         screen.print(f"  {summary['why']}", markup=False)
     for line in summary.get("unmet", []):
         screen.print(f"  {line}", markup=False)
+    for line in summary.get("touched", []):
+        screen.print(f"  {line}", markup=False, soft_wrap=True)
     for one in summary["decisions"]:
         screen.print(f"  {one['t']:7.1f} s  {one['what']}: {one['cause']}", markup=False)
     for line in summary.get("changed", []):

@@ -24,13 +24,27 @@ def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, 
     screen = console(False)
     screen.print(f"{report['vehicle']} in {report['scenario']}", style="bold", markup=False)
     _print(screen, "required to keep still, and available", report)
-    stems = ", ".join(f"{speed:.2g} m/s from {side}" for side, speed in report["stems_m_s"].items())
-    screen.print(f"a steady current that it stems, heading and depth held: at most {stems}\n", markup=False)
+    screen.print(f"{_stems(report)}\n", markup=False)
     thesis = report["thesis_force_rms_n"]
     if report["real_sea"]:
         _print(screen, "the same in a real sea of that height and period", report["real_sea"])
     if thesis is not None:
         screen.print(f"the thesis's wave force for this height and period, as printed: {figure(thesis)} N rms")
+
+
+def _stems(report: dict[str, Any]) -> str:
+    """The largest currents that it stems, and what thrust would give where it does not stay level that long."""
+    said = "a steady current that it stems, heading and depth held: at most " + _from_sides(report["stems_m_s"])
+    thrust, stems = report["thrust_stems_m_s"], report["stems_m_s"]
+    level = {side: speed for side, speed in thrust.items() if stems[side] < speed}
+    if not level:
+        return said
+    where = "from each side" if len(level) == len(stems) else f"from {' and '.join(level)}"
+    return f"{said}; staying level, not thrust, is the limit {where}: thrust would stem {_from_sides(level)}"
+
+
+def _from_sides(speeds: dict[str, float]) -> str:
+    return ", ".join(f"{speed:.2g} m/s from {side}" for side, speed in speeds.items())
 
 
 def _print(screen: Any, title: str, report: dict[str, Any]) -> None:

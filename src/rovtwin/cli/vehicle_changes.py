@@ -52,7 +52,7 @@ def add(
     _check_out(out, overwrite)
     attitude = _angles(attitude_deg)
     wanted = _net_buoyancy(buoyancy, ballast)
-    _report(refit(vehicle, device, point(at, "--at"), attitude, name, out), ballast, wanted, out, as_json)
+    _report(refit(vehicle, device, point(at, "--at"), attitude, name, out), vehicle, ballast, wanted, out, as_json)
 
 
 def remove(
@@ -72,7 +72,7 @@ def remove(
 
     _check_out(out, overwrite)
     wanted = _net_buoyancy(buoyancy, ballast)
-    _report(refit(vehicle, part, out), ballast, wanted, out, as_json)
+    _report(refit(vehicle, part, out), vehicle, ballast, wanted, out, as_json)
 
 
 def diff(
@@ -107,8 +107,8 @@ def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
     return None if text is None else quantity(text, LIFT, "--buoyancy")
 
 
-def _report(change: "Refit", ballast: bool, wanted: float | None, out: Path | None, as_json: bool) -> None:
-    """Write the file, and print or emit what changed and what would trim the vehicle again."""
+def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, out: Path | None, as_json: bool) -> None:
+    """Write the file, and print or emit what changed of the `given` vehicle and what would trim it again."""
     from rovtwin.scenario.vehicle_figures import compared, devices_load
     from rovtwin.vehicle.findings import reservations
     from rovtwin.vehicle.refit import trimming, with_ballast
@@ -138,12 +138,8 @@ def _report(change: "Refit", ballast: bool, wanted: float | None, out: Path | No
         emit({"vehicle": change.before.name, "figures": rows, "ballast": ballasting, "ballasted": ballast}
              | {"notes": notes, "file": file})  # fmt: skip
         return
-    _print_figures(
-        f"{change.before.name} and {shown.after.name if out is None else out.name}",
-        rows,
-        ("before", "after"),
-        every=False,
-    )
+    titled = f"{Path(given).name}, before and after" if out is None else f"{Path(given).name} and {out.name}"
+    _print_figures(titled, rows, ("before", "after"), every=False)
     screen = console(False)
     screen.print(without or _about_ballast(pieces, trimmed, ballast, wanted), markup=False, soft_wrap=True)
     for note in notes:

@@ -63,7 +63,8 @@ def verdict(flight: Flight) -> Verdict:
     sentences = [
         *_why(summary, good),
         *_about_decisions(summary),
-        *_sentences(summary),
+        *[f"It {line}." for line in summary.get("touched") or []],
+        *_sentences(summary, good is not False),
         *_about_supply(flight),
         *_about_place(flight),
     ]
@@ -125,8 +126,8 @@ def _why(summary: Mapping[str, Any], good: bool | None) -> list[str]:
     return [] if good or len(reason) <= HEADLINE else [f"{reason[0].upper()}{reason[1:]}."]
 
 
-def _sentences(summary: Mapping[str, Any]) -> list[str]:
-    found = (_about_path(summary), _about_position(summary), _about_nees(summary), _about_thrusters(summary))
+def _sentences(summary: Mapping[str, Any], good: bool) -> list[str]:
+    found = (_about_path(summary), _about_position(summary, good), _about_nees(summary), _about_thrusters(summary))
     return [sentence for sentence in found if sentence]
 
 
@@ -144,15 +145,18 @@ def _about_path(summary: Mapping[str, Any]) -> str:
     return text + (f" and held its depth to {_length(depth)} rms." if depth is not None else ".")
 
 
-def _about_position(summary: Mapping[str, Any]) -> str:
+def _about_position(summary: Mapping[str, Any], good: bool) -> str:
+    """Its error beside the bound; what is good of that only of a run that was not broken off."""
     error, bound = _numbers(summary.get("position_error_rms_m")), _numbers(summary.get("bound_position_m"))
     if error is None:
         return ""
-    text = f"It knew its horizontal position to {_format(error, 1, 2, ' and ')} m rms (north and east)"
+    text = f"It knew its horizontal position to {_lengths(error)} rms (north and east)"
     if not bound or not all(np.isfinite(bound)) or min(bound) <= 0:
         return text + "."
     ratio = float(np.sqrt(np.mean(np.square(error)) / np.mean(np.square(bound))))
-    against = f"the steady-state bound for this vehicle, sensors and disturbance is {_format(bound, 1, 2, ' and ')} m"
+    against = f"the steady-state bound for this vehicle, sensors and disturbance is {_lengths(bound)}"
+    if ratio < 1.3 and not good:
+        return f"{text}; {against}."
     if ratio < 0.8:
         return f"{text}; {against}: this run was luckier than the average, or less disturbed than the bound assumes."
     if ratio < 1.3:
@@ -198,7 +202,13 @@ def _about_place(flight: Flight) -> list[str]:
 
 
 def _length(value: float) -> str:
+    if value < 0.01:
+        return f"{1000 * value:.1f} mm"
     return f"{1000 * value:.0f} mm" if value < 0.1 else f"{value:.2f} m"
+
+
+def _lengths(values: list[float]) -> str:
+    return " and ".join(_length(value) for value in values)
 
 
 def _numbers(value: Any) -> list[float] | None:
@@ -221,6 +231,8 @@ def _format(values: list[float], factor: float, digits: int, between: str = ", "
 def _digits(value: float, digits: int) -> str:
     if not np.isfinite(value):
         return "not a number" if np.isnan(value) else "infinite"
-    if abs(value) >= 10**5 or (value and abs(value) < 10.0 ** -max(digits, 1)):
+    if value and abs(value) < 10.0 ** -max(digits, 1) and abs(value) >= 1e-6:
+        return np.format_float_positional(value, precision=3, fractional=False, trim="-")
+    if abs(value) >= 1e9 or (value and abs(value) < 1e-6):
         return f"{value:.2e}"
     return f"{value:,.{digits}f}".replace(",", " ")

@@ -51,7 +51,7 @@ class OnBoard:
 def assumed_sensors(scenario: Scenario, vehicle: Vehicle) -> str | None:
     """What flies though no part measures it: readings from outside of a horizontal position, and others; None: nothing.
 
-    Nothing is assumed where the scenario names a preset.
+    And what a part carries in vain: an altimeter over no floor. Nothing is assumed where the scenario names a preset.
     """
     found = on_board(scenario, vehicle)
     if found.preset != "vehicle":
@@ -69,6 +69,10 @@ def assumed_sensors(scenario: Scenario, vehicle: Vehicle) -> str | None:
             f"no part of {vehicle.name} measures a horizontal position: it is assumed to come from outside, every "
             f"{period:.3g} s with noise of {off:.2g} m ('sensors.position' changes that)"
         )
+    silent = [name for name in found.carried if kind_of(name) == "altimeter"]
+    if silent and scenario.world.floor is None:
+        lines.append(f"{' and '.join(silent)} of {vehicle.name} will give no readings: the world has no floor "
+                     "('world.floor' sets its depth)")  # fmt: skip
     return ". ".join(lines) or None
 
 

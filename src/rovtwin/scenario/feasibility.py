@@ -23,6 +23,7 @@ from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.path_guidance import SLOWEST
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
+from rovtwin.scenario.compose_sensors import sensors_of, together
 from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import TURNING, Limits, compass_point
 from rovtwin.scenario.schema import (
@@ -32,6 +33,7 @@ from rovtwin.scenario.schema import (
     WorldSection,
 )
 from rovtwin.scenario.tilting import tilts
+from rovtwin.simulation.sensors import Sensor
 from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import size, wrench_limits
 
@@ -41,7 +43,7 @@ TILTED = 15.0  # roll or pitch that is said beforehand, or half of the attitude 
 SOME = 0.01  # current that counts [m/s]
 SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
 _BASELINE_OF = "double_blueye"
-_KEEPS = "this autopilot keeps its heading and is carried off: fly it with model_based, steering auto or los"
+_KEEPS = "this autopilot keeps its heading and is carried off: fly it with model_based, steering {}"
 
 
 @dataclass(frozen=True)
@@ -76,13 +78,16 @@ class _Leg:
     depth: float
 
 
-def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Finding]:
+def judge(
+    scenario: Scenario, model: Model, known_world: bool = True, sensors: dict[str, Sensor] | None = None
+) -> list[Finding]:
     """What the vehicle cannot do of the scenario's mission, the gravest first; NumPy, milliseconds.
 
     Args:
         scenario: Its mission, start and world; a test has its own checks.
         model: Of the vehicle as it truly is.
         known_world: False where the vehicle is somewhere else, behind a link: current and tank do not count then.
+        sensors: That fly; None: the usual ones.
     """
     if not scenario.waypoints:
         return []
@@ -91,20 +96,24 @@ def judge(scenario: Scenario, model: Model, known_world: bool = True) -> list[Fi
     if not any(finding.refused for finding in found):
         for leg in legs:
             current = current_at(scenario.world, leg.depth) if known_world else np.zeros(2)
-            found += _on_leg(limits, leg, current, steers(scenario, model), _turns_bow(scenario))
+            found += _on_leg(
+                limits, leg, current, steers(scenario, model), _turns_bow(scenario), _would_turn(scenario, model)
+            )
         if known_world:
             found += [*_in_tank(limits, legs, scenario.world), *_over_nothing(legs, scenario.world), *_unseen(scenario)]
-        found += _tilted(legs, scenario, model, known_world)
+        found += _tilted(legs, scenario, model, known_world, _fixes_std(scenario, sensors))
     return sorted(_once(found), key=lambda finding: not finding.refused)
 
 
-def require_feasible(scenario: Scenario, model: Model, known_world: bool = True) -> list[Finding]:
+def require_feasible(
+    scenario: Scenario, model: Model, known_world: bool = True, sensors: dict[str, Sensor] | None = None
+) -> list[Finding]:
     """What remains to be said of a mission that can be flown; arguments are those of `judge`.
 
     Raises:
         ConfigError: Nothing useful can be flown; with the numbers and what to change.
     """
-    found = judge(scenario, model, known_world)
+    found = judge(scenario, model, known_world, sensors)
     refused = [finding.line for finding in found if finding.refused]
     if refused:
         raise ConfigError(f"{scenario.name}: " + "\n".join(refused))
@@ -119,7 +128,8 @@ def foreseen(scenario: Scenario, vehicle: Vehicle, model: Model, known_world: bo
     Raises:
         ConfigError: Nothing useful can be flown.
     """
-    lines = [finding.line for finding in require_feasible(scenario, model, known_world)]
+    sensors = sensors_of(scenario, vehicle)
+    lines = [finding.line for finding in require_feasible(scenario, model, known_world, sensors)]
     other = baseline_of_another(scenario, vehicle) if scenario.waypoints else None
     return [*lines, other] if other else lines
 
@@ -205,7 +215,20 @@ def _turns_bow(scenario: Scenario) -> bool:
     return not isinstance(scenario.autopilot, ThesisSection)
 
 
-def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns: bool) -> Iterator[Finding]:
+def _would_turn(scenario: Scenario, model: Model) -> str:
+    """Steering with which `model_based` would turn where what is flown, the thesis's or `crab`, does not; else empty.
+
+    A vehicle that crabs keeps a heading that is asked for with `auto`, too.
+    """
+    section = scenario.autopilot
+    if not isinstance(section, ThesisSection) and section.guidance.steering != "crab":
+        return ""
+    return "los" if VehicleScales.of(model).crabs else "auto or los"
+
+
+def _on_leg(
+    limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns: bool, would_turn: str
+) -> Iterator[Finding]:
     """What speed, current, heading and corner ask of a leg and of the stay at its end."""
     ahead, size = float(limits.top[SURGE, 1]), float(np.hypot(*current))
     best = max(ahead, float(limits.top[SWAY].max()))
@@ -225,12 +248,13 @@ def _on_leg(limits: Limits, leg: _Leg, current: np.ndarray, steered: bool, turns
         yield from _made_good(limits, leg, current, flow, turns and limits.can(YAW))
         yield from _stops(limits, leg)
     if leg.point.heading_deg is not None and size > SOME:
-        yield from _held_heading(limits, leg, current, flow, float(limits.through[SURGE, 1]) if steered else 0.0)
+        gives_up = float(limits.through[SURGE, 1]) if steered else 0.0
+        yield from _held_heading(limits, leg, current, flow, gives_up, would_turn)
     elif leg.point.hold_time > 0 and size > SOME and not limits.can(SWAY):
         psi = math.degrees(math.atan2(-current[1], -current[0])) % 360
         instead = f"it turns its bow into the current ({psi:.0f} deg)"
         yield Finding(f"{leg.name}: no thrust in sway, and it is to stay there in {flow}",
-                      instead if steered else _KEEPS, False)  # fmt: skip
+                      instead if steered else _KEEPS.format("auto or los"), False)  # fmt: skip
 
 
 def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
@@ -298,28 +322,42 @@ def _up(value: float) -> float:
     return round(0.1 * math.ceil(10.0 * value), 1)
 
 
-def _held_heading(limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float) -> Iterator[Finding]:
-    """Whether a place can be held with the heading that is asked for; `ahead` is its speed if it may turn, or 0."""
+def _held_heading(
+    limits: Limits, leg: _Leg, current: np.ndarray, flow: str, ahead: float, would_turn: str
+) -> Iterator[Finding]:
+    """Whether a place can be held with the heading that is asked for.
+
+    `ahead` is its speed if it gives the heading up by itself, or 0; `would_turn`: as of `_would_turn`.
+    """
     psi = math.radians(leg.point.heading_deg or 0.0)
     c, s = math.cos(psi), math.sin(psi)
     stem = -np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])  # through the water, in b
-    has = [float(limits.through[axis, 1 if stem[axis] > 0 else 0]) for axis in (SURGE, SWAY)]
-    short = [(name, abs(float(stem[i])), has[i]) for i, name in enumerate(("surge", "sway"))
-             if abs(stem[i]) > max(has[i], SOME)]  # fmt: skip
+    sides = [1 if stem[axis] > 0 else 0 for axis in (SURGE, SWAY)]
+    has = [float(limits.through[axis, sides[axis]]) for axis in (SURGE, SWAY)]
+    short = [axis for axis in (SURGE, SWAY) if abs(stem[axis]) > max(has[axis], SOME)]
     if not short:
         return
-    name, takes, gives = short[0]
-    into = math.degrees(math.atan2(-current[1], -current[0])) % 360
-    cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name}, level, is {gives:.2g} m/s"
+    axis, into = short[0], math.degrees(math.atan2(-current[1], -current[0])) % 360
+    name, turned, takes, gives = ("surge", "sway")[axis], ("pitch", "roll")[axis], abs(float(stem[axis])), has[axis]
+    thrust = float(limits.top[axis, sides[axis]])
+    tips = 0.0 < gives < thrust
+    if tips:
+        cannot = (
+            f"it stays level up to {gives:.2g} m/s in {name} (Munk's moment in {turned}); thrust would give "
+            f"{thrust:.2g} m/s"
+        )
+    else:
+        cannot = f"no thrust in {name}" if gives <= 0.0 else f"its top speed in {name} is {gives:.2g} m/s"
     what = (
         f"{leg.name}: {flow} cannot be stemmed heading {leg.point.heading_deg:g} deg: {takes:.2g} m/s in {name}, and "
     )
     if np.hypot(*current) < ahead:
         yield Finding(what + cannot, f"the heading is given up: it looks into the current ({into:.0f} deg)", False)
     else:
-        instead = "leave the heading out, or wait for less current"
-        if np.hypot(*current) < float(limits.top[SURGE, 1]):
-            instead = f"{_KEEPS}, or {instead}"
+        instead = f"wait for less current, or {'raise BG' if tips else 'give it more thrust'}"
+        if np.hypot(*current) < float(limits.through[SURGE, 1]) and limits.can(YAW):
+            looks = f"ask for a heading near {into:.0f} deg, into the current, or leave it out"
+            instead = f"{_KEEPS.format(would_turn)}, or {looks}" if would_turn else f"{looks}, or {instead}"
         yield Finding(what + cannot, instead, True)
 
 
@@ -335,7 +373,17 @@ def _in_tank(limits: Limits, legs: list[_Leg], world: WorldSection) -> Iterator[
         yield Finding(what, "write slower way-points", False)
 
 
-def _tilted(legs: list[_Leg], scenario: Scenario, model: Model, known_world: bool) -> Iterator[Finding]:
+def _fixes_std(scenario: Scenario, sensors: dict[str, Sensor] | None) -> float:
+    """Of a horizontal position fix [m]; 0 with a Doppler log on board, which tells a fix's error from a motion."""
+    if sensors is not None and together(sensors, "dvl"):
+        return 0.0
+    fixes, given = together(sensors or {}, "position"), scenario.sensors.position.noise
+    return (fixes[0] if fixes else 0.0) or (SENSORS["position"].std if given is None else float(np.max(given)))
+
+
+def _tilted(
+    legs: list[_Leg], scenario: Scenario, model: Model, known_world: bool, fixes_std: float
+) -> Iterator[Finding]:
     """Roll and pitch as a dive begins, where they are worth a word."""
     section = scenario.autopilot
     if isinstance(section, ThesisSection):
@@ -346,10 +394,9 @@ def _tilted(legs: list[_Leg], scenario: Scenario, model: Model, known_world: boo
     current = current_at(scenario.world, deepest.depth) if known_world else np.zeros(2)
     c, s = math.cos(deepest.direction), math.sin(deepest.direction)
     flow = np.array([c * current[0] + s * current[1], c * current[1] - s * current[0]])
-    std = scenario.sensors.position.noise
-    dive, at = section.control.dive_speed, float(np.max(std)) if std is not None else SENSORS["position"].std
+    dive = section.control.dive_speed
     limit = scenario.autopilot.supervisor.attitude_limit_deg.limit or math.degrees(RULES["attitude limit"].limit)
-    angles = np.degrees(tilts(model, flow, dive, at))
+    angles = np.degrees(tilts(model, flow, dive, fixes_std))
     said = [f"{name} by up to {angle:.0f} deg" for name, angle in zip(("roll", "pitch"), angles, strict=True)
             if angle > min(TILTED, 0.5 * limit)]  # fmt: skip
     if said:

@@ -33,6 +33,7 @@ class Recorder:
         self._tick = 0
         self._kept: list[dict[str, np.ndarray]] = []
         self._thrust: list[np.ndarray] = []
+        self._pose: list[np.ndarray] = []
         self._saturated: list[np.ndarray] = []
         self._energy: list[float] = []
 
@@ -51,6 +52,7 @@ class Recorder:
         samples |= {"t": t, "covariance": np.asarray(record.autopilot.estimate.covariance)}
         self._kept.append({name: values[scored] for name, values in samples.items()})
         self._thrust.append(np.asarray(record.state.thrust))
+        self._pose.append(samples["truth/eta"])
         if record.battery is not None:
             used = np.asarray(record.battery.used).sum(axis=1)
             self._energy += [float(used[0]), float(used[-1])]
@@ -95,6 +97,7 @@ class Recorder:
             bias=whole["autopilot/bias"],
             water=whole["truth/water_velocity"],
             progress=whole["autopilot/progress"][:, 0].astype(int),
+            pose=np.concatenate(self._pose),
         )
 
 

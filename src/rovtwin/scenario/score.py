@@ -35,6 +35,7 @@ class Flown:
             filter believed in (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
         water: Velocity of the water at CO, n [m/s], shape (n, 3); None where nobody knows it.
         progress: One of core.flow.PROGRESS, as a number, shape (n,); None where nobody kept it.
+        pose: Truth every control tick, as `eta`, shape (m, 6); None where nobody kept it.
     """
 
     t: np.ndarray
@@ -57,6 +58,7 @@ class Flown:
     bias: np.ndarray | None = None
     water: np.ndarray | None = None
     progress: np.ndarray | None = None
+    pose: np.ndarray | None = None
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.compose_world import airy_of
 from rovtwin.scenario.composition import Composed, below_surface
 from rovtwin.scenario.schema import AirySection, ModelBasedSection, Scenario, ThesisWavesSection
-from rovtwin.simulation.holding import Holding, holding, stemmed
+from rovtwin.simulation.holding import Holding, holding, stemmed, stemmed_by_thrust
 from rovtwin.simulation.waves import ThesisWaves
 from rovtwin.simulation.world import World
 
@@ -158,7 +158,8 @@ def sea_report(composed: Composed) -> dict[str, Any]:
     """All of it as plain data, with the other wave model of the same Hs and Tz beside it."""
     scenario, section = composed.scenario, composed.scenario.world.waves
     found = holdings(composed)
-    stems = stemmed(composed.loop.twin.model, list(SIDES.values()), _controlled(composed))
+    model, sides = composed.loop.twin.model, list(SIDES.values())
+    stems, thrust = stemmed(model, sides, _controlled(composed)), stemmed_by_thrust(model, sides)
     report: dict[str, Any] = {
         "scenario": scenario.name,
         "vehicle": composed.vehicle.name,
@@ -167,6 +168,7 @@ def sea_report(composed: Composed) -> dict[str, Any]:
         "line": _said(composed, found),
         "places": [as_data(h) for h in found],
         "stems_m_s": dict(zip(SIDES, stems.tolist(), strict=True)),
+        "thrust_stems_m_s": dict(zip(SIDES, thrust.tolist(), strict=True)),
         "thesis_force_rms_n": None,
         "real_sea": None,
     }

@@ -8,6 +8,7 @@ from rovtwin.core.flow import GO, HOLD
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.scenario.compose_world import relief_of
 from rovtwin.scenario.composition import Composed
+from rovtwin.scenario.contacts import touched
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.depths import not_at_depth
 from rovtwin.scenario.endings import why_ended
@@ -20,7 +21,7 @@ from rovtwin.scenario.stalls import unfinished
 
 def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, Any]:
     """Scores, why the mission was not completed where it was not, NEES interval and the bound of the best filter."""
-    judged = not composed.scenario.test
+    judged, twin = not composed.scenario.test, composed.loop.twin
     figures = score(flown) if judged else score_test(flown)
     deep = not_at_depth(flown, composed.scenario, composed.model) if figures["completed"] and judged else ""
     figures["completed"] = figures["completed"] and not deep
@@ -40,11 +41,12 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
         figures["depth_rms_m"] = None  # the depth asked for leads the floor: no error of the vehicle
     return figures | {
         "reason": reason,
-        "why": why_ended(flown, composed.loop.twin.model, reason),
+        "why": why_ended(flown, twin.model, reason),
         "interrupted": interrupted,
-        "foreseen": [finding.line for finding in judge(composed.scenario, composed.loop.twin.model)],
+        "foreseen": [finding.line for finding in judge(composed.scenario, twin.model, sensors=twin.sensors)],
         "altitude_rms_m": altitude,
         "unmet": [one.line for one in unmet_headings(flown, composed.scenario)],
+        "touched": touched(flown, twin.model, twin.world, not judged),
         "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
         "nees_position_interval": [low, high] if judged else None,
         "bound_position_m": composed.bound(speed) if judged and np.isfinite(speed) else None,

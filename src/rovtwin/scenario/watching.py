@@ -92,7 +92,8 @@ class Watch:
             return [*lines, (f"{first}: there is nothing to compare it with, {self.against}. {ALONE}", False)]
         for one, changed, new in list(zip(self.runs, self.changes, self.first_told, strict=True))[self.first :]:
             if not changed and not new:
-                lines.append((f"{one.run.name}: nothing has changed since {self.against} that it can tell", False))
+                unchanged = f"{one.run.name}: nothing has changed since {self.against} that it can tell"
+                lines.append((f"{unchanged}; {_told(one.run, self.before)}", False))
             if new:
                 figures = ", ".join(str(c.reading) for c in new)
                 text = f"{one.run.name}: not as described, where nothing is known from {self.against}: {figures}"
@@ -104,6 +105,14 @@ class Watch:
             lines += [(f"{one.run.name}: {cause}", False) for cause in causes(changed)]
         lines += [(f"drift: {drift} a run, over {len(self.runs)} runs", True) for drift in self.drifts]
         return lines
+
+
+def _told(run: Run, before: Baseline) -> str:
+    """How many quantities a run can be compared in, and how many thrusters."""
+    judged = [r.learnt and bool(np.isfinite(std)) for r, std in zip(run.readings, before.std, strict=True)]
+    thrusters = [told for r, told in zip(run.readings, judged, strict=True) if r.quantity.name.startswith("thruster.")]
+    some = f"{sum(thrusters)} of {len(thrusters)} thrusters" if any(thrusters) else "no thruster"
+    return f"{sum(judged)} of {len(judged)} quantities were learnt in it and before, and {some} could be judged"
 
 
 def watch_runs(

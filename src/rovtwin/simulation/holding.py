@@ -211,6 +211,16 @@ def stemmed(model: Model, directions: Any, controlled: tuple[float, float] | Non
         directions: From which each comes, off the bow to starboard [rad], shape (n,).
         controlled: As in `holding`.
     """
+    directions, stems = np.asarray(directions, dtype=float), stemmed_by_thrust(model, directions)
+    ahead, aside = np.abs(np.cos(directions)), np.abs(np.sin(directions))
+    if controlled is not None:  # an ellipse, as the autopilot's level speeds
+        return np.minimum(stems, 1.0 / np.maximum(np.hypot(ahead / controlled[0], aside / controlled[1]), 1e-6))
+    upright = [stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
+    return np.minimum(stems, np.asarray(upright) / np.maximum(ahead, 1e-6))
+
+
+def stemmed_by_thrust(model: Model, directions: Any) -> np.ndarray:
+    """The same if nothing tipped the vehicle over, shape (n,); arguments are those of `stemmed`."""
     directions, speeds = np.asarray(directions, dtype=float), np.linspace(0.0, _fastest(model), 201)
     state = State.at(model, Start.at((0.0, 0.0, 10.0 * float(model.hull.radius) + 1.0), 0.0))
     from_there = -np.stack([np.cos(directions), np.sin(directions), np.zeros_like(directions)], axis=1)
@@ -218,12 +228,7 @@ def stemmed(model: Model, directions: Any, controlled: tuple[float, float] | Non
     tau = np.asarray(_in_mean_flow(model, state, jnp.asarray(flow), jnp.zeros(6)))
     within = thrust_share(model.thrusters, tau).reshape(len(directions), -1) <= 1.0
     first_beyond = np.where(within.all(axis=1), len(speeds), np.argmin(within, axis=1))
-    stems = np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
-    ahead, aside = np.abs(np.cos(directions)), np.abs(np.sin(directions))
-    if controlled is not None:  # an ellipse, as the autopilot's level speeds
-        return np.minimum(stems, 1.0 / np.maximum(np.hypot(ahead / controlled[0], aside / controlled[1]), 1e-6))
-    upright = [stability(model, astern=bool(np.cos(d) < 0.0)).pitch_depth_held for d in directions]
-    return np.minimum(stems, np.asarray(upright) / np.maximum(ahead, 1e-6))
+    return np.where(first_beyond > 0, speeds[np.maximum(first_beyond - 1, 0)], 0.0)
 
 
 def _fastest(model: Model) -> float:

@@ -64,7 +64,7 @@ class World(Block):
         surface = self.surface
         if surface is not None and action.elevation is not None:
             surface = surface - action.elevation
-        walls, floor, slope = self._floor(input.position)
+        walls, floor, slope = self.bounds_at(input.position)
         environment = Environment(
             velocity=water.velocity,
             rate=water.rate,
@@ -79,7 +79,7 @@ class World(Block):
         )
         return WorldMemory(current, waves), environment
 
-    def _floor(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
+    def bounds_at(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
         """Walls, depth of the floor [m] and its slope, shape (2,), below a place (3,)."""
         if self.relief is None or self.walls is None:
             return self.walls, self.floor, None

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 from rovtwin.core.errors import RovtwinError
+from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.composition import compose, vehicle_of
 from rovtwin.scenario.feasibility import judge
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
@@ -36,7 +37,8 @@ class SeaCheck:
     def _verdict(self, waypoints: list[Waypoint]) -> Check:
         scenario = self._scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
         try:
-            found = judge(scenario, vehicle_of(scenario).model())
+            vehicle = vehicle_of(scenario)
+            found = judge(scenario, vehicle.model(), sensors=sensors_of(scenario, vehicle))
             worst, said = verdict(compose(scenario)) if moves(scenario) else ("holds", "")
         except RovtwinError as error:
             return {"level": "error", "what": f"in this sea: {error}"}
