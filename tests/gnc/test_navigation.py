@@ -11,6 +11,7 @@ from rovtwin.core.flow import Command, Slot
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.navigation import motion, readings
+from rovtwin.gnc.navigation.corrections import opening
 from rovtwin.gnc.navigation.filter import Forecast, NavigationFilter
 from rovtwin.gnc.navigation.sea import SeaState
 from rovtwin.gnc.navigation.state import ERRORS, NavigationState
@@ -440,3 +441,57 @@ def test_swinging_in_roll_is_not_taken_for_sway(model):
         return jax.lax.scan(tick, filter.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0))), jnp.arange(n))[1].nu
 
     assert np.abs(np.asarray(swung())[:, 1]).max() < 0.02  # [m/s]
+
+
+@eqx.filter_jit
+def sinking(filter, depth, speed, acceleration, noise):
+    """A level vehicle that sinks as told, tick by tick, commands zero: depth, and how many pressures were used."""
+
+    def tick(memory, inputs):
+        z, w, a, (of_depth, of_speed, of_acceleration) = inputs
+        now, yes = (memory.ticks * DT)[None], jnp.ones(1, dtype=bool)
+        tenth = (memory.ticks % 5 == 0)[None]
+        slots = {
+            "accelerometer": Slot(jnp.array([[0.0, 0.0, a - 9.80665]]) + of_acceleration, yes, now),
+            "attitude": Slot(jnp.zeros((1, 3)), yes, now),
+            "dvl": Slot(jnp.array([[0.0, 0.0, w]]) + of_speed, tenth, now),
+            "gyro": Slot(jnp.zeros((1, 3)), yes, now),
+            "pressure": Slot(jnp.full((1, 1), z) + of_depth, tenth, now),
+        }
+        memory, estimate = filter.step(memory, ObserverInput(slots, Command(jnp.zeros(6))), DT)
+        return memory, (estimate.eta[2], estimate.nis_dof[4], estimate.bias[2])
+
+    memory = filter.init(jax.random.key(0), Start.at((0.0, 0.0, 2.0)))
+    return jax.lax.scan(tick, memory, (depth, speed, acceleration, noise))[1]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_thruster_that_is_gone_is_not_taken_for_a_wave(model, seed):
+    """0.04 m/s2 of heave at once and for good: no pressure is refused, depth stays with it, the force is learnt."""
+    mounts = MOUNTS | {"accelerometer": Mount(0.05), "dvl": Mount(0.005), "pressure": Mount(0.01)}
+    n, begin = round(50 / DT), round(30 / DT)
+    mass, drag = float(model.mass[2, 2]), float(model.linear_damping_ahead[2, 2])
+    quadratic = float(model.quadratic_damping_ahead[2, 2])
+    force, w, z = 0.04 * mass, np.zeros(n + 1), np.full(n + 1, 2.0)
+    for k in range(begin, n):
+        w[k + 1] = w[k] + DT * (force - drag * w[k] - quadratic * w[k] ** 2) / mass
+        z[k + 1] = z[k] + 0.5 * DT * (w[k] + w[k + 1])
+    rng = np.random.default_rng(seed)
+    noise = tuple(std * rng.standard_normal((n, 1, m)) for std, m in ((0.01, 1), (0.005, 3), (0.05, 3)))
+    told = (jnp.asarray(x) for x in (z[1:], w[1:], np.diff(w) / DT))
+    filter = NavigationFilter(model, Tuning.of(model, mounts))
+    depth, used, bias = map(np.asarray, sinking(filter, *told, jax.tree.map(jnp.asarray, noise)))
+    assert np.abs(depth - z[1:])[begin:].max() < 0.03
+    assert used[begin:].sum() == (n - begin) / 5
+    assert bias[-1] == pytest.approx(force, rel=0.2)
+
+
+def test_a_depth_that_was_taken_for_a_wave_leaves_the_whole_as_sure_as_it_was(model, state):
+    """What opens is the split into slow depth and wave where they point the same way, and depth itself for the rest."""
+    x = eqx.tree_at(lambda s: s.wave_place, state, jnp.array([0.0, 0.0, -0.1]))
+    for residual, whole in ((-0.1, 0.0), (-0.5, 0.5**2 - 0.1**2), (0.1, 0.1**2)):
+        opened = np.asarray(opening("pressure", jnp.array([residual]), x, model))
+        both = np.eye(ERRORS)[2] + np.eye(ERRORS)[11]
+        assert opened[2, 2] == pytest.approx(residual**2)
+        assert both @ opened @ both == pytest.approx(whole, abs=1e-12)
+        assert np.linalg.eigvalsh(opened).min() > -1e-12

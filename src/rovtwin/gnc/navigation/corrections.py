@@ -1,12 +1,30 @@
 """From innovations to a corrected state, and what is done about readings that are rejected."""
 
+import numpy as np
+
 from rovtwin.core.flow import Measurements, Slot
+from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.gnc.navigation.readings import Innovation
-from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, FORCE_N, POSITION, VELOCITY, NavigationState
+from rovtwin.gnc.navigation.sea import SeaState
+from rovtwin.gnc.navigation.state import (
+    ATTITUDE,
+    ERRORS,
+    FORCE_N,
+    POSITION,
+    VELOCITY,
+    WAVE_PLACE,
+    WAVE_VELOCITY,
+    NavigationState,
+)
 from rovtwin.vehicle.model import Model
 
 STRONGEST = 1.0  # acceleration that an unknown force may cause [m/s2]
+LEANING = 0.1  # share of the newest reading in the mean of innovations of depth
+LEANT = 25.0  # largest square of that mean, by its variance if they are white: five standard deviations
+# Among the errors, as vectors, for a tick with a scatter by indices is not compiled in one piece (`in_one_piece`).
+DOWN, WAVE_DOWN, FORCE_DOWN = np.eye(ERRORS)[[POSITION.stop - 1, WAVE_PLACE.stop - 1, FORCE_N.stop - 1]]
+SWAPPED = DOWN - WAVE_DOWN  # depth that was taken for waves, or waves for depth: their sum is the same
 
 
 def finite(slots: Measurements) -> Measurements:
@@ -21,21 +39,67 @@ def finite(slots: Measurements) -> Measurements:
     }
 
 
-def opening(name: str, residual: Array, R_nb: Array, model: Model) -> Array:
-    """Variance given back to what a sensor tells of when the filter must be wrong about it, shape (31,).
+def opening(kind: str, residual: Array, x: NavigationState, model: Model) -> Array:
+    """Covariance given back to what a sensor tells of when the filter must be wrong about it, shape (31, 31).
 
     A disagreement with the accelerometer that lasts is a force: a tether that is caught, a thruster that is gone. One
     that no thruster or tether could make is a broken sensor, and stays rejected.
     """
     square, none = residual**2, jnp.zeros(ERRORS)
-    if name == "accelerometer":
-        force = R_nb @ (model.mass[:3, :3] @ residual)
-        return jnp.where(jnp.sum(square) < STRONGEST**2, none.at[FORCE_N].set(force**2), 0.0)
-    if name == "attitude":
-        return none.at[ATTITUDE].set(square)
-    if name == "dvl":
-        return none.at[VELOCITY].set(square)
-    return none.at[POSITION.stop - 1].set(square[0])
+    if kind == "accelerometer":
+        force = rotation_from_quaternion(x.attitude) @ (model.mass[:3, :3] @ residual)
+        return jnp.diag(jnp.where(jnp.sum(square) < STRONGEST**2, none.at[FORCE_N].set(force**2), 0.0))
+    if kind == "attitude":
+        return jnp.diag(none.at[ATTITUDE].set(square))
+    if kind == "dvl":
+        return jnp.diag(none.at[VELOCITY].set(square))
+    mistaken = taken_for_wave(x, residual[0])
+    return (square[0] - mistaken**2) * np.outer(DOWN, DOWN) + mistaken**2 * np.outer(SWAPPED, SWAPPED)
+
+
+def taken_for_wave(x: NavigationState, residual: Array) -> Array:
+    """How much of the waves' displacement may be slow motion instead [m], shape ().
+
+    What it has in common with the residual of the slow depth that a pressure sensor tells, which is blind to waves:
+    none where they point in opposite ways.
+    """
+    wave = x.wave_place[2]
+    return jnp.where(wave * residual > 0.0, jnp.minimum(jnp.abs(wave), jnp.abs(residual)), 0.0)
+
+
+def leant(
+    found: Innovation, P: Array, leaning: Array, x: NavigationState, sea: SeaState, model: Model, gate: Array
+) -> tuple[Array, Array]:
+    """P, opened where the depths told lie to one side for long, and how far they lie there.
+
+    A force that comes at once (a thruster that is gone) is first taken for a wave, for it walks slowly and waves do
+    not. The pressure, which is blind to waves, tells them apart, but by a little in each reading. So a mean of
+    innovations is kept, which should be zero; once it is not, what was taken for waves may be motion and force.
+    The sum of both stays as well known as it was: nothing doubts the depth itself.
+
+    Args:
+        found: Innovation of the pressure.
+        P: Covariance, shape (31, 31).
+        leaning: Mean of the normalised innovations, over the last ones.
+        x: State.
+        sea: What is believed of the waves.
+        model: Of the vehicle.
+        gate: Squared normalised innovation believed.
+    """
+    slope, residual = found.slope[0], found.residual[0]
+    normal = residual / jnp.sqrt(slope @ jnp.sum(P * slope, axis=1) + found.variance[0])
+    # What counts as an outlier says nothing.
+    heard = found.used[0] & (normal**2 < gate)
+    leaning = leaning + jnp.where(heard, LEANING * (normal - leaning), 0.0)
+    # White innovations of variance 1 leave LEANING / (2 - LEANING) behind the mean.
+    wrong = heard & (leaning**2 * (2.0 - LEANING) / LEANING > LEANT)
+    down_b, none = rotation_from_quaternion(x.attitude)[2], jnp.zeros(ERRORS)
+    swapped = jnp.concatenate([none[: VELOCITY.start], down_b, none[VELOCITY.stop :]])
+    swapped = jnp.concatenate([swapped[: WAVE_VELOCITY.stop - 1], -jnp.ones(1), swapped[WAVE_VELOCITY.stop :]])
+    force = model.mass[2, 2] ** 2 * ((down_b * down_b) @ jnp.maximum(sea.acceleration_variance, 0.0))
+    opened = force * np.outer(FORCE_DOWN, FORCE_DOWN) + x.wave_velocity[2] ** 2 * jnp.outer(swapped, swapped)
+    opened = opened + taken_for_wave(x, residual) ** 2 * np.outer(SWAPPED, SWAPPED)
+    return P + jnp.where(wrong, 1.0, 0.0) * opened, jnp.where(wrong, 0.0, leaning)
 
 
 def corrected(x: NavigationState, P: Array, found: Innovation) -> tuple[NavigationState, Array, tuple[Array, Array]]:

@@ -18,7 +18,7 @@ from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion, readings
 from rovtwin.gnc.navigation.belief import estimate_of
-from rovtwin.gnc.navigation.corrections import corrected, finite, opening
+from rovtwin.gnc.navigation.corrections import corrected, finite, leant, opening
 from rovtwin.gnc.navigation.motion import Acceleration, Turning, Waves, side_by_side
 from rovtwin.gnc.navigation.positions import Rejected, Trail, positions
 from rovtwin.gnc.navigation.readings import Innovation
@@ -53,6 +53,7 @@ class NavigationMemory(eqx.Module):
         sea: What is believed of the waves.
         rejected: Positions that were not believed, by sensor.
         doubted: Ticks in a row in which a sensor's readings were not, by sensor, int; accelerometers count as one.
+        leaning: How far the readings of a pressure sensor lie to one side of the filter, by sensor; see `leant`.
     """
 
     x: NavigationState
@@ -64,6 +65,7 @@ class NavigationMemory(eqx.Module):
     sea: SeaState
     rejected: dict[str, Rejected]
     doubted: dict[str, Array]
+    leaning: dict[str, Array]
 
 
 class Forecast(NamedTuple):
@@ -109,6 +111,7 @@ class NavigationFilter(Block):
             sea=SeaState.unknown(),
             rejected={name: Rejected.none() for name in self.tuning.named("position", self.tuning.mounts)},
             doubted={name: jnp.zeros((), dtype=jnp.int32) for name in ("accelerometer", *self._correcting)},
+            leaning={name: jnp.zeros(()) for name in self.tuning.named("pressure", self.tuning.mounts)},
         )
 
     @property
@@ -130,7 +133,7 @@ class NavigationFilter(Block):
         turning, omega, turn_variance = self._turning(memory, slots, dt)
         heard: dict[str, tuple[Array, Array]] = {}
 
-        doubted, rejected = dict(memory.doubted), dict(memory.rejected)
+        doubted, rejected, leaning = dict(memory.doubted), dict(memory.rejected), dict(memory.leaning)
         x, P, forecast, sea, heard["accelerometer"], doubted["accelerometer"] = self._accelerate(
             memory, slots, tau, turning, dt
         )
@@ -152,9 +155,11 @@ class NavigationFilter(Block):
             x, P, heard[name] = corrected(x, P, found)
         for name in filter(slots.__contains__, self._correcting):
             found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
+            if name in leaning:
+                P, leaning[name] = leant(found, P, leaning[name], x, sea, self.model, self.tuning.gate["pressure"])
             found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
             x, P, heard[name] = corrected(x, P, found)
-        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted)
+        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, leaning)
         return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), transition
 
     def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:
@@ -244,9 +249,9 @@ class NavigationFilter(Block):
         there = jnp.any(found.used)
         far = there & (squared_norm(found.residual, S) > tuning.gate[kind])
         doubts = jnp.where(there, jnp.where(far, doubts + 1, 0), doubts)
-        opened = opening(kind, found.residual, rotation_from_quaternion(x.attitude), self.model)
+        opened = opening(kind, found.residual, x, self.model)
         lost = (doubts >= tuning.stubbornness) & jnp.any(opened > 0.0)
-        P = P + jnp.where(lost, 1.0, 0.0) * jnp.diag(opened)
+        P = P + jnp.where(lost, 1.0, 0.0) * opened
         used = eqx.tree_at(lambda i: i.used, found, found.used & (~far | lost))
         return used, P, jnp.where(lost, 0, doubts)
 
