@@ -189,3 +189,16 @@ def test_what_a_double_blueye_can_do_without():
 def test_a_bluerov2_heavy_goes_on_without_any_one_thruster():
     ability = Ability.of(load_vehicle("bluerov2_heavy").model())
     assert {int(ability.judged(as_array(1.0 - np.eye(8)[k]))) for k in range(8)} == {FINE}
+
+
+def test_one_of_a_fore_and_an_aft_vertical_thruster_brings_the_vehicle_up_and_controls_no_pitch():
+    """With both it controls depth and pitch; with one every push up or down pitches it, and control made it swing."""
+    columns = [[1, 0, 0, 0, 0, 0.1], [1, 0, 0, 0, 0, -0.1], [0, 1, 0, 0, 0, 0.05], [0, 1, 0, 0, 0, -0.05]]
+    columns += [[0, 0, 1, 0, -0.5, 0], [0, 0, 1, 0, 0.5, 0]]
+    ability = Ability.of(thirty_kg(T=np.array(columns).T))
+    sound = as_array(np.ones(6))
+    assert int(ability.judged(sound)) == FINE and ability.axes(sound).all()
+    for number in (4, 5):
+        left = as_array(1.0 - np.eye(6)[number])
+        assert int(ability.judged(left)) == UNABLE
+        assert ability.axes(left)[4] == 0.0 and np.asarray(ability.axes(left))[[0, 1, 2, 5]].all()

@@ -7,13 +7,15 @@ import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.attainable import Remaining, remaining
+from rovtwin.gnc.heave_feedback import TILTS
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.trim import tilt_of_thrust
 
 FINE, UNABLE, HEAVE_LOST = range(3)
 
 LEAST = 0.2  # of a sound vehicle's wrench along surge, sway, heave and yaw, either way, that has to be left
 AT_ONCE = 2  # thrusters lost together that the table knows; more are too many
-HEAVE = 2
+HEAVE, PITCH = 2, 4
 
 
 class Ability(eqx.Module):
@@ -44,6 +46,9 @@ class Ability(eqx.Module):
         enough = np.asarray((left.either >= LEAST * sound) | (sound <= 0.0))
         # Roll and pitch right themselves.
         able = enough[:, [0, 1, 2, 5]].all(axis=1)
+        # A vehicle that needed its pitch control and pitches by every push up or down swings: it had better come up.
+        doubtful = able & ~enough[:, PITCH]
+        able &= ~np.array([doubt and _pitches(model, row) for doubt, row in zip(doubtful, lost, strict=True)])
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
         heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])
         share = as_array(heave / max(heave.sum(), 1e-12))
@@ -64,6 +69,13 @@ class Ability(eqx.Module):
         known = jnp.all(self.lost == (health < 0.5), axis=1)
         upright = jnp.any(known[:, None] & self.upright, axis=0)
         return jnp.ones(6).at[3:5].set(jnp.where(upright, 1.0, 0.0))
+
+
+def _pitches(model: Model, lost: np.ndarray) -> bool:
+    """Whether full heave thrust of what is left pitches the vehicle by more than TILTS; `lost` has shape (n,)."""
+    left = as_array(np.asarray(model.thrusters.configuration) * (1.0 - lost))
+    thrusters = eqx.tree_at(lambda t: t.configuration, model.thrusters, left)
+    return bool(tilt_of_thrust(model.replace(thrusters=thrusters))[1, HEAVE] > TILTS)
 
 
 _remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))
