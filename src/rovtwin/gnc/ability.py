@@ -9,13 +9,15 @@ from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.attainable import Remaining, remaining
 from rovtwin.gnc.heave_feedback import TILTS
 from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.trim import tilt_of_thrust
+from rovtwin.vehicle.reach import RANK_TOLERANCE, configuration_about_cg
+from rovtwin.vehicle.trim import hang
 
 FINE, UNABLE, HEAVE_LOST = range(3)
 
 LEAST = 0.2  # of a sound vehicle's wrench along surge, sway, heave and yaw, either way, that has to be left
 AT_ONCE = 2  # thrusters lost together that the table knows; more are too many
 HEAVE, PITCH = 2, 4
+UPRIGHT = (0, 1, 2, 5)  # axes of a vehicle that its restoring moment keeps level
 
 
 class Ability(eqx.Module):
@@ -45,10 +47,11 @@ class Ability(eqx.Module):
         sound = left.either[0]
         enough = np.asarray((left.either >= LEAST * sound) | (sound <= 0.0))
         # Roll and pitch right themselves.
-        able = enough[:, [0, 1, 2, 5]].all(axis=1)
+        able = enough[:, UPRIGHT].all(axis=1)
         # A vehicle that needed its pitch control and pitches by every push up or down swings: it had better come up.
         doubtful = able & ~enough[:, PITCH]
-        able &= ~np.array([doubt and _pitches(model, row) for doubt, row in zip(doubtful, lost, strict=True)])
+        most = np.asarray(left.either[:, HEAVE])
+        able &= ~np.array([doubt and _pitches(model, *row) for doubt, *row in zip(doubtful, lost, most, strict=True)])
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
         heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])
         share = as_array(heave / max(heave.sum(), 1e-12))
@@ -71,11 +74,11 @@ class Ability(eqx.Module):
         return jnp.ones(6).at[3:5].set(jnp.where(upright, 1.0, 0.0))
 
 
-def _pitches(model: Model, lost: np.ndarray) -> bool:
-    """Whether full heave thrust of what is left pitches the vehicle by more than TILTS; `lost` has shape (n,)."""
-    left = as_array(np.asarray(model.thrusters.configuration) * (1.0 - lost))
-    thrusters = eqx.tree_at(lambda t: t.configuration, model.thrusters, left)
-    return bool(tilt_of_thrust(model.replace(thrusters=thrusters))[1, HEAVE] > TILTS)
+def _pitches(model: Model, lost: np.ndarray, heave: float) -> bool:
+    """Whether full heave thrust [N] of what is left pitches the vehicle by more than TILTS; `lost` has shape (n,)."""
+    T = configuration_about_cg(model) * (1.0 - lost)
+    moment = heave * float(T[PITCH] @ np.linalg.pinv(T[list(UPRIGHT)], rcond=RANK_TOLERANCE)[:, HEAVE])
+    return bool(abs(moment) > np.tan(TILTS) * max(float(hang(model).stiffness[1]), 0.0))
 
 
 _remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))
