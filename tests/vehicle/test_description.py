@@ -496,6 +496,15 @@ def test_uncontrollable_directions_that_are_no_axis():
         ({"thrusters": [thruster(time_constant=120)]}, "takes 120 s to follow its command: is its time_constant in"),
         (
             {
+                "thrusters": [
+                    thruster(name=f"y{a}", position=[x, y, 0], direction={"azimuth_deg": a}, force=20.0)
+                    for a, x, y in ((0, 0.0, -0.2), (120, 0.173, 0.1), (240, -0.173, 0.1))
+                ]
+            },
+            "N in surge 30 N neither turn the vehicle nor push it another way",
+        ),
+        (
+            {
                 "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
                 "thrusters": [thruster(direction=[0, 0, 1], position=[-0.05, 0, 0])],
             },

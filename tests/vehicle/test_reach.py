@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from rovtwin.vehicle.reach import share_of_limits
+from rovtwin.core.numerics import as_array
+from rovtwin.vehicle.reach import pure_force_limits, share_of_limits, wrench_limits
+from rovtwin.vehicle.thrusters import thrusters_from
 
 
 def by_programme(T, lowest, highest, tau):
@@ -35,3 +37,13 @@ def test_share_of_limits_is_that_of_a_linear_programme(seed):
 def test_no_thrusters_make_nothing():
     nothing = share_of_limits(np.zeros((4, 0)), np.zeros(0), np.zeros(0), np.zeros((2, 4)))
     np.testing.assert_array_equal(nothing, [0.0, 0.0])
+
+
+def test_a_force_that_does_not_turn_the_vehicle_is_less_than_all_of_it():
+    """Three thrusters in a Y: all of them along the first make 2 N and turn it, 1.5 N do not."""
+    angle, lever = np.radians([0.0, 120.0, 240.0]), 0.2
+    T = np.stack([np.cos(angle), np.sin(angle), *np.zeros((3, 3)), lever * np.ones(3)])
+    thrusters = thrusters_from(as_array(T), as_array(np.ones(3)))
+    assert float(wrench_limits(thrusters)[1][0]) == pytest.approx(2.0)
+    assert pure_force_limits(thrusters, 0) == pytest.approx((-1.5, 1.5))
+    assert pure_force_limits(thrusters, 1) == pytest.approx((-np.sqrt(3.0), np.sqrt(3.0)))

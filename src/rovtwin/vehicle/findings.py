@@ -12,7 +12,7 @@ from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.overlap import overlaps
-from rovtwin.vehicle.reach import BY_PRODUCT, rank, uncontrollable_directions
+from rovtwin.vehicle.reach import BY_PRODUCT, YAW, pure_force_limits, rank, size, uncontrollable_directions
 from rovtwin.vehicle.schema import Thruster
 from rovtwin.vehicle.slips import doubted_units, slips
 from rovtwin.vehicle.trim import SPEED_LIMIT, by_products, hang, reach, stability, steady_speed, tilt_of_thrust
@@ -20,6 +20,8 @@ from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
 _UNNOTICED = 1e-6  # net buoyancy as a share of the weight
 _TILTING = 5.0  # roll or pitch by thrust that is worth a word [deg]
+_PURE = 0.85  # share of an axis's thrust without a moment, below which that is worth a word
+_SPINNING = 2.0  # speed of the vehicle's ends in a turn over its speed ahead; 1.7 at most in the library
 _UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
 _DOWNWARD = 0.5  # cosine of the angle to the vertical, below which an echo of the floor is no altitude
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
@@ -82,7 +84,7 @@ def findings(vehicle: Vehicle, model: Model) -> list[str]:
     """The same for a vehicle already loaded."""
     doubts = [f"what was identified is not to be relied on: {doubt}" for doubt in vehicle.doubts]
     parts = [*doubts, *(slip.line for slip in slips(vehicle, model)), *_about_parts(vehicle), *_about_sensors(vehicle)]
-    water = [*_about_floating(model), *_about_tilting(model), *_about_speed(model)]
+    water = [*_about_floating(model), *_about_tilting(model), *_about_turning(model), *_about_speed(model)]
     return [*parts, *_about_thrusters(vehicle, model), *water]
 
 
@@ -193,6 +195,27 @@ def _about_tilting(model: Model) -> Iterator[str]:
                     f"full thrust in {axis} {tilts} it by {angles[j, i]:.0f} deg: it acts {abs(lever):.0f} mm "
                     f"{where} CG, and no other thrusters balance it"
                 )
+
+
+def _about_turning(model: Model) -> Iterator[str]:
+    """Forces that turn the vehicle, too, and a turn that nothing brakes."""
+    if model.thrusters.count == 0:
+        return
+    alone = reach(model)
+    for i, axis in enumerate(AXES[:2]):
+        most, pure = min(-alone[i, 0], alone[i, 1]), pure_force_limits(model.thrusters, i)
+        if (left := min(-pure[0], pure[1])) < _PURE * most:
+            yield (
+                f"of {plain(most, 3)} N in {axis} {plain(left, 3)} N neither turn the vehicle nor push it another way: "
+                f"it keeps up less than what 'vehicle show' says of {axis} alone"
+            )
+    rate, ahead = (steady_speed(model, i, alone[i, 1]) for i in (YAW, 0))
+    if rate * size(model) > _SPINNING * ahead > 0.0:
+        turn = f"{np.degrees(rate):.0f} deg/s" if np.isfinite(rate) else "a rate without end"
+        yield (
+            f"full thrust in yaw turns it at {turn}: its ends would go more than {_SPINNING:.0f} times as fast as it "
+            "goes ahead. Frame and thrusters without a shape have no drag: give them one, or state quadratic_damping"
+        )
 
 
 def _about_speed(model: Model) -> Iterator[str]:

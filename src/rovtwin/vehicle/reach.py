@@ -135,6 +135,21 @@ def turning_limits(thrusters: Thrusters) -> tuple[float, float]:
     return float(ends[0].fun), -float(ends[1].fun)
 
 
+def pure_force_limits(thrusters: Thrusters, axis: int) -> tuple[float, float]:
+    """Lowest and highest force in surge or sway that neither turns the vehicle nor pushes it along another axis [N].
+
+    Roll and pitch are left to the restoring moment. Of three thrusters in a Y it is three quarters of all that they
+    push along one of them.
+    """
+    T, (low, high) = np.asarray(thrusters.configuration), (np.asarray(limit) for limit in force_limits(thrusters))
+    others = [i for i in (0, 1, 2, YAW) if i != axis and np.any(np.abs(T[i]) > RANK_TOLERANCE)]
+    found = []
+    for sign in (1.0, -1.0):
+        best = linprog(sign * T[axis], A_eq=T[others], b_eq=np.zeros(len(others)), bounds=np.stack([low, high], axis=1))
+        found.append(sign * float(best.fun))
+    return found[0], found[1]
+
+
 @jax.jit
 def wrench_limits(thrusters: Thrusters) -> tuple[Array, Array]:
     """Lowest and highest wrench of each axis alone [N, N m], shapes (6,) and (6,), other axes left free."""
