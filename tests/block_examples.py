@@ -346,7 +346,9 @@ def sense() -> Example:
 
 
 def tracking() -> Example:
-    return Example(Tracking.of(model()), ControlInput(estimates(), references(), over_time(6, seed=17)))
+    return Example(
+        Tracking.of(model()), ControlInput(estimates(), references(), over_time(6, seed=17), every_tick(jnp.ones(6)))
+    )
 
 
 def autopilot(observer: Block) -> Example:
@@ -379,7 +381,7 @@ def guidance() -> Example:
 
 
 def pid() -> Example:
-    inputs = ControlInput(estimates(), references(), over_time(6, seed=17))
+    inputs = ControlInput(estimates(), references(), over_time(6, seed=17), every_tick(jnp.ones(6)))
     return Example(Pid.pole_placement(model()), inputs)
 
 
@@ -388,7 +390,7 @@ def priority_allocation() -> Example:
     left = jnp.linspace(1.0, 0.4, TICKS)
     health = jnp.ones((TICKS, THRUSTERS)).at[:, 0].set(left).at[TICKS // 2 :, 1].set(0.0)
     block = PriorityAllocation.of(model(), slew=200.0)
-    return Example(block, AllocationInput(over_time(6, seed=60, size=8.0), health))
+    return Example(block, AllocationInput(over_time(6, seed=60, size=8.0), health, every_tick(jnp.ones(6))))
 
 
 EYE = Camera("camera", lens_from([1000, 1000], [639.5, 359.5], (1280, 720)), np.array([0.2, 0.0, 0.0]), R_DEVICE_C)
@@ -430,7 +432,8 @@ def marker_observer(**options: Any) -> Example:
 
 EXAMPLES: dict[str, Callable[[], Example]] = {
     "gnc.allocation.Allocation": lambda: Example(
-        Allocation.of(model()), AllocationInput(over_time(6, seed=60), every_tick(model().thrusters.health))
+        Allocation.of(model()),
+        AllocationInput(over_time(6, seed=60), every_tick(model().thrusters.health), every_tick(jnp.ones(6))),
     ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),

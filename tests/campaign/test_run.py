@@ -249,4 +249,5 @@ def test_a_campaign_that_is_refused_says_so_and_fails(tmp_path):
     ]
     ended = subprocess.run([*command, "--workers", "1"], capture_output=True, text=True, check=False)
     assert ended.returncode == 1, ended.stderr
+    assert "swept: 1 core, " in ended.stderr, "there is no terminal for a bar"
     assert "2 of 2 were refused, none of them was flown" in ended.stdout and "missions flown" not in ended.stdout

@@ -1,5 +1,8 @@
 """rovtwin campaign: many flights of one scenario with what varies drawn."""
 
+import math
+import sys
+import time
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from rovtwin.campaign.workers import Workers
 
 SHOWN = 20
+QUIET = 15.0  # between lines about progress where there is no terminal [s]
 
 
 def campaign(
@@ -103,10 +107,17 @@ def _run(wanted: "Campaign", folder: Path, crew: "AbstractContextManager[Workers
         task = bar.add_task(f"{wanted.name}: checking the samples", total=wanted.samples, pace="")
         from rovtwin.campaign.run import run_campaign
 
+        last = -math.inf
+
         def progress(now: "Progress") -> None:
+            nonlocal last
             who = "1 core" if now.cores == 1 else f"{now.cores} cores" if now.cores else "waiting for workers"
             pace = "compiling" if now.left_s is None else f"{now.per_minute:.3g}/min, {_duration(now.left_s)} left"
             bar.update(task, description=f"{wanted.name}: {who}", completed=now.done, pace=pace)
+            # A bar draws nothing into a file or a pipe.
+            if not bar.console.is_terminal and time.monotonic() - last > QUIET:
+                last = time.monotonic()
+                print(f"{wanted.name}: {who}, {now.done} of {wanted.samples}, {pace}", file=sys.stderr, flush=True)
 
         return run_campaign(wanted, folder, crew, lanes, progress)
 
