@@ -48,7 +48,7 @@ def test_a_log_that_grows_keeps_its_shapes(quick):
 def test_intervals_narrow_while_the_test_goes_on_and_hold_truths_of_the_prior(quick):
     held = []
     for seed in range(3, 7):
-        truth, records = tested(quick, seed)
+        truth, records = flown(quick, seed)
         first, whole = quick.estimate([records[0].cut(0.0, 30.0)]), quick.estimate(records)
         widths = [np.sqrt(np.diag(found.covariance)) for found in (first, whole)]
         known = widths[1] < 0.9 * np.sqrt(np.diag(quick.prior.covariance))
@@ -60,7 +60,7 @@ def test_intervals_narrow_while_the_test_goes_on_and_hold_truths_of_the_prior(qu
     assert np.mean(held) > 0.8  # 84 % over eight truths, 67 to 98 each: all added masses share one error of scale
 
 
-def tested(quick, seed):
+def flown(quick, seed):
     """A true vehicle drawn from the prior, and its test."""
     rng = np.random.default_rng(seed)
     truth = np.linalg.cholesky(quick.prior.covariance) @ rng.standard_normal(len(quick.parameters))
