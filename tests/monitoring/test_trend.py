@@ -5,7 +5,7 @@ import pytest
 
 from rovtwin.monitoring.change import changes
 from rovtwin.monitoring.quantities import Quantity, Reading
-from rovtwin.monitoring.trend import Run, baseline, changed_since, drifts, first_told
+from rovtwin.monitoring.trend import Run, baseline, changed_since, drifts, first_learnt
 
 STD = np.array([0.02, 0.05, 0.03, 0.1, 0.01])
 
@@ -53,12 +53,12 @@ def test_what_the_baseline_has_not_learnt_is_no_change():
     wide = [Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.0, 0.45, 0.5)]) for _ in range(10)]
     sure = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.5, 0.03, 0.5)])
     assert changed_since(sure, baseline(wide)) == []
-    (new,) = first_told(sure, baseline(wide))  # but neither is it in order: it is not as described
+    (new,) = first_learnt(sure, baseline(wide))  # but neither is it in order: it is not as described
     assert str(new.reading) == "drag 0 +65 ± 5 %"
     near = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.05, 0.03, 0.5)])
-    assert first_told(near, baseline(wide)) == []
+    assert first_learnt(near, baseline(wide)) == []
     told = Run("run", [Reading(Quantity("drag.0", "drag 0", "1"), 0.5, 0.03, 0.5)])
-    assert first_told(sure, baseline([told, wide[0]])) == [], "one of the runs before says the same"
+    assert first_learnt(sure, baseline([told, wide[0]])) == [], "one of the runs before says the same"
 
 
 def thrusters(**values):

@@ -94,9 +94,9 @@ def test_what_only_the_later_run_tells_is_not_called_unchanged(runs):
     """A baseline that does not tell the port thruster's force cannot say that it is what it was."""
     found = watch_runs([runs / "before", runs / "after"])
     names = [reading.quantity.name for reading in found.runs[0].run.readings]
-    untold = np.array([name.startswith(("thruster.", "force.", "top_speed.")) for name in names])
-    std = np.where(untold, np.nan, found.before.std)
-    found = replace(found, before=replace(found.before, std=std, untold=untold))
+    unlearnt = np.array([name.startswith(("thruster.", "force.", "top_speed.")) for name in names])
+    std = np.where(unlearnt, np.nan, found.before.std)
+    found = replace(found, before=replace(found.before, std=std, unlearnt=unlearnt))
     assert found.changes[1] == []
     said = " ".join(text for text, _ in found.words())
     assert "after: not as described, where nothing is known from before: " in said

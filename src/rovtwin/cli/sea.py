@@ -34,13 +34,13 @@ def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, 
 
 def _stems(report: dict[str, Any]) -> str:
     """The largest currents that it stems, and what thrust would give where it does not stay level that long."""
-    said = "a steady current that it stems, heading and depth held: at most " + _from_sides(report["stems_m_s"])
+    text = "a steady current that it stems, heading and depth held: at most " + _from_sides(report["stems_m_s"])
     thrust, stems = report["thrust_stems_m_s"], report["stems_m_s"]
     level = {side: speed for side, speed in thrust.items() if stems[side] < speed}
     if not level:
-        return said
+        return text
     where = "from each side" if len(level) == len(stems) else f"from {' and '.join(level)}"
-    return f"{said}; staying level, not thrust, is the limit {where}: thrust would stem {_from_sides(level)}"
+    return f"{text}; staying level, not thrust, is the limit {where}: thrust would stem {_from_sides(level)}"
 
 
 def _from_sides(speeds: dict[str, float]) -> str:

@@ -121,10 +121,10 @@ def _as_data(found: "Watch", page: Path | None) -> dict[str, Any]:
                 for c in changed
             ],
             "causes": causes(changed),
-            "first_told": [c.reading.quantity.name for c in new],
+            "first_learnt": [c.reading.quantity.name for c in new],
             "notes": list(one.notes),
         }
-        for one, changed, new in zip(found.runs, found.changes, found.first_told, strict=True)
+        for one, changed, new in zip(found.runs, found.changes, found.first_learnt, strict=True)
     ]
     drifts = [{"quantity": d.reading.quantity.name, "a_run": d.slope, "std": d.std} for d in found.drifts]
     return {

@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.level_speed import NEVER
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.trim import hang
@@ -19,7 +20,6 @@ from rovtwin.vehicle.trim import hang
 QUIET, TILTED = 0.1, 0.2  # off the trim, roll and pitch together: level, and not level [rad]
 MOST = 2.0  # of the level speed
 LEARNS, SETTLES, WAITS = 5.0, 2.0, 10.0  # time constant; waits beyond QUIET and beyond TILTED; in 1 / bandwidth
-NEVER = 1e-12  # for a root that has a gradient at zero
 
 
 class Allowance(eqx.Module):
@@ -68,7 +68,7 @@ class LevelAllowance(eqx.Module):
         wait = jnp.maximum(memory.wait - dt, 0.0)
         wait = jnp.where(tilt > QUIET, jnp.maximum(wait, SETTLES / self.bandwidth), wait)
         wait = jnp.where(tilt > TILTED, WAITS / self.bandwidth, wait)
-        wanted = jnp.clip(asked, 1.0, MOST)
-        goal = jnp.where(wait > 0.0, jnp.minimum(wanted, memory.factor), wanted)
+        bounded = jnp.clip(asked, 1.0, MOST)
+        goal = jnp.where(wait > 0.0, jnp.minimum(bounded, memory.factor), bounded)
         learns = 1.0 - jnp.exp(-self.bandwidth / LEARNS * dt)
         return Allowance(jnp.where(tilt > TILTED, 1.0, memory.factor + learns * (goal - memory.factor)), wait)

@@ -44,7 +44,7 @@ class Baseline:
         scatter: Between runs beyond what they state, shape (q,).
         freedom: Degrees of freedom with which it is known.
         runs: How many.
-        untold: What none of them has learnt, shape (q,), bool.
+        unlearnt: What none of them has learnt, shape (q,), bool.
     """
 
     value: np.ndarray
@@ -52,7 +52,7 @@ class Baseline:
     scatter: np.ndarray
     freedom: float
     runs: int
-    untold: np.ndarray
+    unlearnt: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,10 @@ def changed_since(run: Run, before: Baseline) -> list[Change]:
     return changes(run.readings, before.value, before.std, before.freedom)
 
 
-def first_told(run: Run, before: Baseline) -> list[Change]:
+def first_learnt(run: Run, before: Baseline) -> list[Change]:
     """What a run tells and none of the runs before, and is not as described: whether it has changed nobody knows."""
     described = np.zeros(len(run.readings))
-    return changes(run.readings, described, np.where(before.untold, 0.0, np.nan))
+    return changes(run.readings, described, np.where(before.unlearnt, 0.0, np.nan))
 
 
 def drifts(runs: Sequence[Run]) -> list[Drift]:

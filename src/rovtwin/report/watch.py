@@ -69,7 +69,7 @@ def write_watch(found: Any, folder: Path) -> Path:
     ]
     any_changed = any(changed) or bool(found.drifts)
     headline = "Something has changed" if any_changed else "Nothing has changed that these runs can tell"
-    unknown = found.before is None or (any(found.first_told) and not any_changed)
+    unknown = found.before is None or (any(found.first_learnt) and not any_changed)
     if unknown:
         headline = f"Not as described, where nothing is known from {found.against}"
     if found.before is None:

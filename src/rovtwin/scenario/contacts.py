@@ -17,7 +17,7 @@ from rovtwin.simulation.world import World
 from rovtwin.vehicle import Model
 
 TOGETHER = 1.0  # touches with less than that between them are told as one [s]
-TOLD = 3  # touches of one thing that are told by their times, the longest first
+LISTED = 3  # touches of one thing that are told by their times, the longest first
 FIT = "identify knows no such force and takes it for the vehicle's own: test in more water, or with shorter steps"
 
 
@@ -84,8 +84,8 @@ def _stretches(touching: np.ndarray, dt: float) -> list[tuple[float, float]]:
 
 def _times(found: list[tuple[float, float]]) -> str:
     """As in `at 27.3 s for 0.2 s and at 176.5 s for 0.1 s`."""
-    told = sorted(sorted(found, key=lambda one: -one[1])[:TOLD])
-    said = [f"at {start:.1f} s for {max(lasted, 0.1):.1f} s" for start, lasted in told]
-    if len(found) > TOLD:
-        return f"{len(found)} times, longest {', '.join(said)}"
-    return " and ".join(said)
+    listed = sorted(sorted(found, key=lambda one: -one[1])[:LISTED])
+    times = [f"at {start:.1f} s for {max(lasted, 0.1):.1f} s" for start, lasted in listed]
+    if len(found) > LISTED:
+        return f"{len(found)} times, longest {', '.join(times)}"
+    return " and ".join(times)

@@ -13,7 +13,7 @@ from rovtwin.monitoring.evidence import Estimated, estimated
 from rovtwin.monitoring.monitor import SHORTEST, watched
 from rovtwin.monitoring.quantities import Quantities
 from rovtwin.monitoring.reference import identified_std
-from rovtwin.monitoring.trend import Baseline, Drift, Run, baseline, changed_since, drifts, first_told
+from rovtwin.monitoring.trend import Baseline, Drift, Run, baseline, changed_since, drifts, first_learnt
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import Vehicle, load_vehicle
@@ -66,18 +66,19 @@ class Watch:
     @property
     def changes(self) -> list[list[Change]]:
         """What of each run has changed; nothing of those of the baseline."""
-        if self.before is None:
-            return [[] for _ in self.runs]
-        of = self.before
-        return [changed_since(one.run, of) if k >= self.first else [] for k, one in enumerate(self.runs)]
+        return self._since(changed_since)
 
     @property
-    def first_told(self) -> list[list[Change]]:
+    def first_learnt(self) -> list[list[Change]]:
         """What of each run is not as described, where nothing that it is compared with tells it."""
-        if self.before is None:
+        return self._since(first_learnt)
+
+    def _since(self, found: Callable[[Run, Baseline], list[Change]]) -> list[list[Change]]:
+        """What is found of each run beside the baseline; nothing of those of the baseline."""
+        before = self.before
+        if before is None:
             return [[] for _ in self.runs]
-        of = self.before
-        return [first_told(one.run, of) if k >= self.first else [] for k, one in enumerate(self.runs)]
+        return [found(one.run, before) if k >= self.first else [] for k, one in enumerate(self.runs)]
 
     @property
     def drifts(self) -> list[Drift]:
@@ -90,10 +91,10 @@ class Watch:
         if self.before is None:
             first = self.runs[-1].run.name
             return [*lines, (f"{first}: there is nothing to compare it with, {self.against}. {ALONE}", False)]
-        for one, changed, new in list(zip(self.runs, self.changes, self.first_told, strict=True))[self.first :]:
+        for one, changed, new in list(zip(self.runs, self.changes, self.first_learnt, strict=True))[self.first :]:
             if not changed and not new:
                 unchanged = f"{one.run.name}: nothing has changed since {self.against} that it can tell"
-                lines.append((f"{unchanged}; {_told(one.run, self.before)}", False))
+                lines.append((f"{unchanged}; {_comparable(one.run, self.before)}", False))
             if new:
                 figures = ", ".join(str(c.reading) for c in new)
                 text = f"{one.run.name}: not as described, where nothing is known from {self.against}: {figures}"
@@ -107,10 +108,12 @@ class Watch:
         return lines
 
 
-def _told(run: Run, before: Baseline) -> str:
+def _comparable(run: Run, before: Baseline) -> str:
     """How many quantities a run can be compared in, and how many thrusters."""
     judged = [r.learnt and bool(np.isfinite(std)) for r, std in zip(run.readings, before.std, strict=True)]
-    thrusters = [told for r, told in zip(run.readings, judged, strict=True) if r.quantity.name.startswith("thruster.")]
+    thrusters = [
+        known for r, known in zip(run.readings, judged, strict=True) if r.quantity.name.startswith("thruster.")
+    ]
     some = f"{sum(thrusters)} of {len(thrusters)} thrusters" if any(thrusters) else "no thruster"
     return f"{sum(judged)} of {len(judged)} quantities were learnt in it and before, and {some} could be judged"
 

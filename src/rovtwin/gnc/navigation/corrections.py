@@ -20,8 +20,8 @@ from rovtwin.gnc.navigation.state import (
 from rovtwin.vehicle.model import Model
 
 STRONGEST = 1.0  # acceleration that an unknown force may cause [m/s2]
-LEANING = 0.1  # share of the newest reading in the mean of innovations of depth
-LEANT = 25.0  # largest square of that mean, by its variance if they are white: five standard deviations
+NEWEST = 0.1  # share of the newest reading in the mean of innovations of depth
+BIASED = 25.0  # largest square of that mean, by its variance if they are white: five standard deviations
 # Among the errors, as vectors, for a tick with a scatter by indices is not compiled in one piece (`in_one_piece`).
 DOWN, WAVE_DOWN, FORCE_DOWN = np.eye(ERRORS)[[POSITION.stop - 1, WAVE_PLACE.stop - 1, FORCE_N.stop - 1]]
 SWAPPED = DOWN - WAVE_DOWN  # depth that was taken for waves, or waves for depth: their sum is the same
@@ -67,10 +67,10 @@ def taken_for_wave(x: NavigationState, residual: Array) -> Array:
     return jnp.where(wave * residual > 0.0, jnp.minimum(jnp.abs(wave), jnp.abs(residual)), 0.0)
 
 
-def leant(
-    found: Innovation, P: Array, leaning: Array, x: NavigationState, sea: SeaState, model: Model, gate: Array
+def opened_for_waves(
+    found: Innovation, P: Array, depth_bias: Array, x: NavigationState, sea: SeaState, model: Model, gate: Array
 ) -> tuple[Array, Array]:
-    """P, opened where the depths told lie to one side for long, and how far they lie there.
+    """P, opened where the depths measured lie to one side for long, and how far they lie there.
 
     A force that comes at once (a thruster that is gone) is first taken for a wave, for it walks slowly and waves do
     not. The pressure, which is blind to waves, tells them apart, but by a little in each reading. So a mean of
@@ -80,7 +80,7 @@ def leant(
     Args:
         found: Innovation of the pressure.
         P: Covariance, shape (31, 31).
-        leaning: Mean of the normalised innovations, over the last ones.
+        depth_bias: Mean of the normalised innovations, over the last ones.
         x: State.
         sea: What is believed of the waves.
         model: Of the vehicle.
@@ -89,17 +89,17 @@ def leant(
     slope, residual = found.slope[0], found.residual[0]
     normal = residual / jnp.sqrt(slope @ jnp.sum(P * slope, axis=1) + found.variance[0])
     # What counts as an outlier says nothing.
-    heard = found.used[0] & (normal**2 < gate)
-    leaning = leaning + jnp.where(heard, LEANING * (normal - leaning), 0.0)
-    # White innovations of variance 1 leave LEANING / (2 - LEANING) behind the mean.
-    wrong = heard & (leaning**2 * (2.0 - LEANING) / LEANING > LEANT)
+    usable = found.used[0] & (normal**2 < gate)
+    depth_bias = depth_bias + jnp.where(usable, NEWEST * (normal - depth_bias), 0.0)
+    # White innovations of variance 1 leave NEWEST / (2 - NEWEST) behind the mean.
+    wrong = usable & (depth_bias**2 * (2.0 - NEWEST) / NEWEST > BIASED)
     down_b, none = rotation_from_quaternion(x.attitude)[2], jnp.zeros(ERRORS)
     swapped = jnp.concatenate([none[: VELOCITY.start], down_b, none[VELOCITY.stop :]])
     swapped = jnp.concatenate([swapped[: WAVE_VELOCITY.stop - 1], -jnp.ones(1), swapped[WAVE_VELOCITY.stop :]])
     force = model.mass[2, 2] ** 2 * ((down_b * down_b) @ jnp.maximum(sea.acceleration_variance, 0.0))
     opened = force * np.outer(FORCE_DOWN, FORCE_DOWN) + x.wave_velocity[2] ** 2 * jnp.outer(swapped, swapped)
     opened = opened + taken_for_wave(x, residual) ** 2 * np.outer(SWAPPED, SWAPPED)
-    return P + jnp.where(wrong, 1.0, 0.0) * opened, jnp.where(wrong, 0.0, leaning)
+    return P + jnp.where(wrong, 1.0, 0.0) * opened, jnp.where(wrong, 0.0, depth_bias)
 
 
 def corrected(x: NavigationState, P: Array, found: Innovation) -> tuple[NavigationState, Array, tuple[Array, Array]]:

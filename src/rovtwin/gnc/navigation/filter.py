@@ -18,7 +18,7 @@ from rovtwin.core.sensors import kind_of
 from rovtwin.gnc.ekf_model import product
 from rovtwin.gnc.navigation import motion, readings
 from rovtwin.gnc.navigation.belief import estimate_of
-from rovtwin.gnc.navigation.corrections import corrected, finite, leant, opening
+from rovtwin.gnc.navigation.corrections import corrected, finite, opened_for_waves, opening
 from rovtwin.gnc.navigation.motion import Acceleration, Turning, Waves, side_by_side
 from rovtwin.gnc.navigation.positions import Rejected, Trail, positions
 from rovtwin.gnc.navigation.readings import Innovation
@@ -53,7 +53,7 @@ class NavigationMemory(eqx.Module):
         sea: What is believed of the waves.
         rejected: Positions that were not believed, by sensor.
         doubted: Ticks in a row in which a sensor's readings were not, by sensor, int; accelerometers count as one.
-        leaning: How far the readings of a pressure sensor lie to one side of the filter, by sensor; see `leant`.
+        depth_bias: Mean of the normalised innovations of pressure, by sensor; see `opened_for_waves`.
     """
 
     x: NavigationState
@@ -65,7 +65,7 @@ class NavigationMemory(eqx.Module):
     sea: SeaState
     rejected: dict[str, Rejected]
     doubted: dict[str, Array]
-    leaning: dict[str, Array]
+    depth_bias: dict[str, Array]
 
 
 class Forecast(NamedTuple):
@@ -111,7 +111,7 @@ class NavigationFilter(Block):
             sea=SeaState.unknown(),
             rejected={name: Rejected.none() for name in self.tuning.named("position", self.tuning.mounts)},
             doubted={name: jnp.zeros((), dtype=jnp.int32) for name in ("accelerometer", *self._correcting)},
-            leaning={name: jnp.zeros(()) for name in self.tuning.named("pressure", self.tuning.mounts)},
+            depth_bias={name: jnp.zeros(()) for name in self.tuning.named("pressure", self.tuning.mounts)},
         )
 
     @property
@@ -133,7 +133,7 @@ class NavigationFilter(Block):
         turning, omega, turn_variance = self._turning(memory, slots, dt)
         heard: dict[str, tuple[Array, Array]] = {}
 
-        doubted, rejected, leaning = dict(memory.doubted), dict(memory.rejected), dict(memory.leaning)
+        doubted, rejected, depth_bias = dict(memory.doubted), dict(memory.rejected), dict(memory.depth_bias)
         x, P, forecast, sea, heard["accelerometer"], doubted["accelerometer"] = self._accelerate(
             memory, slots, tau, turning, dt
         )
@@ -155,11 +155,13 @@ class NavigationFilter(Block):
             x, P, heard[name] = corrected(x, P, found)
         for name in filter(slots.__contains__, self._correcting):
             found = self._innovation(name, x, slots[name], omega, forecast.v_dot.value, sea, now)
-            if name in leaning:
-                P, leaning[name] = leant(found, P, leaning[name], x, sea, self.model, self.tuning.gate["pressure"])
+            if name in depth_bias:
+                P, depth_bias[name] = opened_for_waves(
+                    found, P, depth_bias[name], x, sea, self.model, self.tuning.gate["pressure"]
+                )
             found, P, doubted[name] = self._believed(name, found, P, doubted[name], x)
             x, P, heard[name] = corrected(x, P, found)
-        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, leaning)
+        after = NavigationMemory(x, P, thrust, omega, memory.ticks + 1, trail, sea, rejected, doubted, depth_bias)
         return after, estimate_of(self.model, self.tuning, x, P, omega, heard, sorted(slots)), transition
 
     def _thrust(self, before: Array, command: Command, dt: float) -> tuple[Array, Array]:

@@ -50,8 +50,8 @@ class _Cell(NamedTuple):
 def _through_step(thrusters: Thrusters, force: Array, goals: Array, held: Array, step: float) -> tuple[Array, _Cell]:
     """Forces at the end of a step, shape (n,), and in it.
 
-    Each command acts for as long as it is held: with the lag of their mean a thruster would seem late by half of the
-    step squared over its time constant.
+    Each command acts for as long as it is held: with the lag of their mean a thruster is off in time by up to an
+    eighth of the step squared over its time constant.
 
     Args:
         thrusters: With their lag.
