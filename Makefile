@@ -11,7 +11,8 @@ STAMP  := $(VENV)/.installed
 export MPLBACKEND := Agg
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
-PIP     := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+# Modules are compiled when they are first imported: most never are, and compiling them all takes half a minute.
+PIP     := $(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt
 PYTEST  := $(BIN)/python -m pytest -n $(JOBS) --dist loadscope --no-loadscope-reorder --durations=10
 SOURCES := src tests $(wildcard benchmarks examples)
 

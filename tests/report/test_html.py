@@ -227,6 +227,16 @@ def test_verdict_without_summary_is_read_from_the_phases():
     assert found.good is True and found.headline.startswith("Completed in ") and found.scores == []
 
 
+def test_a_stall_that_comes_again_is_described_once():
+    stalls = [{"t": t, "what": f"no headway for {s} s, at way-point 2 of 7", "cause": f"{s} N push it"}
+              for t, s in ((215.1, 31), (446.0, 32), (565.2, 33))]  # fmt: skip
+    lost = {"t": 300.0, "what": "returning", "cause": "link lost"}
+    found = verdict(with_summary(decisions=[*stalls, lost, lost | {"t": 400.0, "cause": "battery"}]))
+    text = " ".join(found.sentences)
+    assert text.count("no headway") == 1 and "(31 N push it); again at 446, 565 s." in text
+    assert "returning (link lost)." in text and "returning (battery)." in text
+
+
 @pytest.mark.parametrize(
     ("mean", "words"),
     [(95.0, "overconfident, its errors are 6.9 times"), (2.1, "as sure of itself as it may be"), (0.2, "too cautious")],

@@ -242,6 +242,18 @@ def test_what_is_felt_is_a_current_only_where_the_water_runs(scenario, model):
     assert "thrusters that give less" not in said(water=water) and said(water=water).endswith("wait for less current")
 
 
+def test_waves_that_push_are_named_and_no_thruster_is(scenario, model):
+    """Drift of waves feels as a current does, too; the twin knows it."""
+    bias, water, outside = (np.zeros((len(TIME), n)) for n in (6, 3, 6))
+    bias[:, 1], outside[:, 1] = 3.1, 2.9
+    text = unfinished(flown(ARRIVES, 0.7, bias=bias, water=water, outside=outside), scenario, model, VEHICLE)
+    assert "(waves, their drift and tethers push with 2.9 N to the east)" in text
+    assert "thrusters that give less" not in text and "check its thrusters" not in text
+    outside[:, 1] = 1.0  # too little
+    text = unfinished(flown(ARRIVES, 0.7, bias=bias, water=water, outside=outside), scenario, model, VEHICLE)
+    assert "thrusters that give less" in text
+
+
 def test_a_vehicle_that_is_carried_off_did_not_stay(scenario, model):
     said = unfinished(flown(3.0, 0.5 * TIME), scenario, model, VEHICLE)
     assert "the vehicle went away, to 200 m east of it at 400 s" in said and "stayed" not in said

@@ -132,9 +132,24 @@ def _sentences(summary: Mapping[str, Any], good: bool) -> list[str]:
 
 
 def _about_decisions(summary: Mapping[str, Any]) -> list[str]:
-    """What the autopilot decided on the way, one sentence each."""
+    """What the autopilot decided on the way, one sentence each; of what comes again and again, when and how often."""
     known = [one for one in summary.get("decisions") or [] if {"t", "what", "cause"} <= set(one)]
-    return [f"At {one['t']:.1f} s: {one['what']} ({one['cause']})." for one in known]
+    times: dict[str, list[float]] = {}
+    for one in known:
+        times.setdefault(_kind(one), []).append(one["t"])
+    sentences = []
+    for one in known:
+        first, *again = times[_kind(one)]
+        if one["t"] == first:
+            more = "; again at " + ", ".join(f"{t:.0f}" for t in again) + " s" if again else ""
+            sentences.append(f"At {one['t']:.1f} s: {one['what']} ({one['cause']}){more}.")
+    return sentences
+
+
+def _kind(one: Mapping[str, Any]) -> str:
+    """What is the same in what is said of it each time; stalls are of one kind, wherever they are."""
+    stall = "no headway"
+    return stall if one["what"].startswith(stall) else f"{one['what']} ({one['cause']})"
 
 
 def _about_path(summary: Mapping[str, Any]) -> str:

@@ -1,12 +1,14 @@
 """The demonstration: the lawn-mower in waves, beside what the thesis says of it; then with a payload bolted on."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from rovtwin.core.aside import Aside
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FINISHED
 from rovtwin.core.log import Log
@@ -42,18 +44,21 @@ def run_demo(
         Path of the page, and the summary of each run; `completed` says that all runs were flown, not that all arrived.
     """
     flights: dict[str, Flight] = {}
-    for label, (name, overrides) in RUNS.items():
-        scenario = load_scenario(name, overrides)
-        flights[label] = fly(scenario, folder / scenario.name, None)
-        if flights[label].summary["interrupted"]:
-            break
-    flown = len(flights) == len(RUNS) and not any(f.summary["interrupted"] for f in flights.values())
-    payload = refit_and_identify(folder / "payload", say) if flown else None
-    if payload is not None:
-        changes = [f"vehicle={payload.file}", "name=lawnmower_waves_payload"]
-        scenario = load_scenario("lawnmower_waves", changes)
-        flights[REFITTED] = fly(scenario, folder / scenario.name, payload.truth)
-    camera, seen = _filmed(folder / "camera", say) if flown else ("interrupted", {})
+    payload, camera, seen = None, "interrupted", {}
+    # Half of the first run is compiling, on one core: what needs no flight of these goes on beside them.
+    with Aside([partial(refit_and_identify, folder / "payload"), partial(_filmed, folder / "camera")]) as aside:
+        for label, (name, overrides) in RUNS.items():
+            scenario = load_scenario(name, overrides)
+            flights[label] = fly(scenario, folder / scenario.name, None)
+            if flights[label].summary["interrupted"]:
+                break
+        flown = len(flights) == len(RUNS) and not any(f.summary["interrupted"] for f in flights.values())
+        if flown:
+            payload = aside.result(say)
+            changes = [f"vehicle={payload.file}", "name=lawnmower_waves_payload"]
+            scenario = load_scenario("lawnmower_waves", changes)
+            flights[REFITTED] = fly(scenario, folder / scenario.name, payload.truth)
+            camera, seen = aside.result(say)
     page = write_comparison(
         {label: flight.log for label, flight in flights.items()},
         published_beside(flights),

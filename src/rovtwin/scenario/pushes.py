@@ -32,8 +32,8 @@ def pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
     water = _water(flown, rows)
     if water is None:
         return f"{felt}, {takes}, or it has {THRUSTERS}"
-    if is_current(flown, rows, model):
-        return f"{felt}, {takes}"
+    if explained(flown, rows, model):
+        return f"{felt}, {takes}{_others(force, flown, rows)}"
     ran = f"ran at {np.hypot(*water):.2g} m/s to the {compass_point(math.atan2(water[1], water[0]))}"
     ran = ran if np.hypot(*water) > FELT else "stood still"
     return (
@@ -46,15 +46,40 @@ def _water(flown: Flown, rows: np.ndarray) -> np.ndarray | None:
     return None if flown.water is None else flown.water[rows, :2].mean(axis=0)
 
 
-def is_current(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
-    """Whether the water runs as the autopilot believes, but for a quarter; None where nobody knows the water."""
+def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
+    """Whether the water, waves and tethers push as the autopilot believes; None where nobody knows.
+
+    But for a quarter, or for what waves' force varies by: its mean over a short time is that of no filter.
+    """
     water = _water(flown, rows)
     if water is None:
         return None
     force, current = disturbance(flown, rows, model)
-    size = float(np.hypot(*current))
-    believed = force * size / max(float(np.hypot(*force)), 1e-9)
-    return float(np.hypot(*(water - believed))) < max(OTHERWISE * size, FELT)
+    outside = _level(flown, rows)
+    rest = force - outside.mean(axis=0)
+    if float(np.hypot(*rest)) < float(np.hypot(*outside.std(axis=0))):
+        return True
+    left = float(np.hypot(*_drag_of(rest, flown, rows, model)))
+    believed = rest * left / max(float(np.hypot(*rest)), 1e-9)
+    return float(np.hypot(*(water - believed))) < max(OTHERWISE * float(np.hypot(*current)), FELT)
+
+
+def _level(flown: Flown, rows: np.ndarray) -> np.ndarray:
+    """Level force of waves, their drift and tethers, n [N], shape (rows, 2); zero where nobody knows it."""
+    if flown.outside is None:
+        return np.zeros((1, 2))
+    (x, y), psi = flown.outside[rows, :2].T, flown.eta[rows, 5]
+    return np.stack([x * np.cos(psi) - y * np.sin(psi), x * np.sin(psi) + y * np.cos(psi)], axis=1)
+
+
+def _others(force: np.ndarray, flown: Flown, rows: np.ndarray) -> str:
+    """What pushes besides the current, where it is a good part of the force."""
+    outside = _level(flown, rows).mean(axis=0)
+    size = float(np.hypot(*outside))
+    if size < OTHERWISE * float(np.hypot(*force)):
+        return ""
+    towards = compass_point(math.atan2(outside[1], outside[0]))
+    return f" (waves, their drift and tethers push with {size:.2g} N to the {towards})"
 
 
 def lifted(flown: Flown, rows: np.ndarray, model: Model) -> str:
@@ -75,8 +100,13 @@ def disturbance(flown: Flown, rows: np.ndarray, model: Model) -> tuple[np.ndarra
     if flown.bias is None:
         return np.zeros(2), np.zeros(2)
     force = flown.bias[rows, :2].mean(axis=0)
+    return force, _drag_of(force, flown, rows, model)
+
+
+def _drag_of(force: np.ndarray, flown: Flown, rows: np.ndarray, model: Model) -> np.ndarray:
+    """Current along surge and sway [m/s] whose drag is a level force in n [N]."""
     body = _in_body(force, flown, rows)
-    return force, np.array([math.copysign(steady_speed(model, i, float(f)), f) for i, f in enumerate(body)])
+    return np.array([math.copysign(steady_speed(model, i, float(f)), f) for i, f in enumerate(body)])
 
 
 def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:

@@ -96,6 +96,7 @@ class Recorder:
             tau=whole["autopilot/tau"],
             bias=whole["autopilot/bias"],
             water=whole["truth/water_velocity"],
+            outside=whole["truth/external_wrench"],
             progress=whole["autopilot/progress"][:, 0].astype(int),
             pose=np.concatenate(self._pose),
         )

@@ -34,6 +34,7 @@ class Flown:
         setpoint: Pose that guidance asked for, tau: wrench that the controller asked for, bias: disturbance that the
             filter believed in (force in n, moment in b), shape (n, 6) each; None where nobody kept them.
         water: Velocity of the water at CO, n [m/s], shape (n, 3); None where nobody knows it.
+        outside: Wrench of waves, their drift and tethers at CO, b, shape (n, 6); None where nobody knows it.
         progress: One of core.flow.PROGRESS, as a number, shape (n,); None where nobody kept it.
         pose: Truth every control tick, as `eta`, shape (m, 6); None where nobody kept it.
     """
@@ -57,6 +58,7 @@ class Flown:
     tau: np.ndarray | None = None
     bias: np.ndarray | None = None
     water: np.ndarray | None = None
+    outside: np.ndarray | None = None
     progress: np.ndarray | None = None
     pose: np.ndarray | None = None
 

@@ -15,7 +15,7 @@ from rovtwin.core.flow import DIVE, GO, HOLD, PAUSED, PILOTED, TURN
 from rovtwin.core.quantity import plain
 from rovtwin.scenario.feasibility import baseline_of_another
 from rovtwin.scenario.limits import Limits, compass_point
-from rovtwin.scenario.pushes import FELT, disturbance, is_current, lifted, pushed
+from rovtwin.scenario.pushes import FELT, disturbance, explained, lifted, pushed
 from rovtwin.scenario.schema import Scenario, ThesisSection, Waypoint
 from rovtwin.scenario.score import Flown
 from rovtwin.vehicle import Model, Vehicle
@@ -250,12 +250,12 @@ def _advice(
         return f"the gains of this baseline are {weak}; fly it with autopilot model_based"
     limits, flow = Limits.of(model), float(np.hypot(*disturbance(flown, rows, model)[1]))
     vertical = _vertical(stall, flown, rows, model)
-    current = is_current(flown, rows, model)
-    if current is False and flow > FELT and not vertical:
+    known = explained(flown, rows, model)
+    if known is False and flow > FELT and not vertical:
         return "check its thrusters one by one, and its tether (rovtwin watch compares its forces with other runs)"
     if FELT < limits.through_water < flow and not vertical:
         why = "to stay level" if limits.through_water < float(limits.top[:2].max()) else "with all its thrust"
-        less = "wait for less current" if current else "wait for less current, or check its thrusters"
+        less = "wait for less current" if known else "wait for less current, or check its thrusters"
         return f"it goes no faster than {limits.through_water:.2g} m/s through the water {why}: {less}"
     if vertical:
         return "check its heave thrusters and its weight and buoyancy (rovtwin vehicle show, rovtwin vehicle ballast)"
