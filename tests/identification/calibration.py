@@ -35,10 +35,13 @@ from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.parameters import INFLOW, MOUNTING
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.judgement.reliance import doubts_about
+from rovtwin.identification.judgement.whiteness import residual_analysis
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION, PULL = 60.0, 0.02
@@ -95,14 +98,23 @@ def flown(parameters, L, command, seed, duration=DURATION, wrong=False):
     base = np.array([parameters.free[i].base for i in exponents])
     while True:
         truth = L @ rng.standard_normal(len(parameters))
+        losses = [i for i, name in enumerate(parameters.names) if name.endswith(f".{INFLOW}")]
+        truth[losses] = 0.0 if wrong else np.abs(truth[losses])  # no propeller gains by an inflow
         if np.any(base * np.exp(truth[exponents]) < 1.0):
             continue
         model, extras = parameters.model_at(truth)
         lacking = broken.drawn(model, rng) if wrong else broken.Broken()
+        if wrong:
+            truth[losses] = lacking.thrust_loss  # the same at full force; in proportion to the force, not to its root
         if extras.delay is not None:
             # What is simulated has steps.
             truth[parameters.names.index("commands.delay")] = delay = STEP * np.round(float(extras.delay) / STEP)
             lacking = replace(lacking, delay=delay)
+        mounted = [i for i, name in enumerate(parameters.names) if name in MOUNTING]
+        if wrong:
+            truth[mounted] = lacking.askew
+        elif mounted:
+            lacking = replace(lacking, askew=tuple(truth[mounted]))
         log = broken.record(model, lacking, *command, duration, seed, signals=broken.SIGNALS)
         tilt = np.abs(log.signals["attitude"].value[:, :2]).max()
         away = np.ptp(log.signals["horizontal"].value, axis=0).max(), np.ptp(log.signals["depth"].value)
@@ -110,14 +122,15 @@ def flown(parameters, L, command, seed, duration=DURATION, wrong=False):
             return truth, model, log
 
 
-def campaigns(seeds, errors, name="double_blueye", wrong=False):
-    """z = (estimate - truth) / standard deviation of every parameter, shape (campaigns, n), and their names."""
+def campaigns(seeds, errors, name="double_blueye", wrong=False, inflow=False):
+    """z = (estimate - truth) / standard deviation of every parameter, shape (campaigns, n), names, and (campaigns,)
+    whether the result is not to be relied on."""
     vehicle = vehicle_of(name)
     everything = catalogue(vehicle)
-    parameters = choose(everything, [*default_free(everything, []), "commands.delay"])
+    parameters = choose(everything, [*default_free(everything, [], inflow), "commands.delay", *MOUNTING])
     prior = default_prior(parameters, vehicle)
     L = np.linalg.cholesky(prior.covariance)
-    shooting, rows, wider = None, [], []
+    shooting, rows, wider, doubts = None, [], [], []
     for seed in seeds:
         truth, model, log = flown(parameters, L, commands(vehicle, seed, DURATION), seed, wrong=wrong)
         segments = cut([log], GRID)
@@ -126,42 +139,50 @@ def campaigns(seeds, errors, name="double_blueye", wrong=False):
         shooting.segments = segments
         full = full_pull(model)
         pull = {"direction": "surge", "force": full * (1 + PULL * errors[seed]), "sd": PULL * full}
-        solution = estimate(Problem(shooting, prior, static_evidence(parameters, [{"bollard": pull}])))
+        problem = Problem(shooting, prior, static_evidence(parameters, [{"bollard": pull}]))
+        solution = estimate(problem)
+        doubts.append(bool(doubts_about(solution, problem, residual_analysis(problem, solution), [])))
         std = np.sqrt(np.diag(solution.covariance))
         rows.append((solution.unknowns.theta - truth) / std)
         wider.append(solution.widening)
         print(
-            f"{name} {seed}: {solution.steps} steps{'' if solution.converged else ', not settled'}, inside "
+            f"{name} {seed}: {solution.steps} steps{', not to be relied on' if doubts[-1] else ''}, inside "
             f"{np.mean(np.abs(rows[-1]) < 1.96):.0%}, rms z {np.sqrt(np.mean(rows[-1] ** 2)):.2f}, "
             f"wider by {np.median(wider[-1]):.2f}",
             flush=True,
         )
-    return np.array(rows), parameters.names
+    return np.array(rows), parameters.names, np.array(doubts)
 
 
-def coverage(z, names):
-    """Share of 95 % intervals that hold the truth: pooled, and per parameter."""
+def coverage(z, names, doubts):
+    """Share of 95 % intervals that hold the truth: pooled, and per parameter; of results that nothing speaks against.
+
+    `rovtwin identify` writes no file of the others.
+    """
+    every, z = np.abs(z) < 1.96, z[~doubts]
     held = np.abs(z) < 1.96
     return {
-        "campaigns": len(z),
-        "pooled": float(held.mean()),
-        "rms_z": float(np.sqrt(np.mean(z**2))),
+        "campaigns": len(every),
+        "not_to_be_relied_on": int(doubts.sum()),
+        "pooled_with_these": float(every.mean()),
+        "pooled": float(held.mean()) if len(z) else None,
+        "rms_z": float(np.sqrt(np.mean(z**2))) if len(z) else None,
         "parameters": {n: float(h) for n, h in zip(names, held.mean(axis=0), strict=True)},
         "bias": {n: float(b) for n, b in zip(names, z.mean(axis=0), strict=True)},
         "spread": {n: float(b) for n, b in zip(names, np.sqrt(np.mean(z**2, axis=0)), strict=True)},
     }
 
 
-def run(count, jobs=2, name="double_blueye", wrong=False):
+def run(count, jobs=2, name="double_blueye", wrong=False, inflow=False):
     """Coverage over `count` campaigns on `jobs` processes."""
     seeds, errors = [range(job, count, jobs) for job in range(jobs)], pulls(count)
     if jobs == 1:
-        parts = [campaigns(seeds[0], errors, name, wrong)]
+        parts = [campaigns(seeds[0], errors, name, wrong, inflow)]
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            parts = list(pool.map(campaigns, seeds, [errors] * jobs, [name] * jobs, [wrong] * jobs))
-    z = np.concatenate([z for z, _ in parts])
-    return coverage(z, parts[0][1]) | {"z": z.round(4).tolist()}
+            parts = list(pool.map(campaigns, seeds, [errors] * jobs, [name] * jobs, [wrong] * jobs, [inflow] * jobs))
+    z, doubts = (np.concatenate([part[i] for part in parts]) for i in (0, 2))
+    return coverage(z, parts[0][1], doubts) | {"z": z.round(4).tolist(), "doubts": doubts.tolist()}
 
 
 def main():
@@ -170,12 +191,13 @@ def main():
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--vehicles", default="double_blueye", help="'all', or names separated by commas")
     parser.add_argument("--wrong", action="store_true", help="the plant does what the model lacks")
+    parser.add_argument("--inflow", action="store_true", help="what an inflow takes of the thrust is estimated, too")
     parser.add_argument("--out", default="")
     args = parser.parse_args()
     found = {}
     for name in VEHICLES if args.vehicles == "all" else args.vehicles.split(","):
         begin = time.perf_counter()
-        found[name] = run(args.campaigns, args.jobs, name, args.wrong)
+        found[name] = run(args.campaigns, args.jobs, name, args.wrong, args.inflow)
         found[name]["minutes"] = (time.perf_counter() - begin) / 60
         print(json.dumps({key: what for key, what in found[name].items() if key != "z"}, indent=1), flush=True)
         if args.out:

@@ -13,6 +13,7 @@ from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import COUPLINGS, bound_of, place_of, shares
 from rovtwin.identification.joint.groups import thruster_groups
 from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.parameters import MOUNTING
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.damping import Damping
@@ -58,7 +59,7 @@ def test_every_parameter_moves_the_model_and_only_it(everything, model_at):
     base = np.zeros(len(everything))
     leaves = [np.asarray(x, float) for x in jax.tree.leaves(model_at(base))]
     for i, p in enumerate(everything.free):
-        if p.name in ("tether.drag", "commands.delay"):
+        if p.name in ("tether.drag", "commands.delay", *MOUNTING):
             continue  # of the test, not of the vehicle
         moved = base.copy()
         moved[i] = 0.1

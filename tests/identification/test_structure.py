@@ -35,7 +35,10 @@ def a_test(name="one", duration=60.0):
 
 def test_every_parameter_has_a_rung_and_full_is_all_of_them():
     assert {rung_of(name) for name in EVERYTHING.names} == set(LADDER)
-    assert up_to("full", EVERYTHING.names) == list(EVERYTHING.names)
+    assert up_to("inflow", EVERYTHING.names) == list(EVERYTHING.names)
+    assert set(EVERYTHING.names) - set(up_to("full", EVERYTHING.names)) == {
+        name for name in EVERYTHING.names if name.endswith(".inflow_loss")
+    }
     linear = up_to("linear", EVERYTHING.names)
     assert "linear_damping.surge" in linear and "quadratic_damping.surge" not in linear
     assert not any("dead_band" in name for name in linear) and "thrusters.surge.force_ahead" in linear
@@ -83,6 +86,7 @@ def test_a_rung_is_kept_where_it_predictschange_between_and_only_there():
     kept, rungs = climbed(EVERYTHING.names, oracle(gains))
     assert {rung.name: rung.kept for rung in rungs} == {
         "linear": True, "quadratic": True, "astern": False, "thrusters": False, "symmetric": True, "full": False,
+        "inflow": False,
     }  # fmt: skip
     assert {rung_of(name) for name in kept} == {"linear", "quadratic", "symmetric"}
     assert rungs[0].change == pytest.approx(-0.5) and rungs[2].change == pytest.approx(0.2)

@@ -16,7 +16,7 @@ from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import estimate
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import DIRECTIONS, Parameters
+from rovtwin.identification.joint.parameters import DIRECTIONS, INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.payload import predicted_change, prior_from
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.scale import scale_response, with_scale
@@ -31,6 +31,7 @@ from rovtwin.identification.judgement.gain import about_gain
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
+    about_mounting,
     about_parts,
     about_scale,
     about_solution,
@@ -44,7 +45,18 @@ from rovtwin.identification.judgement.verdict import blind_directions, verdicts
 from rovtwin.identification.judgement.whiteness import residual_analysis
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.result import Identification
-from rovtwin.identification.structure import ALL, CHOSEN, Rung, climbed, folds, lines_about, restricted, rung_of, up_to
+from rovtwin.identification.structure import (
+    ALL,
+    CHOSEN,
+    WITH_INFLOW,
+    Rung,
+    climbed,
+    folds,
+    lines_about,
+    restricted,
+    rung_of,
+    up_to,
+)
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.discrepancy import without_discrepancy
 from rovtwin.vehicle.schema import LearnedDiscrepancy
@@ -153,7 +165,11 @@ def identify(
     findings += about_gain(parameters, start, theta, records)
     findings += about_water(vehicle, records) + about_tether(parameters, records)
     findings += lines_about(ladder)
-    findings += about_thrust(parameters) + about_scale(parameters, records, solution, response)
+    findings += (
+        about_mounting(parameters, theta, C)
+        + about_thrust(parameters)
+        + about_scale(parameters, records, solution, response)
+    )
     findings += about_solution(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
     )
@@ -244,17 +260,22 @@ def _predicted(
     return fitted, held_out
 
 
-def default_free(parameters: Parameters, records: Sequence[Record]) -> list[str]:
+def default_free(parameters: Parameters, records: Sequence[Record], inflow: bool = False) -> list[str]:
     """All parameters but those that nothing asks for.
 
-    That is tether drag without a tether, damping astern where the file has it like ahead, and a delay without tests.
+    That is tether drag without a tether, damping astern where the file has it like ahead, a delay and the mounting of
+    a gyro without tests that tell them and, unless `inflow`, thrust lost to it where the file has none.
     """
     model = parameters.model
-    tether = any(r.tether_length for r in records)
+    tether, gyro = any(r.tether_length for r in records), any("gyro" in r.signals for r in records)
     out = []
     for p in parameters.free:
         family, _, where = p.name.partition(".")
         if (p.name == "tether.drag" and not tether) or (p.name == "commands.delay" and not records):
+            continue
+        if p.name in MOUNTING and not gyro:
+            continue
+        if p.name.endswith(f".{INFLOW}") and not inflow and p.base == 0.0:
             continue
         if family.endswith("_astern"):
             ahead, astern = (
@@ -282,7 +303,7 @@ def parameters_and_prior(
     if old is not None:
         base = old.model() if change is None else change.model
     everything = catalogue(vehicle, settings.groups_of(vehicle, old), base)
-    chosen = list(free) or default_free(everything, records)
+    chosen = list(free) or default_free(everything, records, settings.structure in WITH_INFLOW)
     if old is not None and old.file.identified is not None:
         known = {p.name for p in old.file.identified.estimate.parameters}
         chosen += [p.name for p in everything.free if p.name in known and p.name not in chosen]

@@ -17,9 +17,10 @@ from scipy.stats import t
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.joint.catalogue import with_inflow
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.parameters import INFLOW, Parameters
 from rovtwin.identification.judgement.validation import Prediction, judged
 from rovtwin.identification.logs.record import Record
 
@@ -27,11 +28,13 @@ LADDER = {
     "linear": "added mass, linear damping, restoring, forces of thrusters, each direction for itself",
     "quadratic": "quadratic damping",
     "astern": "damping of its own astern",
-    "thrusters": "shape of the thrust curve, dead band and lag of thrusters, delay of their commands",
+    "thrusters": "shape of the thrust curve, dead band, lag and delay of thrusters, mounting of the gyro",
     "symmetric": "couplings that a hull has which is alike to port and starboard",
     "full": "all other couplings",
+    "inflow": "thrust that an inflow takes",
 }
 ALL, CHOSEN = "full", "auto"
+WITH_INFLOW = (CHOSEN, "inflow")  # ways to choose that may free it
 BLOCKS = 4  # of each log, where it is long enough
 SHORTEST = 8.0  # block [s]
 SURE = 0.9  # that a gain is one
@@ -75,8 +78,10 @@ def rung_of(name: str) -> str:
         return "astern"
     if family == "quadratic_damping":
         return "quadratic"
-    if family == "commands":
+    if family in ("commands", "sensors"):
         return "thrusters"
+    if where.endswith(f".{INFLOW}"):
+        return "inflow"
     if family == "thrusters" and not where.rpartition(".")[2].startswith("force"):
         return "thrusters"
     return "linear"
@@ -87,8 +92,8 @@ def restricted(parameters: Parameters, start: Gaussian, free: Sequence[str]) -> 
     rows = [i for i, p in enumerate(parameters.free) if p.name in set(free)]
     held = np.array(start.mean, dtype=float)
     held[rows] = 0.0
-    model = parameters.model_at(held)[0]
-    some = Parameters(model, tuple(parameters.free[i] for i in rows), parameters.groups)
+    kept = tuple(parameters.free[i] for i in rows)
+    some = Parameters(with_inflow(parameters.model_at(held)[0], kept), kept, parameters.groups)
     return some, Gaussian(start.mean[rows], start.covariance[np.ix_(rows, rows)])
 
 

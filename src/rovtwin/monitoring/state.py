@@ -26,6 +26,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.monitoring.factors import changed
 from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import inflow_damping, inflow_wrench
 
 POSITION, ATTITUDE, VELOCITY, RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 FORCE, MOMENT, CURRENT, GYRO_BIAS = slice(12, 15), slice(15, 18), slice(18, 20), slice(20, 23)
@@ -94,6 +95,9 @@ def acceleration(model: Model, inverse: Array, x: Motion, thrust: Array) -> Arra
     nu_r = x.nu - jnp.concatenate([flow, jnp.zeros(3)])
     tau, drag = model.thrusters.configuration @ thrust, damping_wrench(model, nu_r)
     pushed = tau + jnp.concatenate([R_nb.T @ x.force, x.moment])
+    if model.thrusters.inflow_loss is not None:
+        lost = inflow_damping(model.thrusters, thrust)
+        pushed = pushed + inflow_wrench(model.thrusters.configuration, lost, nu_r)
     water = coriolis_wrench(model.mass, nu_r) + drag - learned_wrench(model, nu_r, tau, drag)
     f = pushed - water - restoring_wrench(model, R_nb[2])
     held = jax.lax.stop_gradient(inverse @ f)

@@ -8,11 +8,13 @@ _TESTS = {
     "quadratic_damping": "fast steps along it, in a tank that they fit: it shows near the top speed",
     "restoring": "a release in roll and pitch by hand, and a rest at constant depth",
     "commands": "doublets: it shows where commands change, and from the lag of a thruster it differs by its shape",
+    "sensors": "turns about all axes, with the attitude measured beside the gyro",
     "tether": "the same test with two lengths paid out",
     "force": "a pull on a scale in its direction (anchors in an evidence file): motion does not tell their scale",
     "exponent": "steps at several levels of command, from a fifth to all of it",
     "dead_band": "steps at small commands, about the dead band",
     "time_constant": "doublets: it shows where commands change",
+    "inflow_loss": "pushing and braking at speed, beside the same at rest: at a steady speed it looks like drag",
 }
 
 
@@ -23,7 +25,8 @@ def groups_in_words(groups: Mapping[str, Sequence[int]], names: Sequence[str]) -
         [
             *lines,
             "of each: force_ahead, force_astern [N] at full command; exponent of force over command [1]; dead_band, "
-            "share of command without force [1]; time_constant of the force [s]",
+            "share of command without force [1]; time_constant of the force [s]; inflow_loss, share of the force lost "
+            "for each m/s of inflow [s/m]",
         ]
         if lines
         else []

@@ -15,7 +15,7 @@ from rovtwin.simulation.noise import key_for
 from rovtwin.simulation.sensors import PHYSICS_RATE, Sensor, SensorInput, SensorMemory, put
 from rovtwin.simulation.tether import Pull, Tether, TetherInput, TetherMemory
 from rovtwin.simulation.world import World, WorldMemory
-from rovtwin.vehicle.dynamics import State, acceleration, plant_step
+from rovtwin.vehicle.dynamics import State, acceleration, inflow_of, plant_step
 from rovtwin.vehicle.model import Model
 
 
@@ -166,7 +166,8 @@ class Twin(Block):
         tau = self.model.thrusters.configuration @ state.thrust
 
         def now() -> Array:
-            return acceleration(self.model, state.position, state.attitude, state.nu, tau, environment, h)
+            inflow = inflow_of(self.model, state.thrust)
+            return acceleration(self.model, state.position, state.attitude, state.nu, tau, environment, h, inflow)
 
         return jax.lax.cond(wanted, now, lambda: last)
 

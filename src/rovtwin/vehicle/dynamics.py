@@ -4,6 +4,7 @@
     M nu_r_dot + C(nu_r) nu_r + D(nu_r) nu_r + g(eta) = tau + tau_d(nu_r, tau) + tau_env - M_RB a_c + m_f a_f
     nu_dot = nu_r_dot + d(nu_c)/dt
 
+tau is T f less what an inflow takes of it (`thrusters.inflow_wrench`), where the thrusters state such a loss.
 tau_d is what tests have found to be missing (`vehicle/discrepancy.py`); most models have none.
 
 M = M_RB + M_A. Writing the rigid body's part in nu_r is exact, not an approximation: the frame that moves with the
@@ -31,7 +32,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.vehicle.discrepancy import discrepancy_wrench
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.surroundings import surroundings_wrench
-from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
+from rovtwin.vehicle.thrusters import force_just_after, inflow_damping, inflow_wrench, lag, static_force
 
 _CHANGING = ("velocity", "rate", "wrench", "place", "gradient", "head", "surface")  # of an Environment, step by step
 
@@ -107,6 +108,7 @@ def acceleration(
     tau: Array,
     environment: Environment,
     elapsed: Array | float = 0.0,
+    inflow: Array | None = None,
 ) -> Array:
     """nu_dot, shape (6,): the equations of motion solved for the acceleration.
 
@@ -118,6 +120,7 @@ def acceleration(
         tau: Wrench of the thrusters, b at CO, shape (6,).
         environment: Water and external wrench.
         elapsed: Time into the step for which the environment is given [s].
+        inflow: Force that each thruster loses for each m/s of inflow [N s/m], shape (n,); None: none does.
     """
     R_nb = rotation_from_quaternion(attitude)
     R_bn, down_b, omega = R_nb.T, R_nb[2], nu[3:]
@@ -131,6 +134,8 @@ def acceleration(
         carried = carried + (1.0 - wet) * (model.added_mass[:, :3] @ a_path)  # the dry part carries no water along
     drag = damping_wrench(model, nu_r)
     water = learned_wrench(model, nu_r, tau, drag) - drag
+    if inflow is not None:
+        force = force + inflow_wrench(model.thrusters.configuration, inflow, nu_r)
     force = force + wet * pressure - carried - coriolis_wrench(model.mass, nu_r) + wet * water
     nu_r_dot = model.mass_inverse @ force
     return nu_r_dot.at[:3].add(a_path - cross(omega, v_c))
@@ -155,6 +160,11 @@ def _water_at(
     return v_c, environment.rate + G @ v_c, environment.rate + G @ velocity
 
 
+def inflow_of(model: Model, thrust: Array) -> Array | None:
+    """What each thruster loses for each m/s of inflow [N s/m], shape (n,), at forces (n,); None where none does."""
+    return None if model.thrusters.inflow_loss is None else inflow_damping(model.thrusters, thrust)
+
+
 def plant_step(model: Model, state: State, command: Command, environment: Environment, dt: float) -> State:
     """The plant `dt` seconds later: exact thruster lag, RK4 for the rigid body.
 
@@ -171,11 +181,13 @@ def plant_step(model: Model, state: State, command: Command, environment: Enviro
     after = lag(model.thrusters, halfway, target, 0.5 * dt)
     T = model.thrusters.configuration
     # RK4 asks for the wrench at three instants only; they are known exactly.
-    wrenches = {0.0: T @ before, 0.5 * dt: T @ halfway, dt: T @ after}
+    forces = {0.0: before, 0.5 * dt: halfway, dt: after}
+    wrenches = {elapsed: T @ force for elapsed, force in forces.items()}
+    inflows = {elapsed: inflow_of(model, force) for elapsed, force in forces.items()}
 
     def derivative(elapsed: float, x: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         p, q, nu = x
-        nu_dot = acceleration(model, p, q, nu, wrenches[elapsed], environment, elapsed)
+        nu_dot = acceleration(model, p, q, nu, wrenches[elapsed], environment, elapsed, inflows[elapsed])
         return rotation_from_quaternion(q) @ nu[:3], quaternion_rate(q, nu[3:]), nu_dot
 
     position, q, nu = rk4_step(derivative, (state.position, state.attitude, state.nu), dt)

@@ -87,6 +87,7 @@ def thruster_arrays(thrusters: tuple[Mounted, ...], supply_voltage: float | None
     for i, (thruster, points) in enumerate(zip(items, tables, strict=True)):
         ahead[i], astern[i] = _limits(thruster, points)
     power = [t.curve.power if isinstance(t.curve, Curve) and t.curve.power else 1.0 for t in items]
+    inflow_loss = np.array([t.inflow_loss or 0.0 for t in items], dtype=float)
     return {
         "configuration": configuration(thrusters),
         "force_ahead": ahead,
@@ -100,6 +101,7 @@ def thruster_arrays(thrusters: tuple[Mounted, ...], supply_voltage: float | None
         "table_command": grid,
         "table_force": table_force,
         "tabulated": np.array([points is not None for points in tables], dtype=float),
+        **({"inflow_loss": inflow_loss} if inflow_loss.any() else {}),
     }
 
 

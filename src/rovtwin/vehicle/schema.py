@@ -123,6 +123,9 @@ class Thruster(Strict):
     rate_limit: Positive | None = Field(None, description="largest rate of the force [N/s]")
     quantisation: NonNegative = Field(0.0, description="step to which commands are rounded")
     health: Share = Field(1.0, description="share of the force left: 1 sound, 0 dead")
+    inflow_loss: NonNegative | None = Field(
+        None, description="share of the full force lost at full force per m/s of water coming along the push [s/m]"
+    )
     power: Positive | None = Field(None, description="electrical, at its largest force [W]; else that of a T200")
     pair_spacing: Positive | None = Field(
         None, description="between two alike, side by side, that it stands for [m]; driven apart they turn the vehicle"
@@ -380,6 +383,7 @@ class IdentifiedThruster(Strict):
     curve: Literal["linear"] | Curve | None = None
     dead_band: Annotated[Number, Field(ge=0, lt=1)] | None = None
     time_constant: NonNegative | None = None
+    inflow_loss: NonNegative | None = None
 
 
 class EstimatedParameter(Strict):

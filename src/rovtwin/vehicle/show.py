@@ -142,6 +142,7 @@ def _thruster(vehicle: Vehicle, model: Model, i: int) -> dict[str, Any]:
         "rate_limit_N_per_s": _number(float(arrays.rate_limit[i])),
         "quantisation": float(arrays.quantisation[i]),
         "health": float(arrays.health[i]),
+        "inflow_loss_s_per_m": 0.0 if arrays.inflow_loss is None else float(arrays.inflow_loss[i]),
     }
 
 

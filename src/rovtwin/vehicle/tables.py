@@ -189,6 +189,9 @@ def _thrusters(found: dict[str, Any]) -> list[Group]:
         for i, t in thrusters
     ]
     heads = ("", "ahead [N]", "astern [N]", "curve", "dead band", "lag [s]")
+    if any(t["inflow_loss_s_per_m"] for _, t in thrusters):
+        forces = [(*row, _g(t["inflow_loss_s_per_m"])) for row, (_, t) in zip(forces, thrusters, strict=True)]
+        heads = (*heads, "inflow loss [s/m]")
     return [
         _titled("thrusters", _table(("", "name", "position [m]", "direction"), places, text=(2, 3))),
         _titled("thrust", _table(heads, forces, numbers=1)),

@@ -5,6 +5,8 @@ import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 
+_STRAIGHT = 1e-3  # share of the full force
+
 
 class Thrusters(eqx.Module):
     """Parameters of n thrusters. Commands are normalised, u in [-1, 1].
@@ -25,6 +27,8 @@ class Thrusters(eqx.Module):
         table_command: Commands of the tables, increasing, shape (k,); k = 2 with zeros where no thruster has one.
         table_force: Forces at them [N], shape (n, k).
         tabulated: Whether the table holds for this thruster, shape (n,), bool.
+        inflow_loss: Share of the full force that is lost at full force for each m/s of water that comes along the push
+            [s/m], shape (n,); None: nothing is lost, and nothing is computed.
     """
 
     configuration: Array
@@ -39,6 +43,7 @@ class Thrusters(eqx.Module):
     table_command: Array
     table_force: Array
     tabulated: Array
+    inflow_loss: Array | None = None
 
     @property
     def count(self) -> int:
@@ -157,3 +162,30 @@ def force_limits(thrusters: Thrusters) -> tuple[Array, Array]:
     """Lowest and highest force that commands reach [N], shapes (n,) and (n,)."""
     one = jnp.ones_like(thrusters.force_ahead)
     return static_force(thrusters, -one), static_force(thrusters, one)
+
+
+def inflow_damping(thrusters: Thrusters, force: Array) -> Array:
+    """Force that each thruster loses for each m/s of water along its push [N s/m], shape (n,), at forces (n,) [N].
+
+    A propeller gives T_nn n|n| - T_nv |n| u: with n ~ sqrt(f) the loss grows with the square root of the force. Below a
+    thousandth of the full force the root is straightened, so that its slope stays finite.
+
+    Reference: Fossen (2021), sec. 9.1 (propeller thrust, linear in the advance speed).
+    """
+    assert thrusters.inflow_loss is not None
+    full = jnp.where(force >= 0, thrusters.force_ahead, thrusters.force_astern)
+    share = jnp.abs(force) / jnp.where(full > 0, full, 1.0)
+    return thrusters.inflow_loss * full * share / jnp.sqrt(share + _STRAIGHT)
+
+
+def inflow_wrench(configuration: Array, damping: Array, nu_r: Array) -> Array:
+    """What an inflow takes of the thrusters' wrench, b at CO [N, N m], shape (6,): -T diag(d) T' nu_r, never a gain.
+
+    T' nu_r is the speed of each thruster along its push, by the principle of work.
+
+    Args:
+        configuration: T, shape (6, n).
+        damping: d, see `inflow_damping`, shape (n,).
+        nu_r: Velocity through the water, b at CO [m/s, rad/s], shape (6,).
+    """
+    return -configuration @ (damping * (configuration.T @ nu_r))

@@ -10,6 +10,7 @@ righting moment B x BG works against it. Two speeds matter:
 Reference: Fossen (2021), ch. 4 and 6; Munk (1924), NACA report 184.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,7 +24,7 @@ from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.floating import floating
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import pushed_axes, wrench_limits, wrench_of_forces
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.vehicle.thrusters import inflow_damping, thrusters_from
 
 SPEED_LIMIT = 3.0  # stability is looked for up to here [m/s]
 LONGITUDINAL = (0, 2, 4, 7)  # u, w, q, theta in the state of `linearised`
@@ -224,12 +225,32 @@ def reach(model: Model) -> np.ndarray:
 
 
 def steady_speed(model: Model, axis: int, force: float) -> float:
-    """Speed at which damping balances a force along one axis [m/s or rad/s]; inf without damping."""
+    """Speed at which damping, and what an inflow takes of the thrust, balance a force along one axis; inf without.
+
+    Args:
+        model: The vehicle.
+        axis: Of nu; the speed is in m/s or rad/s.
+        force: Of the thrusters before an inflow takes of it, each giving the same share of its own [N, N m].
+    """
     ahead = force >= 0
     linear = model.linear_damping_ahead if ahead else model.linear_damping_astern
     quadratic = model.quadratic_damping_ahead if ahead else model.quadratic_damping_astern
     l, q = float(np.asarray(linear)[axis, axis]), float(np.asarray(quadratic)[axis, axis])
     size = abs(force)
+    l += _lost_along(model, axis, force)
     if q > 0:
         return float((-l + np.sqrt(l * l + 4 * q * size)) / (2 * q))
     return size / l if l > 0 else (np.inf if size > 0 else 0.0)
+
+
+def _lost_along(model: Model, axis: int, force: float) -> float:
+    """What an inflow takes of a force along one axis for each m/s or rad/s [N s/m, N m s/rad]."""
+    thrusters = model.thrusters
+    if thrusters.inflow_loss is None or force == 0.0:
+        return 0.0
+    lever = math.copysign(1.0, force) * np.asarray(thrusters.configuration)[axis]
+    full = np.where(lever >= 0, np.asarray(thrusters.force_ahead), np.asarray(thrusters.force_astern))
+    most = float(np.abs(lever) @ full)
+    share = min(abs(force) / most, 1.0) if most > 0 else 0.0
+    damping = np.asarray(inflow_damping(thrusters, as_array(np.sign(lever) * share * full)))
+    return float(lever**2 @ damping)

@@ -13,16 +13,14 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.flow import Environment
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.loads import load_wrench, thrust_history
+from rovtwin.identification.joint.loads import WRENCH, accelerated, thrust_history
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.path import KERNEL, smoothed_path
 from rovtwin.identification.joint.segments import Grid, Segments
-from rovtwin.vehicle.dynamics import acceleration
 from rovtwin.vehicle.model import Model
 
 WINDOW = 1.0  # over which the change of velocity is compared [s]
@@ -109,19 +107,18 @@ class Balance:
             heavier = model
             if "ballast_mass" in own:
                 heavier = model.replace(rigid_body_mass=model.rigid_body_mass + own["ballast_mass"])
-            calm = Environment.calm(velocity=own["current"], wrench=load_wrench(x, own, extras))
-            return acceleration(heavier, x.position, x.attitude, x.nu, tau, calm)
+            return accelerated(heavier, extras, own, x, tau)
 
         rates = jax.vmap(rate)(arrays["path"], tau, arrays["own"])
         change = self.grid.step * rates.reshape(-1, self.window, 6).sum(axis=1)
         return arrays["used"] * (change - arrays["change"])
 
     def _thrust(self, model: Model, arrays: dict[str, Any]) -> Array:
-        """Wrench of the thrusters at the path's states, through the kernel that these went through, shape (N, 6)."""
+        """Thrust at the path's states (`thrust_history`), through the kernel that these went through, shape (N, ..)."""
         command = arrays["command"]
         held = jnp.ones(command.shape[:-1])  # a delay is well below what a window tells
         history = thrust_history(model.thrusters, command, held, arrays["fresh"], self.grid.step)
-        return _through(self._kernel, history[:, :, 0].reshape(-1, 6))[arrays["rows"]]
+        return _through(self._kernel, history[:, :, 0].reshape(-1, history.shape[-1]))[arrays["rows"]]
 
     def _missing(self, theta: Array, arrays: dict[str, Any]) -> tuple[Array, Array, Array]:
         """What moves the vehicle beside the model's forces, mean over windows (W, 6), and nu_r and thrust there.
@@ -133,7 +130,7 @@ class Balance:
         missing = -self._gaps(theta, arrays) @ model.mass.T / (self.window * self.grid.step)
         flow = jax.vmap(lambda q, c: rotation_from_quaternion(q).T @ c)(path.attitude, arrays["own"]["current"])
         nu_r = jnp.concatenate([path.nu[:, :3] - flow, path.nu[:, 3:]], axis=1)
-        return missing, nu_r.reshape(window), self._thrust(model, arrays).reshape(window)
+        return missing, nu_r.reshape(window), self._thrust(model, arrays)[:, :WRENCH].reshape(window)
 
 
 def balanced(balance: Balance, segments: Segments, prior: Gaussian, static: Linear | None = None) -> np.ndarray:

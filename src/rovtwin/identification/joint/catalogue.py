@@ -1,15 +1,26 @@
 """What can be identified of a vehicle: every parameter at the value of its file, and the choice among them."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 
 import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import jnp
 from rovtwin.identification.joint.couplings import bound_of, shares
 from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, THRUST_UNITS, UNITS, Parameter, Parameters
+from rovtwin.identification.joint.parameters import (
+    DAMPINGS,
+    DIRECTIONS,
+    INFLOW,
+    MOUNTING,
+    THRUST_UNITS,
+    UNITS,
+    Parameter,
+    Parameters,
+)
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.model import Model
 
@@ -38,6 +49,7 @@ def catalogue(
     found = [*_hydrodynamics(model), *_restoring_parameters(model), *_thrust_parameters(model, groups)]
     found.append(Parameter("tether.drag", "N s2/m3", 0.05, True))
     found.append(Parameter("commands.delay", "s", 0.0, False))
+    found += [Parameter(name, "rad", 0.0, False) for name in MOUNTING]
     return Parameters(model, tuple(found), groups)
 
 
@@ -87,6 +99,8 @@ def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> I
             base = base or _STARTS.get(name, 0.0)
             if base > 0:
                 yield Parameter.at(f"thrusters.{group}.{name}", unit, base, True)
+        lost = 0.0 if thrusters.inflow_loss is None else float(thrusters.inflow_loss[first])
+        yield Parameter(f"thrusters.{group}.{INFLOW}", "s/m", lost, False)
 
 
 def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
@@ -105,4 +119,14 @@ def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
                 f"free: '{pattern}' is no parameter of this vehicle.{hint} There are: {', '.join(families)}"
             )
     kept = tuple(p for p in everything.free if any(fnmatchcase(p.name, pattern) for pattern in patterns))
-    return Parameters(everything.model, kept, everything.groups)
+    return Parameters(with_inflow(everything.model, kept), kept, everything.groups)
+
+
+def with_inflow(model: Model, free: Iterable[Parameter]) -> Model:
+    """With a loss of thrust, be it 0, where one is a parameter, and without one where it is 0 and none is."""
+    thrusters = model.thrusters
+    found = any(p.name.endswith(f".{INFLOW}") for p in free)
+    if thrusters.inflow_loss is None:
+        return model.replace(thrusters=replace(thrusters, inflow_loss=jnp.zeros(thrusters.count))) if found else model
+    unused = not found and not np.any(np.asarray(thrusters.inflow_loss))
+    return model.replace(thrusters=replace(thrusters, inflow_loss=None)) if unused else model

@@ -2,17 +2,24 @@
 
 from typing import Any, NamedTuple
 
+from rovtwin.core.flow import Environment
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.parameters import Extras
-from rovtwin.vehicle.thrusters import Thrusters, force_just_after, lag, static_force
+from rovtwin.vehicle.dynamics import acceleration
+from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import Thrusters, force_just_after, inflow_damping, lag, static_force
+
+WRENCH = 6  # numbers of thrust that are its wrench
 
 
 def thrust_history(
     thrusters: Thrusters, command: Array, held: Array, fresh: Array, step: float, delay: Array | None = None
 ) -> Array:
-    """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6).
+    """Thrust at the start, middle and end of every step, shape (S, K, 3, 6), or (S, K, 3, 6 + n) with a loss to inflow.
+
+    That is the wrench of the thrusters, and what each loses for each m/s of inflow, see `accelerated`.
 
     Args:
         thrusters: With their lag.
@@ -36,7 +43,10 @@ def thrust_history(
     # With a command that changes in the step the middle is what Simpson's rule, as of RK4, needs for the impulse.
     middle = 0.25 * (6.0 * cells.mean - cells.first - cells.last)
     history = jnp.stack([cells.first, middle, cells.last], axis=1)
-    return (history @ thrusters.configuration.T).reshape(*command.shape[:2], 3, 6)
+    thrust = history @ thrusters.configuration.T
+    if thrusters.inflow_loss is not None:
+        thrust = jnp.concatenate([thrust, inflow_damping(thrusters, history)], axis=-1)
+    return thrust.reshape(*command.shape[:2], 3, -1)
 
 
 class _Cell(NamedTuple):
@@ -104,6 +114,22 @@ def _delayed(cells: _Cell, begin: Array, shift: Array) -> _Cell:
         return _Cell(force(one, s), inside + before + after, force(other, t))
 
     return jax.vmap(at)(1.0 * number, low, high)
+
+
+def accelerated(model: Model, extras: Extras, own: dict[str, Any], x: Nodes, thrust: Array) -> Array:
+    """nu_dot in a segment, shape (6,).
+
+    Args:
+        model: With the segment's ballast.
+        extras: Of the test.
+        own: The segment's, as of `load_wrench`.
+        x: State.
+        thrust: Wrench, shape (6,), apart from loads, since learned wrenches depend on it; where there is more, what
+            each thruster loses for each m/s of inflow [N s/m], shape (6 + n,).
+    """
+    calm = Environment.calm(velocity=own["current"], wrench=load_wrench(x, own, extras))
+    inflow = thrust[WRENCH:] if thrust.shape[0] > WRENCH else None
+    return acceleration(model, x.position, x.attitude, x.nu, thrust[:WRENCH], calm, inflow=inflow)
 
 
 def load_wrench(x: Nodes, own: dict[str, Any], extras: Extras) -> Array:

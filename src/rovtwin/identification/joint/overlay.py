@@ -90,6 +90,8 @@ def _thrusters(vehicle: Vehicle, model: Model) -> dict[str, dict[str, Any]]:
             said["force"] = {"ahead": _short(thrusters.force_ahead[i]), "astern": _short(thrusters.force_astern[i])}
             said["curve"] = {"power": _short(thrusters.exponent[i])}
             said["dead_band"] = _short(thrusters.dead_band[i])
+        if thrusters.inflow_loss is not None:  # an estimate below 0 is none: an inflow gives nothing
+            said["inflow_loss"] = max(0.0, _short(thrusters.inflow_loss[i]))
         out[name] = said
     return out
 

@@ -9,7 +9,7 @@ is the vector of these coordinates, zero at the starting values.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -29,6 +29,8 @@ UNITS = {
     "linear": ("N s/m",) * 3 + ("N m s/rad",) * 3,
     "quadratic": ("N s2/m2",) * 3 + ("N m s2/rad2",) * 3,
 }
+MOUNTING = tuple(f"sensors.gyro.{axis}" for axis in ("roll", "pitch", "yaw"))  # [rad]
+INFLOW = "inflow_loss"  # of a group of thrusters [s/m]: a difference, as it may be none
 THRUST_UNITS = {"force_ahead": "N", "force_astern": "N", "exponent": "1", "dead_band": "1", "time_constant": "s"}
 
 
@@ -96,10 +98,13 @@ class Extras(eqx.Module):
     Attributes:
         tether_drag: Force on the vehicle per metre paid out and square of its speed [N s2/m3].
         delay: Of the commands on their way to the thrusters, beside what the log says [s]; None: no parameter.
+        mounting: By which the gyro is turned against what the file says, a small rotation in b [rad], shape (3,); None:
+            no parameter.
     """
 
     tether_drag: Array
     delay: Array | None = None
+    mounting: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +153,11 @@ class Parameters:
                 share = water[at] / share_unit(water, water, 1, *at)
                 share = jnp.clip(share / p.bound, -0.999, 0.999)
                 out.append(p.bound * (jnp.arctanh(share) - np.arctanh(p.base / p.bound)))
-            elif at is not None or family == "commands" or (family == "thrusters" and not where.startswith("force")):
+            elif (
+                at is not None
+                or family in ("commands", "sensors")
+                or (family == "thrusters" and not where.startswith("force"))
+            ):
                 out.append(t)
             else:
                 out.append(t + s if p.positive else (p.base + t) * jnp.exp(s) - p.base)
@@ -176,7 +185,7 @@ class Parameters:
         if self.basis is not None and model.discrepancy is not None:
             coefficients = jnp.tensordot(theta[-len(self.basis) :], self.basis, axes=1)
             changes["discrepancy"] = with_coefficients(model.discrepancy, coefficients)
-        return model.replace(**changes), Extras(value.get("tether.drag", as_array(0.0)), value.get("commands.delay"))
+        return model.replace(**changes), _extras(value)
 
     def _damping(self, value: Mapping[str, Array]) -> dict[str, Array]:
         changes = {}
@@ -201,9 +210,12 @@ class Parameters:
     def _thrusters(self, value: Mapping[str, Array]) -> Any:
         thrusters = self.model.thrusters
         fields = {name: getattr(thrusters, name) for name in THRUST_UNITS}
-        table = thrusters.table_force
+        table, inflow = thrusters.table_force, thrusters.inflow_loss
         for group, members in self.groups.items():
             rows = np.array(members)
+            lost = value.get(f"thrusters.{group}.{INFLOW}")
+            if lost is not None:
+                inflow = (jnp.zeros(thrusters.count) if inflow is None else inflow).at[rows].set(lost)
             mine = np.isin(np.arange(thrusters.count), rows)
             for name in THRUST_UNITS:
                 given = value.get(f"thrusters.{group}.{name}")
@@ -216,9 +228,14 @@ class Parameters:
                     table = jnp.where(wanted, ratio, 1.0) * table
                 fields[name] = fields[name].at[rows].set(given)
         fields["table_force"] = table
-        return eqx.tree_at(
-            lambda t: [getattr(t, name) for name in fields], thrusters, [jnp.asarray(v) for v in fields.values()]
-        )
+        return replace(thrusters, inflow_loss=inflow, **{name: jnp.asarray(v) for name, v in fields.items()})
+
+
+def _extras(value: Mapping[str, Array]) -> Extras:
+    mounting = None
+    if any(name in value for name in MOUNTING):
+        mounting = jnp.stack([value.get(name, as_array(0.0)) for name in MOUNTING])
+    return Extras(value.get("tether.drag", as_array(0.0)), value.get("commands.delay"), mounting)
 
 
 def _ratios(ratio: Mapping[str, Array], kind: str) -> Array:

@@ -273,8 +273,8 @@ def _scale(parameters: Parameters, i: int, was: object) -> float:
 
 
 def _of_the_parts(name: str) -> bool:
-    """Whether it starts at the predicted value; thrusters, tether and link stay as they were found."""
-    return not name.startswith(("commands.", "tether.", "thrusters."))
+    """Whether it starts at the predicted value; thrusters, tether, link and sensors stay as they were found."""
+    return not name.startswith(("commands.", "sensors.", "tether.", "thrusters."))
 
 
 def _widening(parameters: Parameters, i: int, change: Change, before: float) -> float:

@@ -15,9 +15,11 @@ from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.joint.couplings import BOTH_WAYS, SKEW
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.parameters import INFLOW, Parameters
 from rovtwin.identification.priors.widths import prior_widths
 from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.trim import steady_speed
 
 # Standard deviation of theta by pattern, of what `widths` (added mass, damping) does not know.
 WIDTHS: dict[str, float] = {
@@ -33,6 +35,7 @@ WIDTHS: dict[str, float] = {
     "thrusters.*.dead_band": 1.0,
     "thrusters.*.time_constant": 0.5,
     "tether.drag": 0.7,
+    "sensors.gyro.*": 0.02,  # [rad], of a bracket or a board in its housing
     "commands.delay": 0.03,  # [s], of a link and of motor controllers, beyond what the log says
 }
 # Share of the variance that parameters of one kind have in common.
@@ -45,6 +48,8 @@ COMMON: dict[str, float] = {
     "thrusters.*.force_*": 0.7,
     "thrusters.*.exponent": 0.5,
 }
+_LOST = 0.3  # share of the thrust at top speed, one standard deviation
+_SLOWEST, _FASTEST = 0.1, 5.0  # top speeds that are believed [m/s]
 _WAYS = ("value", "sd", "factor", "common")
 
 
@@ -64,7 +69,7 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
     """
     names = parameters.names
     mean = np.zeros(len(names))
-    known = prior_widths(vehicle)
+    known = prior_widths(vehicle) | _inflow_widths(parameters)
     width = np.array([known.get(ahead, 0.0) or _width(ahead) for ahead in (n.replace("_astern.", ".") for n in names)])
     kind = np.array([_kind(name) for name in names], dtype=object)
     shares = dict(COMMON)
@@ -85,6 +90,21 @@ def default_prior(parameters: Parameters, vehicle: Vehicle, said: Mapping[str, A
         correlation[np.ix_(same, same)] = share
     np.fill_diagonal(correlation, 1.0)
     return Gaussian(mean, correlation * np.outer(width, width))
+
+
+def _inflow_widths(parameters: Parameters) -> dict[str, float]:
+    """Of what an inflow takes of the thrust [s/m], by name.
+
+    At top speed a propeller that suits its vehicle has lost a fifth to a half of its pull (thrust falls about linearly
+    with the advance speed: van Lammeren et al. 1969, The Wageningen B-screw series).
+    """
+    model, found = parameters.model, {}
+    T, (low, high) = np.asarray(model.thrusters.configuration), wrench_limits(model.thrusters)
+    for group, members in parameters.groups.items():
+        axis = int(np.abs(T[:3, list(members)]).sum(axis=1).argmax())
+        top = max(steady_speed(model, axis, float(low[axis])), steady_speed(model, axis, float(high[axis])))
+        found[f"thrusters.{group}.{INFLOW}"] = _LOST / min(max(top, _SLOWEST), _FASTEST)
+    return found
 
 
 def _width(name: str) -> float:

@@ -21,7 +21,7 @@ from rovtwin.identification.joint.shooting import Blocks, Shooting
 # Where nobody declared it: noise of a reading to start from, and how far a sensor may be off throughout.
 _SIGMA = {"position": 0.03, "horizontal": 0.03, "depth": 0.01, "attitude": 0.005, "gyro": 0.005, "velocity": 0.02}
 _SIGMA["accelerometer"] = 0.1
-_OFFSET = {"gyro": [0.01] * 3, "accelerometer": [0.1] * 3, "attitude": [0.01, 0.01, 0.0]}
+_OFFSET = {"gyro": [0.01] * 3, "accelerometer": [0.1] * 3, "attitude": [0.02] * 3}
 _HELD = 1e-6  # offset of a sensor whose own zero is the reference
 
 _NODE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "gyro": 9}  # where a reading is a part of the state itself

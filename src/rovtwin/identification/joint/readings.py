@@ -14,7 +14,12 @@ HUBER = 3.0  # residuals beyond so many sigma count linearly
 
 
 def gaps_along(
-    path: Nodes, rates: Array | None, own: dict[str, Any], levers: dict[str, Any], step: float
+    path: Nodes,
+    rates: Array | None,
+    own: dict[str, Any],
+    levers: dict[str, Any],
+    step: float,
+    mounting: Array | None = None,
 ) -> dict[str, Array]:
     """Prediction less reading by signal, shapes (R, k).
 
@@ -24,13 +29,14 @@ def gaps_along(
         own: The segment's readings, see `Segments.arrays`.
         levers: By signal, shape (3,).
         step: Of the grid [s].
+        mounting: Of the gyro, see `Extras`, shape (3,).
     """
     gaps = {}
     for name, lever in levers.items():
         rows = own[name]
         x, nu_dot = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
         x = x._replace(position=_place_between(path, rows["row"], rows["share"], step))
-        gaps[name] = _gap(name, x, nu_dot, jnp.asarray(lever), rows["value"])
+        gaps[name] = _gap(name, x, nu_dot, jnp.asarray(lever), rows["value"], mounting)
     return gaps
 
 
@@ -56,7 +62,7 @@ def _place_between(path: Nodes, row: Array, share: Array, step: float) -> Array:
     return jax.vmap(one)(a.position, a.attitude, a.nu, b.position, b.attitude, b.nu, share)
 
 
-def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array) -> Array:
+def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array, mounting: Array | None = None) -> Array:
     """What a sensor would read along a path less what it read, shape (R, k); of an attitude the small rotation in b.
 
     See `vehicle.measurement` for the equations.
@@ -71,7 +77,7 @@ def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array) -
         if name == "attitude":
             return q
         if name == "gyro":
-            return omega
+            return omega if mounting is None else omega - cross(mounting, omega)
         if name == "velocity":
             return v + cross(omega, lever)
         assert nu_dot is not None

@@ -13,20 +13,20 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from rovtwin.core.flow import Environment
 from rovtwin.core.frames import quaternion_normalise, quaternion_rate, rotation_from_quaternion
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.balance import Balance
-from rovtwin.identification.joint.loads import load_wrench, thrust_history
+from rovtwin.identification.joint.loads import WRENCH, accelerated, thrust_history
 from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved
-from rovtwin.identification.joint.parameters import Extras, Parameters
+from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.readings import gaps_along, offsets_by_signal, squared
 from rovtwin.identification.joint.segments import Segments
 from rovtwin.identification.joint.sensitivities import sensitivities
 from rovtwin.vehicle.discrepancy import with_coefficients, without_discrepancy
-from rovtwin.vehicle.dynamics import acceleration, learned_wrench
+from rovtwin.vehicle.dynamics import learned_wrench
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import inflow_wrench
 
 _OF_THRUSTERS = ("command", "held", "fresh")  # arrays of segments, as `thrust_history` takes them
 _CHUNK = 8  # segments at most that are simulated side by side, with all their derivatives: what fits into the cache
@@ -61,6 +61,8 @@ class Shooting:
         self.balance = Balance(parameters, segments.grid)
         _, self._static = eqx.partition(parameters.model, eqx.is_inexact_array)
         self._names = list(segments.levers)
+        model = parameters.model
+        self._has_more = model.discrepancy is not None or model.thrusters.inflow_loss is not None
         self.blocks = jax.jit(self._blocks)
         self.residuals = jax.jit(self._residuals)
         self.trajectories = jax.jit(self._trajectories)
@@ -71,7 +73,7 @@ class Shooting:
     # Thrust: known from the commands alone, so that it is integrated once through each whole record.
 
     def _wrenches(self, parts: Any, arrays: dict[str, Any]) -> Array:
-        """Wrench of the thrusters at the start, middle and end of every step, shape (S, K, 3, 6)."""
+        """Thrust at the start, middle and end of every step, see `thrust_history`, shape (S, K, 3, ..)."""
         model: Model = eqx.combine(parts[0], self._static)
         command, held, fresh = (arrays[key] for key in _OF_THRUSTERS)
         return thrust_history(model.thrusters, command, held, fresh, self.segments.grid.step, parts[1].delay)
@@ -82,7 +84,7 @@ class Shooting:
         return eqx.partition(model, eqx.is_inexact_array)[0], extras
 
     def _linearised(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Any, Array, Array]:
-        """Parts and wrenches with their derivatives by theta, leading axis n and shape (S, K, 3, 6, n)."""
+        """Parts and thrust with their derivatives by theta, leading axis n and shape (S, K, 3, .., n)."""
         n = len(self.parameters)
         parts = self._parts(theta)
         d_parts = jax.vmap(lambda e: jax.jvp(self._parts, (theta,), (e,))[1])(jnp.eye(n))
@@ -107,21 +109,27 @@ class Shooting:
 
     def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
         """nu_dot in a segment, shape (6,), of parts, state and the thrusters' wrench."""
-        return _accelerated(self._model(own, parts), parts[1], own, x, wrench)
+        return accelerated(self._model(own, parts), parts[1], own, x, wrench)
 
     def _rate_of_equations(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
-        """The same without what the model has learned beside its equations: linear in the wrench."""
-        return _accelerated(without_discrepancy(self._model(own, parts)), parts[1], own, x, wrench)
+        """The same without what is not linear in the wrench: what the model has learned, and a loss to the inflow."""
+        return accelerated(without_discrepancy(self._model(own, parts)), parts[1], own, x, wrench[:WRENCH])
 
-    def _rate_learned(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
-        """What it has learned adds to nu_dot, shape (6,)."""
+    def _rate_beside(self, own: dict[str, Any], parts: Any, x: Nodes, thrust: Array) -> Array:
+        """What these add to nu_dot, shape (6,)."""
         model, basis = self._model(own, parts), self.parameters.model.discrepancy
-        assert model.discrepancy is not None and basis is not None
-        # Of what it has learned only the coefficients are parameters: no derivatives by all the rest.
-        model = eqx.tree_at(lambda m: m.discrepancy, model, with_coefficients(basis, model.discrepancy.coefficients))
         R_bn = rotation_from_quaternion(x.attitude).T
         nu_r = jnp.concatenate([x.nu[:3] - R_bn @ own["current"], x.nu[3:]])
-        return model.mass_inverse @ learned_wrench(model, nu_r, wrench)
+        wrench = jnp.zeros(WRENCH)
+        if basis is not None:
+            assert model.discrepancy is not None
+            # Of what it has learned only the coefficients are parameters: no derivatives by all the rest.
+            found = with_coefficients(basis, model.discrepancy.coefficients)
+            model = eqx.tree_at(lambda m: m.discrepancy, model, found)
+            wrench = wrench + learned_wrench(model, nu_r, thrust[:WRENCH])
+        if model.thrusters.inflow_loss is not None:
+            wrench = wrench + inflow_wrench(model.thrusters.configuration, thrust[WRENCH:], nu_r)
+        return model.mass_inverse @ wrench
 
     def _path(self, parts: Any, tau: Array, node: Nodes, own: dict[str, Any]) -> tuple[Nodes, Array | None]:
         """States at the grid points of one segment, leading axis K + 1; nu_dot too where something measures it."""
@@ -145,9 +153,9 @@ class Shooting:
             return path, None
         return path, jax.vmap(rate)(path, jnp.concatenate([tau[:, 0], tau[-1:, 2]]))
 
-    def _gaps(self, path: Nodes, rates: Array | None, own: dict[str, Any]) -> dict[str, Array]:
+    def _gaps(self, path: Nodes, rates: Array | None, own: dict[str, Any], mounting: Array | None) -> dict[str, Array]:
         """Prediction less reading of one segment, by signal (R, k)."""
-        return gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step)
+        return gaps_along(path, rates, own, self.segments.levers, self.segments.grid.step, mounting)
 
     def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
         """Next nodes, and what belongs to each segment apart from commands."""
@@ -158,20 +166,27 @@ class Shooting:
     def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
         """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
         parts, d_parts, tau, d_tau = self._linearised(theta, arrays)
+        mounting, d_mounting = parts[1].mounting, jnp.zeros((3, NODE + len(self.parameters)))
+        if mounting is not None:
+            d_mounting = d_mounting.at[:, NODE:].set(d_parts[1].mounting.T)
         following, own = self._per_segment(nodes, arrays)
 
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
             path, rates = self._path(parts, tau, node, own)
-            learned = None if self.parameters.model.discrepancy is None else partial(self._rate_learned, own)
+            beside = partial(self._rate_beside, own) if self._has_more else None
             rate = partial(self._rate_of_equations, own)
-            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, learned)
+            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, beside)
 
-            def gaps(errors: Array, more: Array) -> dict[str, Array]:
-                return self._gaps(jax.vmap(moved)(path, errors), None if rates is None else rates + more, own)
+            def gaps(errors: Array, more: Array, turn: Array) -> dict[str, Array]:
+                there = None if rates is None else rates + more
+                turned = None if mounting is None else mounting + turn
+                return self._gaps(jax.vmap(moved)(path, errors), there, own, turned)
 
-            still = jnp.zeros(S.shape[:2]), jnp.zeros(d_rates.shape[:2])
-            value, columns = jax.vmap(lambda *d: jax.jvp(gaps, still, d), in_axes=-1, out_axes=(None, -1))(S, d_rates)
+            still = jnp.zeros(S.shape[:2]), jnp.zeros(d_rates.shape[:2]), jnp.zeros(3)
+            value, columns = jax.vmap(lambda *d: jax.jvp(gaps, still, d), in_axes=-1, out_axes=(None, -1))(
+                S, d_rates, d_mounting
+            )
             end = jax.tree.map(lambda x: x[-1], path)
             by_end, by_next = jax.jacfwd(
                 lambda *errors: difference(moved(next_node, errors[1]), moved(end, errors[0])), argnums=(0, 1)
@@ -192,7 +207,7 @@ class Shooting:
         def one(segment: Any) -> tuple[dict[str, Array], Array]:
             node, next_node, tau, own = segment
             path, rates = self._path(parts, tau, node, own)
-            gaps = self._gaps(path, rates, own)
+            gaps = self._gaps(path, rates, own, parts[1].mounting)
             split = offsets_by_signal(self._names, gaps, offsets)
             residual = {name: gaps[name] + split[name] for name in self._names}
             return residual, own["linked"] * difference(next_node, jax.tree.map(lambda x: x[-1], path))
@@ -204,12 +219,6 @@ class Shooting:
         parts = self._parts(theta)
         _, own = self._per_segment(nodes, arrays)
         return _chunked(lambda s: self._path(parts, s[1], s[0], s[2])[0], (nodes, self._wrenches(parts, arrays), own))
-
-
-def _accelerated(model: Model, extras: Extras, own: dict[str, Any], x: Nodes, wrench: Array) -> Array:
-    """nu_dot in a segment, shape (6,): the thrusters' wrench apart from loads, since learned wrenches depend on it."""
-    calm = Environment.calm(velocity=own["current"], wrench=load_wrench(x, own, extras))
-    return acceleration(model, x.position, x.attitude, x.nu, wrench, calm)
 
 
 def _chunked(function: Any, segments: Any) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.parameters import MOUNTING, Parameters
 from rovtwin.identification.joint.payload import without_shape
 from rovtwin.identification.judgement.validation import Prediction, judged
 from rovtwin.identification.judgement.verdict import COARSE, scale_width
@@ -20,6 +20,7 @@ _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 3
 # Relative width below which the form of the model is in doubt before the readings are: couplings that were off by a few
 # parts in a thousand moved estimates of clean tests by several widths (tests.identification.swap).
 _FORM = 0.003
+ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is told
 _BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is told
 
 
@@ -57,6 +58,22 @@ def about_tether(parameters: Parameters, records: Sequence[Record]) -> list[str]
         "repeat one of them with another, two lengths are enough"
         if lengths
         else "drag of the tether: no test says how much was paid out, the value is the prior's"
+    ]
+
+
+def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
+    """Whether the gyro is turned against what the file says, by more than a bracket's usual degree and its width."""
+    rows = [i for i, name in enumerate(parameters.names) if name in MOUNTING]
+    std = np.sqrt(np.diag(covariance))
+    found = [
+        f"{np.rad2deg(theta[i]):.1f} +- {np.rad2deg(1.96 * std[i]):.1f} deg in {parameters.names[i].rpartition('.')[2]}"
+        for i in rows
+        if abs(theta[i]) > max(1.96 * std[i], ASKEW)
+    ]
+    if not found:
+        return []
+    return [
+        f"the gyro is mounted askew by {', '.join(found)}: straighten it, or turn its readings before they are read"
     ]
 
 

@@ -21,7 +21,7 @@ from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.serving.protocols import Where
 from rovtwin.vehicle import measurement
-from rovtwin.vehicle.dynamics import State, acceleration, plant_step
+from rovtwin.vehicle.dynamics import State, acceleration, inflow_of, plant_step
 
 USUAL = 1.0 / 1200.0  # the firmware's step [s]
 RATES = 4  # steps of different length that are compiled
@@ -56,7 +56,8 @@ class FirmwarePhysics:
             after, water = world.step(after, state, dt)
             state = plant_step(model, state, Command(u), water, dt)
             tau = model.thrusters.configuration @ state.thrust
-            nu_dot = acceleration(model, state.position, state.attitude, state.nu, tau, water, dt)
+            inflow = inflow_of(model, state.thrust)
+            nu_dot = acceleration(model, state.position, state.attitude, state.nu, tau, water, dt, inflow)
             force = measurement.specific_force(state, nu_dot, jnp.zeros(3), jnp.eye(3))
             velocity = rotation_from_quaternion(state.attitude) @ state.nu[:3]
             told = jnp.concatenate([state.nu[3:], force, state.position, velocity, state.attitude])

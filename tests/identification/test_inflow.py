@@ -1,0 +1,93 @@
+"""Thrust lost to the inflow, as a parameter: derivatives, recovery, what a file keeps, the rung of the ladder."""
+
+import numpy as np
+import pytest
+from tests.identification.broken import axis_steps
+from tests.identification.synthetic import full_pull, record
+
+from rovtwin.identification.identify import default_free, identify
+from rovtwin.identification.joint.build import problem_of
+from rovtwin.identification.joint.catalogue import catalogue, choose
+from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.options import Options
+from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.structure import restricted, rung_of
+from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+
+VEHICLE = load_vehicle("bluerov2_heavy")
+EVERYTHING = catalogue(VEHICLE)
+LOSS = "thrusters.horizontal.inflow_loss"
+FREE = ["added_mass.surge", "*_damping.surge", "thrusters.horizontal.force_ahead", "thrusters.horizontal.time_constant",
+        LOSS]  # fmt: skip
+SIGNALS = ("position", "attitude", "gyro", "velocity")
+
+
+def moving(parameters, truth, seed, duration):
+    """A log of a vehicle with these parameters, pushed along its axes."""
+    model = parameters.model_at(truth)[0]
+    t, u = axis_steps(VEHICLE, seed, duration, hold=2.0, axes=(0, 1, 5))
+    return record(model, t, u, duration, seed, SIGNALS)
+
+
+def test_derivatives_are_those_of_the_simulation():
+    parameters = choose(EVERYTHING, FREE)
+    log = moving(parameters, np.zeros(len(parameters)), 0, 6.0)
+    n = len(parameters)
+    problem = problem_of(parameters, Gaussian(np.zeros(n), np.eye(n)), [log], (), Options.read({"segment": 2.0}))
+    theta = np.where(np.isin(parameters.names, [LOSS]), 0.3, 0.1)
+    shooting, arrays, nodes = problem.shooting, problem.segments.arrays, problem.guess
+    offsets, sigma = np.zeros(len(problem.groups)), np.ones(len(problem.groups))
+    found = np.asarray(shooting.blocks(theta, offsets, nodes, sigma, arrays).defect_jacobian)[:, :, 12 : 12 + n]
+    columns = []
+    for i in range(n):
+        ends = [shooting.residuals(theta + s * 1e-4 * np.eye(n)[i], offsets, nodes, arrays)[1] for s in (1.0, -1.0)]
+        columns.append((np.asarray(ends[0]) - np.asarray(ends[1])) / 2e-4)
+    exact = np.stack(columns, axis=-1)
+    scale = np.abs(exact).max(axis=(0, 1), keepdims=True)
+    assert scale.min() > 1e-4
+    np.testing.assert_allclose(found / scale, exact / scale, atol=0.01)
+
+
+def test_it_is_told_from_drag_and_kept_in_the_file(tmp_path):
+    parameters = choose(EVERYTHING, FREE)
+    truth = np.where(np.isin(parameters.names, [LOSS]), 0.25, 0.0)
+    log = moving(parameters, truth, 3, 40.0)
+    result = identify(
+        VEHICLE,
+        [log],
+        free=FREE,
+        anchors=[{"bollard": {"direction": "surge", "command": 1.0, "force": full_pull(parameters.model), "sd": 1.0}}],
+    )
+    low, high = result.interval(LOSS)
+    assert low < 0.25 < high and 0.0 < low, (low, high)
+    assert high - low < 0.15
+    kept = vehicle_from_dict(result.file(), "kept").model()
+    rows = list(parameters.groups["horizontal"])
+    np.testing.assert_allclose(np.asarray(kept.thrusters.inflow_loss)[rows], result.values[LOSS], rtol=1e-6)
+
+
+def test_nothing_asks_for_it_unless_the_structure_does_or_the_file_has_it():
+    names = [name for name in EVERYTHING.names if name.endswith(".inflow_loss")]
+    assert names and all(rung_of(name) == "inflow" for name in names)
+    assert not set(names) & set(default_free(EVERYTHING, []))
+    assert set(names) <= set(default_free(EVERYTHING, [], inflow=True))
+    data = VEHICLE.to_dict()
+    for thruster in data["thrusters"]:
+        thruster["inflow_loss"] = 0.2
+    stated = catalogue(vehicle_from_dict(data, "stated"))
+    assert set(names) <= set(default_free(stated, []))
+
+
+def test_without_its_rung_it_costs_nothing():
+    parameters = choose(EVERYTHING, FREE)
+    assert parameters.model.thrusters.inflow_loss is not None
+    some, _ = restricted(parameters, default_prior(parameters, VEHICLE), [n for n in parameters.names if n != LOSS])
+    assert some.model.thrusters.inflow_loss is None
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("bluerov2_heavy", 0.1, 0.5), ("double_blueye", 0.4, 2.0)])
+def test_its_prior_goes_with_the_top_speed(name, least, most):
+    vehicle = load_vehicle(name)
+    parameters = choose(catalogue(vehicle), ["thrusters.*.inflow_loss"])
+    widths = np.sqrt(np.diag(default_prior(parameters, vehicle).covariance))
+    assert (widths > least).all() and (widths < most).all()
