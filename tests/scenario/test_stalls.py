@@ -242,6 +242,19 @@ def test_what_is_felt_is_a_current_only_where_the_water_runs(scenario, model):
     assert "thrusters that give less" not in said(water=water) and said(water=water).endswith("wait for less current")
 
 
+def test_a_current_is_one_though_drag_aside_is_larger(scenario, model):
+    """Its force does not point where it runs to: on a vehicle with more drag in sway, further to the side."""
+    bias, water, current = np.zeros((len(TIME), 6)), np.zeros((len(TIME), 3)), np.array([0.15, 0.15])
+    water[:, :2] = current
+    quadratic, linear = (
+        np.asarray(getattr(model, f"{k}_damping_ahead")).diagonal()[:2] for k in ("quadratic", "linear")
+    )
+    bias[:, :2] = linear * current + quadratic * current**2
+    assert abs(bias[0, 1] / bias[0, 0] - 1.0) > 0.2
+    text = unfinished(flown(ARRIVES, 0.7, bias=bias, water=water), scenario, model, VEHICLE)
+    assert "to the north-east" in text and "thrusters that give less" not in text
+
+
 def test_waves_that_push_are_named_and_no_thruster_is(scenario, model):
     """Drift of waves feels as a current does, too; the twin knows it."""
     bias, water, outside = (np.zeros((len(TIME), n)) for n in (6, 3, 6))

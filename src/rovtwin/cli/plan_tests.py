@@ -20,8 +20,14 @@ def plan_tests(
         str | None, typer.Option(help="Length x width x depth of the water [m]; default: what the vehicle needs.")
     ] = None,
     bollard: Annotated[
-        float, typer.Option(min=0, max=1, help="Full thrust is known to this share from a pull on a scale; 0: unknown.")
-    ] = 0.02,
+        float | None,
+        typer.Option(
+            min=0,
+            max=1,
+            help="Full thrust is known to this share from a pull on a scale; 0: nobody pulled. Default 0.02; for an "
+            "identified vehicle 0: its file says how well thrust is known.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the multi-sines to choose from.")] = 1,
     out: Annotated[Path, typer.Option("-o", "--out", help="Scenario to write.")] = Path("planned_test.yaml"),
     picture: Annotated[Path | None, typer.Option("--figure", help="Write a figure, .png, .svg or .pdf.")] = None,
@@ -43,10 +49,12 @@ def plan_tests(
     from rovtwin.identification.joint.groups import thruster_groups
     from rovtwin.report.parameter_words import groups_in_words
     from rovtwin.scenario.plan_tank import Tank
-    from rovtwin.scenario.plan_tests import plan_tests, write_plan
+    from rovtwin.scenario.plan_tests import BOLLARD, plan_tests, write_plan
     from rovtwin.vehicle import load_vehicle
 
     own = load_vehicle(vehicle)
+    if bollard is None:
+        bollard = 0.0 if own.file.identified is not None else BOLLARD
     size = Tank.parse(tank) if tank else Tank.of(own.model())
     with Progress(
         TextColumn("{task.description}"),
@@ -78,7 +86,7 @@ def plan_tests(
     _print(plan, console(False))
     for line in groups_in_words(thruster_groups(own), own.thruster_names):
         console(False).print(line, markup=False, soft_wrap=True)
-    _print_what_it_counts_on(plan, minutes, bollard)
+    _print_what_it_counts_on(plan, minutes, bollard, own.file.identified is not None)
     console(False).print(f"wrote {out}: rovtwin fly {out}", markup=False, soft_wrap=True)
 
 
@@ -124,12 +132,16 @@ def _print(plan: "Plan", screen: Any) -> None:
     screen.print(f"the hull stays {plan.room:.2f} m clear of walls, floor and surface, by the twin")
 
 
-def _print_what_it_counts_on(plan: "Plan", minutes: float, bollard: float) -> None:
+def _print_what_it_counts_on(plan: "Plan", minutes: float, bollard: float, identified: bool) -> None:
     screen = console(False)
     if bollard:
         screen.print(
             f"counted on: a pull on a scale in surge, sway and heave that gives full thrust to {100 * bollard:.2g} % "
             "(--bollard 0 where nobody pulled: then no test tells the scale of forces and masses)"
+        )
+    elif identified:
+        screen.print(
+            "counted on: thrust as well as the file knows it (--bollard 0.02 if you will pull on a scale again)"
         )
     else:
         screen.print("nobody pulled on a scale (--bollard 0): no test can tell the scale of forces and masses")

@@ -38,6 +38,8 @@ FIGURES = (
     ("  the latest", "late_ms_max", "ms"),
 )
 
+OVERCONFIDENT = 1.25  # times the upper end of its 95 % interval from which a NEES is remarked on
+
 
 def fly(
     scenario: Annotated[
@@ -176,6 +178,13 @@ def _closing_table(flight: Any, screen: Console) -> None:
     if summary.get("monitor"):
         screen.print(f"  what has changed was not watched to the end; the monitor {summary['monitor']}", markup=False)
     screen.print(rows)
+    nees, interval = summary.get("nees_position_mean"), summary.get("nees_position_interval")
+    if nees is not None and interval and nees > OVERCONFIDENT * interval[1]:
+        screen.print(
+            f"  the filter's errors are {(nees / 2.0) ** 0.5:.1f} times as large as it believes: a thruster, a sensor "
+            "or the water is not as described ('rovtwin watch' compares the run with others)",
+            markup=False,
+        )
     if summary.get("judged_by"):
         screen.print(f"  judged by {summary['judged_by']}: there is no truth")
     if flight.folder:

@@ -93,7 +93,9 @@ def diff(
     if as_json:
         emit({"vehicles": [first, second], "figures": rows})
         return
-    names = (a.name, b.name) if a.name != b.name else (a.where, b.where)
+    # A changed copy of a file keeps the name in it: the file says which one it is.
+    left, right = (Path(given).name if Path(given).suffix else one.name for given, one in ((first, a), (second, b)))
+    names = (left, right)
     _print_figures(f"{names[0]} and {names[1]}", rows, names, every)
 
 

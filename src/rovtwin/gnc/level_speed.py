@@ -104,7 +104,11 @@ class LevelSpeed(eqx.Module):
 
     def _side_first(self, preferred: Array, current: Array, heading: Array, aside: Array) -> tuple[Array, Array]:
         """Heading with as much of the side in the current as it takes [rad], and whether it takes it, bool."""
-        size2 = (jnp.sqrt(current @ current + NEVER) + SPARE * self.axes[0]) ** 2
+        flow = jnp.sqrt(current @ current + NEVER)
+        # Speed to spare beside the current, as far as thrust and levelness have any sideways: turning the bow to where
+        # they would have more makes it less level, not faster.
+        spare = jnp.clip(jnp.minimum(aside, self.axes[1]) - flow, 0.0, SPARE * self.axes[0])
+        size2 = (flow + spare) ** 2
         course = jnp.arctan2(-current[1], -current[0] + NEVER)
         ahead, beside = 1.0 / self.axes**2
         better = ahead > beside

@@ -19,7 +19,7 @@ from rovtwin.vehicle.trim import stability
 
 TIPPING, SHORT = 5.0, 30.0  # what ends a run has its effect within this time [s]
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
-SURGE, HEAVE, PITCH, YAW = 0, 2, 4, 5
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 
 
 def why_ended(flown: Flown, model: Model, reason: str) -> str:
@@ -114,12 +114,19 @@ def tipped(flown: Flown, model: Model) -> str:
         f"at {flown.t[at]:.1f} s {'pitch' if pitched else 'roll'} was {pitch if pitched else roll:.0f} deg, and its"
     )
     clauses += f" speed {'over ground' if flown.water is None else 'through the water'} had come to {speed:.2g} m/s"
-    if not pitched or Limits.of(model).can(PITCH):
+    if pitched and Limits.of(model).can(PITCH):
         return clauses
-    level = stability(model, astern=bool(through[fastest, SURGE] < 0.0)).pitch_depth_held
+    stable = stability(model, astern=bool(through[fastest, SURGE] < 0.0))
+    level = stable.pitch_depth_held if pitched else stable.roll_static
     if not math.isfinite(level):
         return clauses
-    clauses += f"; with its depth held it stays level up to {level:.2g} m/s"
+    if not pitched:
+        speed = float(np.abs(through[:, SWAY]).max())
+        if speed < level:
+            return clauses
+        clauses += f", {speed:.2g} m/s of it sideways"
+    held = "with its depth held" if pitched or not Limits.of(model).can(ROLL) else "without control in roll"
+    clauses += f"; {held} it stays level up to {level:.2g} m/s{'' if pitched else ' in sway'}"
     return f"{clauses}: fly slower, or raise BG" if speed > level else clauses
 
 

@@ -41,7 +41,7 @@ SPARE = 0.9  # share of a top speed that guidance plans with: the rest is the fe
 ACROSS = 1.5  # times the flow in which it turns, beyond which the bow never comes round: flown, 1.1 does, 1.8 not
 TILTED = 15.0  # roll or pitch that is said beforehand, or half of the attitude limit [deg]
 SOME = 0.01  # current that counts [m/s]
-SURGE, SWAY, HEAVE, YAW = 0, 1, 2, 5
+SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 _BASELINE_OF = "double_blueye"
 _KEEPS = "this autopilot keeps its heading and is carried off: fly it with model_based, steering {}"
 
@@ -259,10 +259,13 @@ def _on_leg(
 
 def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
     """A current through which the vehicle cannot go level, whichever way it looks."""
-    pitch, best = limits.level[0] <= limits.level[1] or not limits.can(SWAY), limits.through_water
+    best, (ahead, aside) = limits.through_water, limits.level
     what = f"{leg.name}: {flow} would tip it over: it stays level up to {best:.2g} m/s through the water"
-    more = "raise BG, give it thrust in pitch" if pitch else "raise BG, give it thrust in roll"
-    return Finding(f"{what}, beyond which Munk's moment turns it in {'pitch' if pitch else 'roll'}",
+    tips = f"in pitch beyond {ahead:.2g} m/s from ahead"
+    tips += f", in roll beyond {aside:.2g} m/s from abeam" if limits.can(SWAY) else ""
+    lacking = [name for axis, name in ((ROLL, "roll"), (PITCH, "pitch")) if not limits.can(axis)]
+    more = "raise BG" + (f", give it thrust in {' and '.join(lacking)}" if lacking else "")
+    return Finding(f"{what}; Munk's moment turns it {tips}",
                    f"wait for less current, {more}, or lower its added mass in heave", True)  # fmt: skip
 
 

@@ -25,7 +25,8 @@ def pushed(flown: Flown, rows: np.ndarray, model: Model) -> str:
     speed = float(np.hypot(*current))
     if speed < FELT:
         return ""
-    towards = compass_point(math.atan2(force[1], force[0]))
+    drift = _turned(flown, rows).T @ current  # drag differs ahead and aside: not where the force points
+    towards = compass_point(math.atan2(drift[1], drift[0]))
     surge, sway = np.abs(_in_body(force, flown, rows))
     takes = f"which takes {surge:.2g} N in surge and {sway:.2g} N in sway"
     felt = f"something like a current of {speed:.2g} m/s to the {towards} pushes it"
@@ -59,8 +60,7 @@ def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
     rest = force - outside.mean(axis=0)
     if float(np.hypot(*rest)) < float(np.hypot(*outside.std(axis=0))):
         return True
-    left = float(np.hypot(*_drag_of(rest, flown, rows, model)))
-    believed = rest * left / max(float(np.hypot(*rest)), 1e-9)
+    believed = _turned(flown, rows).T @ _drag_of(rest, flown, rows, model)
     return float(np.hypot(*(water - believed))) < max(OTHERWISE * float(np.hypot(*current)), FELT)
 
 
@@ -110,6 +110,11 @@ def _drag_of(force: np.ndarray, flown: Flown, rows: np.ndarray, model: Model) ->
 
 
 def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:
+    return _turned(flown, rows) @ force
+
+
+def _turned(flown: Flown, rows: np.ndarray) -> np.ndarray:
+    """From n to b by the mean heading, shape (2, 2)."""
     psi = flown.eta_hat[rows, 5]
     c, s = float(np.mean(np.cos(psi))), float(np.mean(np.sin(psi)))
-    return np.array([[c, s], [-s, c]]) @ force / max(math.hypot(c, s), 1e-9)
+    return np.array([[c, s], [-s, c]]) / max(math.hypot(c, s), 1e-9)

@@ -227,6 +227,12 @@ def _about_speed(model: Model) -> Iterator[str]:
             f"pitch diverges above {steady.pitch_depth_held:.2f} m/s when depth is held (Munk moment: heave added mass "
             f"exceeds surge by {steady.munk_pitch:.3g} kg); top speed is {top:.2f} m/s"
         )
+    aside = min(steady_speed(model, 1, float(np.abs(reach(model)[1]).max())), SPEED_LIMIT)
+    if 0 < steady.roll_static < aside:
+        yield (
+            f"left to itself, roll diverges above {steady.roll_static:.2f} m/s in sway, depth held (Munk moment: "
+            f"heave added mass exceeds sway by {steady.munk_roll:.3g} kg); top speed in sway is {aside:.2f} m/s"
+        )
     if steady.pitch_free < seen:
         yield f"left free, pitch and heave grow above {steady.pitch_free:.2f} m/s"
     if steady.yaw_free < seen:

@@ -82,6 +82,8 @@ def summary(vehicle: Vehicle) -> dict[str, Any]:
         "stability": {
             "munk_pitch_kg": steady.munk_pitch,
             "munk_yaw_kg": steady.munk_yaw,
+            "munk_roll_kg": steady.munk_roll,
+            "roll_static_speed_ms": _number(steady.roll_static),
             "pitch_static_speed_ms": _number(steady.pitch_static),
             "pitch_depth_held_speed_ms": _number(steady.pitch_depth_held),
             "pitch_free_speed_ms": _number(steady.pitch_free),

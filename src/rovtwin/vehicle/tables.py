@@ -244,6 +244,10 @@ def _about_performance(found: dict[str, Any]) -> list[str]:
     )
     if limit is not None and (top is None or limit < top):
         lines.append(f"surge ahead: pitch diverges above {_g(limit, 3)} m/s when depth is held (Munk moment)")
+    sway, limit = found["performance"]["sway"].values(), found["stability"]["roll_static_speed_ms"]
+    aside = max((one["top_speed_ms"] or 0.0 for one in sway), default=0.0)
+    if limit is not None and limit < aside:
+        lines.append(f"sway: roll diverges above {_g(limit, 3)} m/s when depth is held (Munk moment)")
     return lines
 
 
@@ -260,7 +264,11 @@ def _floating(found: dict[str, Any]) -> Group:
         ("trim at rest", f"roll {_g(trim['roll_deg'], 3)}, pitch {_g(trim['pitch_deg'], 3)} deg"),
         ("heave force to stay", f"{_g(trim['heave_force_N'])} N (down); drifts {_g(trim['drift_speed_ms'], 3)} m/s"),
         ("natural periods", f"roll {_g(periods['roll'], 3)}, pitch {_g(periods['pitch'], 3)} s; heave, yaw: none"),
-        ("Munk mass", f"pitch {_g(steady['munk_pitch_kg'])}, yaw {_g(steady['munk_yaw_kg'])} kg"),
+        (
+            "Munk mass",
+            ", ".join(f"{axis} {_g(steady[f'munk_{axis}_kg'])}" for axis in ("roll", "pitch", "yaw")) + " kg",
+        ),
+        ("roll unstable in sway", speed(steady["roll_static_speed_ms"])),
         ("pitch unstable, depth held", speed(steady["pitch_depth_held_speed_ms"])),
         ("pitch unstable, free", speed(steady["pitch_free_speed_ms"])),
         ("yaw unstable, free", speed(steady["yaw_free_speed_ms"])),

@@ -144,6 +144,8 @@ class Stability:
     Attributes:
         munk_pitch: Heave less surge added mass, A33 - A11 [kg]: what turns the nose away when positive.
         munk_yaw: Sway less surge added mass, A22 - A11 [kg]; nothing rights a vehicle in yaw.
+        munk_roll: Heave less sway added mass, A33 - A22 [kg]: what rolls it further when it goes sideways.
+        roll_static: The same as `pitch_static` going sideways, sqrt(k_phi / (A33 - A22)) [m/s].
         pitch_static: sqrt(k_theta / (A33 - A11)) [m/s].
         pitch_depth_held: Lowest speed at which pitch grows while depth is held [m/s].
         pitch_free: Lowest speed at which pitch and heave grow when left free [m/s].
@@ -152,6 +154,8 @@ class Stability:
 
     munk_pitch: float
     munk_yaw: float
+    munk_roll: float
+    roll_static: float
     pitch_static: float
     pitch_depth_held: float
     pitch_free: float
@@ -163,8 +167,10 @@ def stability(model: Model, astern: bool = False) -> Stability:
     sense = -1.0 if astern else 1.0
     M = np.asarray(model.added_mass)
     munk = M.diagonal()[1:3] - M[0, 0]
-    stiffness = float(hang(model).stiffness[1])
-    static = float(np.sqrt(max(stiffness, 0.0) / munk[1])) if munk[1] > 0 else np.inf
+    across = float(M[2, 2] - M[1, 1])
+    stiffness = np.maximum(hang(model).stiffness, 0.0)
+    static = float(np.sqrt(stiffness[1] / munk[1])) if munk[1] > 0 else np.inf
+    aside = float(np.sqrt(stiffness[0] / across)) if across > 0 else np.inf
     speeds = np.linspace(0.0, SPEED_LIMIT, 151)[1:]
     slow, fast = linearised_at(model, sense * np.array([0.5, 1.5]))
 
@@ -178,6 +184,8 @@ def stability(model: Model, astern: bool = False) -> Stability:
     return Stability(
         float(munk[1]),
         float(munk[0]),
+        across,
+        aside,
         static,
         _first_unstable(held, LONGITUDINAL, speeds),
         _first_unstable(free, LONGITUDINAL, speeds),

@@ -203,7 +203,8 @@ def _chosen(thrusters: Thrusters, places: tuple[int, ...]) -> Thrusters:
     """Some of the thrusters."""
     index = np.asarray(places)
     shared = {"table_command": thrusters.table_command, "configuration": thrusters.configuration[:, index]}
-    rest = {f: getattr(thrusters, f)[index] for f in thrusters.__dataclass_fields__ if f not in shared}
+    each = {f: getattr(thrusters, f) for f in thrusters.__dataclass_fields__ if f not in shared}
+    rest = {f: None if values is None else values[index] for f, values in each.items()}
     return replace(thrusters, **shared, **rest)
 
 
