@@ -61,9 +61,9 @@ def test_the_linkoping_bluerov_is_predicted_from_one_log():
     assert result.solution is not None and result.solution.converged
     score = {(p.record, p.window): {k: s.fit for k, s in p.scores.items()} for p in result.held_out}
     second, whole, yaw = score["all_3", 1.0], score["all_3", None], score["yaw_4", None]
-    # Wanted: 75, 65, 55 over windows of a second; 50, 50, 45 over the whole record; 70 for r of yaw_4.
-    # Reached: 75.5, 67.4, 65.5; 66.8, 67.6, 63.1; 69.2. Yaw of yaw_4 falls short by a point.
-    assert second["gyro.p"] > 75 and second["gyro.q"] > 65 and second["gyro.r"] > 55
+    # Wanted: 75, 67, 65 over windows of a second; 50, 50, 45 over the whole record; 70 for r of yaw_4.
+    # Reached: 75.2, 67.2, 67.7; 67.9, 67.4, 63.7; 68.8. Yaw of yaw_4 falls short by a point.
+    assert second["gyro.p"] > 75 and second["gyro.q"] > 67 and second["gyro.r"] > 65
     assert whole["gyro.p"] > 50 and whole["gyro.q"] > 50 and whole["gyro.r"] > 45
     assert yaw["gyro.r"] > 68
     # Two surge thrusters cannot roll the vehicle: that is said, and no score of it counts.

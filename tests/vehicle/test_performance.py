@@ -6,10 +6,11 @@ import pytest
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import load_vehicle, summary, vehicle_from_dict
-from rovtwin.vehicle.dynamics import State, plant_step
+from rovtwin.vehicle.dynamics import State, coriolis_wrench, plant_step, restoring_wrench
 from rovtwin.vehicle.model import Model, rigid_body_matrix
 from rovtwin.vehicle.performance import COASTED, DIRECTIONS, performance
 from rovtwin.vehicle.thrusters import static_force, thrusters_from
+from rovtwin.vehicle.trim import stability
 
 MASS, DRAG = 50.0, 100.0
 EVERY_WAY = [(axis, k) for axis in DIRECTIONS for k in (0, 1)]
@@ -197,3 +198,17 @@ def test_summary_has_units_and_no_answer_is_null():
 
 def summary_force(name: str, side: int) -> float:
     return summary(load_vehicle(name))["largest_wrench"]["heave"][side]
+
+
+@pytest.mark.parametrize("name", ["bluerov2_heavy", "sparus_ii"])
+def test_roll_grows_above_its_speed_in_sway_and_dies_out_below(name):
+    """Held at its depth and rolled by a little: Munk's moment against the righting moment, in roll."""
+    model = load_vehicle(name).model()
+    limit = stability(model).roll_static
+    assert 0.0 < limit < np.inf
+    phi = 1e-3
+    down = jnp.array([0.0, np.sin(phi), np.cos(phi)])
+    rights = restoring_wrench(model, down) - restoring_wrench(model, jnp.array([0.0, 0.0, 1.0]))
+    for speed, grows in ((0.95 * limit, False), (1.05 * limit, True)):
+        nu = speed * jnp.array([0.0, np.cos(phi), -np.sin(phi), 0.0, 0.0, 0.0])
+        assert (-coriolis_wrench(model.added_mass, nu) - rights)[3] * (1.0 if grows else -1.0) > 0.0

@@ -72,9 +72,8 @@ def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.nda
     ]
     if not found:
         return []
-    return [
-        f"the gyro is mounted askew by {', '.join(found)}: straighten it, or turn its readings before they are read"
-    ]
+    fix = "straighten it, or write mounting_deg for the signal in an evidence file"
+    return [f"the gyro is mounted askew by {', '.join(found)}: {fix}"]
 
 
 def about_thrust(parameters: Parameters) -> list[str]:
