@@ -27,6 +27,7 @@ from rovtwin.identification.judgement.reliance import doubts_about
 from rovtwin.identification.judgement.remarks import about_scale, about_solution
 from rovtwin.identification.judgement.validation import predict
 from rovtwin.identification.result import Identification
+from rovtwin.report.repeatability import repeatability_table
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION = 30.0
@@ -315,6 +316,19 @@ def test_a_thruster_that_gives_less_for_half_of_the_test_widens_what_is_said_of_
     bare = off * solution.widening
     assert np.sqrt(np.mean(off**2)) < 0.5 * np.sqrt(np.mean(bare**2))
     assert np.mean(np.abs(off) < 1.96) > np.mean(np.abs(bare) < 1.96) + 0.2
+
+
+def test_halves_of_a_log_differ_by_what_is_said(found):
+    """The model is exact: differences over their widths are 1 on average, and the table counts them."""
+    halves = found.solution.halves
+    assert found.solution.apart is None and halves.names == ("first half", "second half")
+    before = np.sqrt(np.diag(found.prior.covariance))
+    told = np.any(halves.std < 0.9 * before, axis=0)
+    assert 0.5 < np.sqrt(np.mean(halves.gaps()[0, 1, told] ** 2)) < 1.5
+    table = repeatability_table(found)
+    assert table.head == ["Parameter", "Unit", "first half", "second half", "Largest difference"]
+    assert f"of {told.sum()} differences are below 2" in table.note
+    assert "added_mass.surge" in [row[0] for row in table.rows]
 
 
 def test_a_test_of_three_segments_is_not_divided(found):

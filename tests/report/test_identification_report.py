@@ -12,6 +12,7 @@ from tests.vehicle.discrepancies import block, random_part
 
 from rovtwin.identification.discrepancy.acceptance import Acceptance
 from rovtwin.identification.identify import Identification, identify
+from rovtwin.identification.joint.apart import Apart
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.gaussian import Gaussian
@@ -65,9 +66,12 @@ def result(vehicle):
     information[roll, roll] = 0.0
     covariance = np.linalg.inv(information + prior.information)
     noise = Noise(np.array([0.01] * 3), np.array([1e-4] * 6 + [1e-3] * 6))
+    std = np.tile(0.1 * np.sqrt(np.diag(prior.covariance)), (2, 1))
+    between = np.tile(np.sqrt(2.0) * std[0], (2, 2, 1))
+    halves = Apart(("first half", "second half"), 0.1 + np.array([[0.7], [-0.7]]) * std, std, between)
     solution: Any = SimpleNamespace(
         converged=True, steps=9, noise=noise, information=information, covariance=covariance,
-        unknowns=SimpleNamespace(offsets=np.zeros(3)), offset_std=np.full(3, 1e-3),
+        unknowns=SimpleNamespace(offsets=np.zeros(3)), offset_std=np.full(3, 1e-3), apart=None, halves=halves,
     )  # fmt: skip
     segments: Any = SimpleNamespace(
         groups=[("gyro", k) for k in range(3)], sigma={"gyro": np.array([0.01, 0.01, np.nan])},
@@ -104,7 +108,8 @@ def words_of(path):
 def test_the_page_has_all_its_parts_and_its_figures_lie_beside_it(page):
     path, text = page
     assert path.name == "report.html"
-    for part in ("What the 95 % intervals assume", "Damping forces", "Not told apart", "Held-out tests", "Offset found",
+    for part in ("Do the tests repeat?", "are below 2 standard deviations, rms 0.99.", "What the 95 % intervals assume",
+                 "Damping forces", "Not told apart", "Held-out tests", "Offset found",
                  "Disturbance", "fingerprint of its parts", "0.4 s cut", "1025"):  # fmt: skip
         assert part in text, part
     pictures = {p.stem for p in (path.parent / "figures").glob("*.png")}

@@ -75,10 +75,11 @@ def test_what_tipped_it_names_angle_speed_through_the_water_and_what_it_stays_le
     assert said.startswith("at 100.0 s pitch was -60 deg, and its speed through")
     assert f"through the water had come to {0.4 + level:.2g} m/s; with its depth" in said
     assert f"it stays level up to {level:.2g} m/s: fly slower, or raise BG" in said
-    assert "fly slower" not in tipped(tips(4, -60.0, 0.0), model), "0.2 m/s are not what tipped it"
+    slow = tipped(tips(4, -60.0, 0.0), model)
+    assert "fly slower" not in slow and "check its thrusters" in slow, "0.2 m/s are not what tipped it"
     assert f"speed over ground had come to {0.2 + level:.2g}" in tipped(tips(4, -60.0, 0.2 + level, water=None), model)
     rolled = tipped(tips(3, 61.0, 1.0), model)
-    assert "roll was 61 deg" in rolled and "level" not in rolled
+    assert "roll was 61 deg" in rolled and "which does not tip it: check its thrusters one by one" in rolled
 
 
 def test_what_fell_short_names_force_and_flow(model):

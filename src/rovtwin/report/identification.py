@@ -17,6 +17,7 @@ from rovtwin.report.curves import DIRECTIONS, Curves, Subject, curves, speed_gri
 from rovtwin.report.html import Picture, save, write_page
 from rovtwin.report.identification_tests import prediction_figure
 from rovtwin.report.identification_words import assumptions, is_coupling, verdict
+from rovtwin.report.repeatability import repeatability_table
 from rovtwin.report.tables import Table
 from rovtwin.vehicle.model import Model
 
@@ -48,6 +49,7 @@ def write_identification_report(result: Any, folder: Path) -> Path:
     folder = Path(folder)
     now, before = curves_of(result)
     parts = [
+        _repeatability(result),
         Section("findings", "Findings", points=result.findings) if result.findings else None,
         _forces(result, now, before, folder),
         _parameters(result, now, before, folder),
@@ -83,6 +85,11 @@ def curves_of(result: Any) -> tuple[Curves, Curves]:
     now = Subject("identified", at, result.theta, result.covariance, p.groups, ranges)
     before = Subject("prior", at, result.prior.mean, result.prior.covariance, p.groups, {})
     return curves(now, speeds, commands), curves(before, speeds, commands)
+
+
+def _repeatability(result: Any) -> Section | None:
+    table = repeatability_table(result)
+    return None if table is None else Section("repeatability", "Do the tests repeat?", items=[table])
 
 
 def _forces(result: Any, now: Curves, before: Curves, folder: Path) -> Section:

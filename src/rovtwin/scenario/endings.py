@@ -20,6 +20,7 @@ from rovtwin.vehicle.trim import stability
 TIPPING, SHORT = 5.0, 30.0  # what ends a run has its effect within this time [s]
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
+_CHECK = "check its thrusters one by one (dead, reversed, fouled), and its tether"
 
 
 def why_ended(flown: Flown, model: Model, reason: str) -> str:
@@ -123,11 +124,11 @@ def tipped(flown: Flown, model: Model) -> str:
     if not pitched:
         speed = float(np.abs(through[:, SWAY]).max())
         if speed < level:
-            return clauses
+            return f"{clauses}, which does not tip it: {_CHECK}"
         clauses += f", {speed:.2g} m/s of it sideways"
     held = "with its depth held" if pitched or not Limits.of(model).can(ROLL) else "without control in roll"
     clauses += f"; {held} it stays level up to {level:.2g} m/s{'' if pitched else ' in sway'}"
-    return f"{clauses}: fly slower, or raise BG" if speed > level else clauses
+    return f"{clauses}: fly slower, or raise BG" if speed > level else f"{clauses}: {_CHECK}"
 
 
 def _ended(flown: Flown, reason: str) -> int:

@@ -39,11 +39,15 @@ class Apart:
     std: np.ndarray
     difference_std: np.ndarray
 
+    def gaps(self) -> np.ndarray:
+        """Differences of two over their widths, shape (K, K, n)."""
+        return np.abs(self.theta[:, None] - self.theta[None]) / np.maximum(self.difference_std, 1e-12)
+
     def disagreeing(self) -> dict[int, tuple[int, int]]:
         """Parameters on which two logs disagree beyond their widths, and the two that do most."""
         K, found = len(self.names), {}
         limit = float(norm.isf(0.5 * _CHANCE / max(K * (K - 1) / 2, 1)))
-        gap = np.abs(self.theta[:, None] - self.theta[None]) / np.maximum(self.difference_std, 1e-12)
+        gap = self.gaps()
         for i in range(self.theta.shape[1]):
             a, b = np.unravel_index(int(np.argmax(gap[:, :, i])), (K, K))
             if gap[a, b, i] > limit:
@@ -58,21 +62,47 @@ def logs_apart(
     counts = np.diff([*problem.segments.first, problem.segments.count])
     if len(counts) < 2:
         return None
-    n, log = len(theta), np.repeat(np.arange(len(counts)), counts)
+    names = tuple(record.name for record in problem.segments.records)
+    log = np.repeat(np.arange(len(counts)), counts)
+    return _each_alone(names, log, problem, theta, blocks, noise, arrow, divisions[1:])
+
+
+def halves_apart(
+    problem: Problem, theta: np.ndarray, blocks: Blocks, noise: Noise, arrow: Arrow, divisions: Sequence[np.ndarray]
+) -> Apart | None:
+    """Of the first and the second half of a single log; None where there are several, or it is too short."""
+    count = problem.segments.count
+    if len(problem.segments.first) > 1 or not divisions:
+        return None
+    half = np.arange(count) * 2 // count
+    return _each_alone(("first half", "second half"), half, problem, theta, blocks, noise, arrow, divisions)
+
+
+def _each_alone(
+    names: tuple[str, ...],
+    log: np.ndarray,
+    problem: Problem,
+    theta: np.ndarray,
+    blocks: Blocks,
+    noise: Noise,
+    arrow: Arrow,
+    divisions: Sequence[np.ndarray],
+) -> Apart:
+    """Of each part of the tests by itself; `log` says to which one a segment belongs, shape (S,)."""
+    n, K = len(theta), len(names)
     slopes, information = parts(blocks, noise, arrow)
     A = arrow.factor().corner
-    own = np.array([information[log == k].sum(axis=0) for k in range(len(counts))])
-    slope = np.array([slopes[log == k].sum(axis=0) for k in range(len(counts))])
+    own = np.array([information[log == k].sum(axis=0) for k in range(K)])
+    slope = np.array([slopes[log == k].sum(axis=0) for k in range(K)])
     prior = A - own.sum(axis=0)
     C = np.linalg.inv(prior + own)
     steps = -np.einsum("kab,kb->ka", C, slope.sum(axis=0) - slope)
     about_own = slopes - np.einsum("sab,sb->sa", information, steps[log])
-    wider = spread(about_own, information, A, divisions[1:])[:n]
+    wider = spread(about_own, information, A, divisions)[:n]
     noise_only = np.einsum("kab,kbc,kca->ka", C, own, C)[:, :n]
     lent = C[:, None] - C[None]  # how differently two logs lean on the prior that they share
     leaning = np.einsum("klab,bc,klca->kla", lent, prior, lent)[:, :, :n]
     variance = noise_only[:, None] + noise_only[None] + np.maximum(leaning, 0.0)
     reach = _FARTHEST * problem.width
     std = np.sqrt(np.minimum(np.diagonal(C, axis1=1, axis2=2)[:, :n] * wider, problem.width**2))
-    names = tuple(record.name for record in problem.segments.records)
     return Apart(names, theta + np.clip(steps[:, :n], -reach, reach), std, np.sqrt(variance * wider))

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
 from rovtwin.identification.joint.agreement import stretches, widened, widening
-from rovtwin.identification.joint.apart import Apart, logs_apart
+from rovtwin.identification.joint.apart import Apart, halves_apart, logs_apart
 from rovtwin.identification.joint.arrow import Arrow, Factored
 from rovtwin.identification.joint.middle import moved_to_the_middle
 from rovtwin.identification.joint.nodes import moved
@@ -42,6 +42,7 @@ class Solution:
         steps: Gauss-Newton steps taken.
         cost: Sum of squares at the end.
         apart: What each log says by itself; None where there is one log, or nothing has settled.
+        halves: The same of the halves of a single log.
     """
 
     unknowns: Unknowns
@@ -55,6 +56,7 @@ class Solution:
     steps: int
     cost: float
     apart: Apart | None = None
+    halves: Apart | None = None
 
 
 def estimate(
@@ -227,9 +229,11 @@ def _solution(
     covariance = widened(covariance, wider)
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
-    apart = logs_apart(problem, here.theta, blocks, noise, arrow, divisions) if converged else None
+    given = problem, here.theta, blocks, noise, arrow, divisions
+    apart, halves = (logs_apart(*given), halves_apart(*given)) if converged else (None, None)
     return Solution(
-        replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost, apart
+        replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost, apart,
+        halves,
     )  # fmt: skip
 
 

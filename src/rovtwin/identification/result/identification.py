@@ -292,7 +292,9 @@ class Identification:
         return np.array(prediction_figure([log]).axes[: len(log.scores)])
 
     def save(self, path: str | Path, overwrite: bool = False) -> Path:
-        """Written as one netCDF file, to the last bit, but for `problem`, `ladder`, `acceptance`, `solution.apart`.
+        """Written as one netCDF file, to the last bit.
+
+        Not in it: `problem`, `ladder`, `acceptance`, `solution.apart`, `solution.halves`.
 
         Args:
             path: By custom with the ending `.nc`.
