@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from rovtwin.core.aside import Aside
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, RovtwinError
 
 
 def doubled(value, say):
@@ -38,8 +38,28 @@ def test_an_error_is_raised_where_the_result_is_waited_for():
             aside.result()
 
 
+class TwoArguments(Exception):
+    def __init__(self, what, where):
+        super().__init__(f"{what} at {where}")
+
+
+def unreadable(say):
+    open("/nonexistent/x")
+
+
+def awkward(say):
+    raise TwoArguments("a leak", "the bow")
+
+
+def test_errors_of_a_task_are_its_own_and_arrive():
+    with Aside([unreadable]) as aside, pytest.raises(FileNotFoundError, match="nonexistent"):
+        aside.result()
+    with Aside([awkward]) as aside, pytest.raises(RuntimeError, match="a leak at the bow"):
+        aside.result()
+
+
 def test_a_process_that_is_killed_is_no_wait_for_ever():
-    with Aside([killed]) as aside, pytest.raises(RuntimeError, match="ended before"):
+    with Aside([killed]) as aside, pytest.raises(RovtwinError, match="ended before .*-9: is there memory"):
         aside.result()
 
 

@@ -90,9 +90,10 @@ def test_a_vehicle_that_is_level_for_longer_sideways_turns_its_side_into_the_cur
 def test_what_thrust_in_sway_lacks_for_speed_to_spare_turns_no_bow():
     """A 42 kg vehicle in 0.5 m/s turned its bow until 0.56 m/s of it would have come from abeam, tipped, gave way."""
     level, current = LevelSpeed(jnp.array([0.35, 0.62])), np.array([0.0, 0.5])
-    turned = heading(level, np.pi, (0.0, -0.1), current, 3.0, 0.56)
-    through = np.array([np.sin(turned), np.cos(turned)]) * 0.5
-    assert np.hypot(*(through / [0.35, 0.62])) < 0.95
+    for preferred, way in ((np.pi / 2, (0.0, -0.1)), (-np.pi / 2, (0.0, -0.1)), (np.pi, (0.0, -0.2))):
+        turned = heading(level, preferred, way, current, 3.0, 0.56)
+        through = np.array([np.sin(turned), np.cos(turned)]) * 0.5
+        assert np.hypot(*(through / [0.35, 0.62])) < 0.95, preferred
 
 
 LONGER_AHEAD = LevelSpeed(jnp.array([0.5, 0.3]))

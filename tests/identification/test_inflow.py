@@ -78,6 +78,12 @@ def test_nothing_asks_for_it_unless_the_structure_does_or_the_file_has_it():
     assert set(names) <= set(default_free(stated, []))
 
 
+def test_a_pattern_for_all_thrusters_does_not_mean_it():
+    assert not [n for n in choose(EVERYTHING, ["thrusters.*", "*"]).names if "inflow" in n or "gyro" in n]
+    named = choose(EVERYTHING, ["thrusters.*.inflow_loss", "sensors.gyro.*"]).names
+    assert any("inflow" in n for n in named) and any("gyro" in n for n in named)
+
+
 def test_without_its_rung_it_costs_nothing():
     parameters = choose(EVERYTHING, FREE)
     assert parameters.model.thrusters.inflow_loss is not None

@@ -43,8 +43,9 @@ def identify(
         str | None,
         typer.Option(
             metavar="auto|full|NAME",
-            help="How many parameters: all (full, the default); as many as predict blocks of the logs better that are "
-            "left out (auto, some three times as long); or up to linear, quadratic, astern, thrusters, symmetric.",
+            help="How many parameters: full, the default; as many as predict blocks of the logs better that are left "
+            "out (auto, some three times as long); up to linear, quadratic, astern, thrusters, symmetric; or inflow: "
+            "full and the thrust that an inflow takes.",
         ),
     ] = None,
     discrepancy: Annotated[

@@ -94,8 +94,11 @@ def diff(
         emit({"vehicles": [first, second], "figures": rows})
         return
     # A changed copy of a file keeps the name in it: the file says which one it is.
-    left, right = (Path(given).name if Path(given).suffix else one.name for given, one in ((first, a), (second, b)))
-    names = (left, right)
+    left, right = (
+        Path(given).name if Path(given).suffix in (".yaml", ".yml") else one.name
+        for given, one in ((first, a), (second, b))
+    )
+    names = (left, right) if left != right else (a.where, b.where)
     _print_figures(f"{names[0]} and {names[1]}", rows, names, every)
 
 

@@ -1,10 +1,14 @@
 """Work that goes on beside: functions called one after the other in a process of their own."""
 
 import multiprocessing
+import pickle
 import signal
+import traceback
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
+
+from rovtwin.core.errors import RovtwinError
 
 Say = Callable[[str], None]
 Task = Callable[[Say], Any]
@@ -26,16 +30,17 @@ class Aside:
         """What the next task gives; waits for it, and passes on what it says.
 
         Raises:
-            RuntimeError: The process was killed.
+            RovtwinError: The process was killed, or has no further task.
             Exception: That of the task; later ones are not begun.
         """
         while True:
             try:
                 kind, content = self._pipe.recv()
             except (EOFError, OSError):
-                raise RuntimeError(
-                    "a process of rovtwin ended before its work was done; is there memory left?"
-                ) from None
+                self._process.join()
+                code = self._process.exitcode
+                how = f"exit code {code}" + (": is there memory left?" if code == -9 else "")
+                raise RovtwinError(f"a process of rovtwin ended before its work was done ({how})") from None
             if kind == "says":
                 say(content)
             elif kind == "failed":
@@ -58,10 +63,25 @@ class Aside:
 
 def _main(pipe: Connection, tasks: list[Task]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it: that closes the pipe
+
+    def send(kind: str, content: Any) -> None:
+        try:
+            pipe.send((kind, content))
+        except (EOFError, OSError):
+            raise SystemExit from None  # nobody is there to see
+
+    for task in tasks:
+        try:
+            found = task(lambda what: send("says", what))
+        except Exception as error:
+            send("failed", error if _travels(error) else RuntimeError("".join(traceback.format_exception(error))))
+            return
+        send("gives", found)
+
+
+def _travels(error: Exception) -> bool:
+    """Whether it comes out of a pipe as it went in: some want more arguments than they keep."""
     try:
-        for task in tasks:
-            pipe.send(("gives", task(lambda what: pipe.send(("says", what)))))
-    except (EOFError, OSError):
-        pass  # nobody is there to see
-    except Exception as error:
-        pipe.send(("failed", error))
+        return isinstance(pickle.loads(pickle.dumps(error)), type(error))
+    except Exception:
+        return False

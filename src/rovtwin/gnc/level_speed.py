@@ -91,6 +91,10 @@ class LevelSpeed(eqx.Module):
         w = way * jnp.minimum(1.0, SPARE * self.axes[0] / speed) - current
         size2 = w @ w + NEVER
         limited = beside > ahead
+        # Where the bow into it would tip it, it turns for no speed that thrust in sway lacks anyway: see `_side_first`.
+        has = jnp.maximum(jnp.minimum(aside, self.axes[1]), jnp.sqrt(current @ current + NEVER))
+        worse = (ahead > beside) & (size2 * ahead > 1.0)
+        size2 = jnp.where(worse, jnp.minimum(size2, has**2 + NEVER), size2)
         most = (1.0 - size2 * ahead) / (size2 * jnp.where(limited, beside - ahead, 1.0))
         most = jnp.clip(jnp.where(limited, most, 1.0), 0.0, jnp.where(aside > 0.0, aside**2 / size2, 1.0))
         course = jnp.arctan2(w[1], w[0] + NEVER)

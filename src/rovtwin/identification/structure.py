@@ -25,10 +25,10 @@ from rovtwin.identification.judgement.validation import Prediction, judged
 from rovtwin.identification.logs.record import Record
 
 LADDER = {
-    "linear": "added mass, linear damping, restoring, forces of thrusters, each direction for itself",
+    "linear": "added mass, linear damping, restoring, thrusters' forces, each direction for itself; gyro's mounting",
     "quadratic": "quadratic damping",
     "astern": "damping of its own astern",
-    "thrusters": "shape of the thrust curve, dead band, lag and delay of thrusters, mounting of the gyro",
+    "thrusters": "shape of the thrust curve, dead band, lag and delay of thrusters",
     "symmetric": "couplings that a hull has which is alike to port and starboard",
     "full": "all other couplings",
     "inflow": "thrust that an inflow takes",
@@ -78,7 +78,7 @@ def rung_of(name: str) -> str:
         return "astern"
     if family == "quadratic_damping":
         return "quadratic"
-    if family in ("commands", "sensors"):
+    if family == "commands":
         return "thrusters"
     if where.endswith(f".{INFLOW}"):
         return "inflow"

@@ -147,9 +147,10 @@ def _about_decisions(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _kind(one: Mapping[str, Any]) -> str:
-    """What is the same in what is said of it each time; stalls are of one kind, wherever they are."""
-    stall = "no headway"
-    return stall if one["what"].startswith(stall) else f"{one['what']} ({one['cause']})"
+    """What is the same in what is said of it each time; stalls are told apart by whether thrusters may be weak."""
+    if one["what"].startswith("no headway"):
+        return f"no headway {'thrusters that give less' in one['cause']}"
+    return f"{one['what']} ({one['cause']})"
 
 
 def _about_path(summary: Mapping[str, Any]) -> str:

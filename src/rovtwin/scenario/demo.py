@@ -58,7 +58,8 @@ def run_demo(
             changes = [f"vehicle={payload.file}", "name=lawnmower_waves_payload"]
             scenario = load_scenario("lawnmower_waves", changes)
             flights[REFITTED] = fly(scenario, folder / scenario.name, payload.truth)
-            camera, seen = aside.result(say)
+            if not flights[REFITTED].summary["interrupted"]:
+                camera, seen = aside.result(say)
     page = write_comparison(
         {label: flight.log for label, flight in flights.items()},
         published_beside(flights),

@@ -22,7 +22,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS
 from rovtwin.gnc.path_guidance import SLOWEST
 from rovtwin.gnc.rules import RULES
-from rovtwin.gnc.scales import VehicleScales
+from rovtwin.gnc.scales import ANY, VehicleScales
 from rovtwin.scenario.compose_sensors import sensors_of, together
 from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import TURNING, Limits, compass_point
@@ -261,9 +261,10 @@ def _tips(limits: Limits, leg: _Leg, flow: str) -> Finding:
     """A current through which the vehicle cannot go level, whichever way it looks."""
     best, (ahead, aside) = limits.through_water, limits.level
     what = f"{leg.name}: {flow} would tip it over: it stays level up to {best:.2g} m/s through the water"
-    tips = f"in pitch beyond {ahead:.2g} m/s from ahead"
-    tips += f", in roll beyond {aside:.2g} m/s from abeam" if limits.can(SWAY) else ""
-    lacking = [name for axis, name in ((ROLL, "roll"), (PITCH, "pitch")) if not limits.can(axis)]
+    found = [("pitch", PITCH, ahead, "ahead")] + [("roll", ROLL, aside, "abeam")] * limits.can(SWAY)
+    found = [one for one in found if one[2] < ANY]
+    tips = ", ".join(f"in {name} beyond {speed:.2g} m/s from {side}" for name, _, speed, side in found)
+    lacking = [name for name, axis, _, _ in found if not limits.can(axis)]
     more = "raise BG" + (f", give it thrust in {' and '.join(lacking)}" if lacking else "")
     return Finding(f"{what}; Munk's moment turns it {tips}",
                    f"wait for less current, {more}, or lower its added mass in heave", True)  # fmt: skip

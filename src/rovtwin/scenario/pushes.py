@@ -50,7 +50,7 @@ def _water(flown: Flown, rows: np.ndarray) -> np.ndarray | None:
 def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
     """Whether the water, waves and tethers push as the autopilot believes; None where nobody knows.
 
-    But for a quarter, or for what waves' force varies by: its mean over a short time is that of no filter.
+    But for a quarter, or for twice the standard error of waves' mean force over this time, which a filter lags behind.
     """
     water = _water(flown, rows)
     if water is None:
@@ -58,10 +58,18 @@ def explained(flown: Flown, rows: np.ndarray, model: Model) -> bool | None:
     force, current = disturbance(flown, rows, model)
     outside = _level(flown, rows)
     rest = force - outside.mean(axis=0)
-    if float(np.hypot(*rest)) < float(np.hypot(*outside.std(axis=0))):
+    if float(np.hypot(*rest)) < 2.0 * _standard_error(outside):
         return True
     believed = _turned(flown, rows).T @ _drag_of(rest, flown, rows, model)
     return float(np.hypot(*(water - believed))) < max(OTHERWISE * float(np.hypot(*current)), FELT)
+
+
+def _standard_error(force: np.ndarray) -> float:
+    """Of the mean of a force that goes to and fro, shape (n, 2), by its variance and number of periods [N]."""
+    off = force - force.mean(axis=0)
+    main = off @ np.linalg.eigh(off.T @ off)[1][:, -1]
+    periods = max(np.count_nonzero(np.diff(np.signbit(main))) / 2.0, 1.0)
+    return float(np.hypot(*force.std(axis=0)) / np.sqrt(periods))
 
 
 def _level(flown: Flown, rows: np.ndarray) -> np.ndarray:
@@ -106,7 +114,7 @@ def disturbance(flown: Flown, rows: np.ndarray, model: Model) -> tuple[np.ndarra
 def _drag_of(force: np.ndarray, flown: Flown, rows: np.ndarray, model: Model) -> np.ndarray:
     """Current along surge and sway [m/s] whose drag is a level force in n [N]."""
     body = _in_body(force, flown, rows)
-    return np.array([math.copysign(steady_speed(model, i, float(f)), f) for i, f in enumerate(body)])
+    return np.array([math.copysign(steady_speed(model, i, float(f), thrust=False), f) for i, f in enumerate(body)])
 
 
 def _in_body(force: np.ndarray, flown: Flown, rows: np.ndarray) -> np.ndarray:

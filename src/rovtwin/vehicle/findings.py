@@ -162,7 +162,7 @@ def _about_floating(model: Model) -> Iterator[str]:
         share = "" if limit <= 0 else f", {100 * abs(net) / limit:.0f} % of the heave thrust"
         if 0 < limit < abs(net):
             share = ", more than the thrusters have"
-        drift = steady_speed(model, 2, -net)
+        drift = steady_speed(model, 2, -net, thrust=False)
         yield f"{way} with {plain(abs(net), 3)} N{share}; without thrust it drifts {drift:.2f} m/s"
     for i, axis in enumerate(("roll", "pitch")):
         if floating.stiffness[i] <= 0:
@@ -238,5 +238,5 @@ def _about_speed(model: Model) -> Iterator[str]:
     if steady.yaw_free < seen:
         yield f"left free, it does not keep its course above {steady.yaw_free:.2f} m/s: heading needs control"
     for i, axis in enumerate(AXES):
-        if not np.isfinite(steady_speed(model, i, 1.0)):
+        if not np.isfinite(steady_speed(model, i, 1.0, thrust=False)):
             yield f"{axis} has no damping at all"

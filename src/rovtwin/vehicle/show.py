@@ -174,7 +174,7 @@ def _performance(model: Model) -> dict[str, Any]:
 
 
 def _trim(model: Model, floating: Any) -> dict[str, Any]:
-    drift = steady_speed(model, 2, -floating.net_buoyancy)
+    drift = steady_speed(model, 2, -floating.net_buoyancy, thrust=False)
     return {
         "roll_deg": _number(float(np.degrees(floating.trim[0]))),
         "pitch_deg": _number(float(np.degrees(floating.trim[1]))),

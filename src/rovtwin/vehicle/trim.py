@@ -232,20 +232,21 @@ def reach(model: Model) -> np.ndarray:
     return np.stack([np.asarray(limit) for limit in wrench_limits(model.thrusters)], axis=1)
 
 
-def steady_speed(model: Model, axis: int, force: float) -> float:
+def steady_speed(model: Model, axis: int, force: float, thrust: bool = True) -> float:
     """Speed at which damping, and what an inflow takes of the thrust, balance a force along one axis; inf without.
 
     Args:
         model: The vehicle.
         axis: Of nu; the speed is in m/s or rad/s.
-        force: Of the thrusters before an inflow takes of it, each giving the same share of its own [N, N m].
+        force: Of the thrusters before an inflow takes of it, each giving the same share of its own [N, N m]; or
+        thrust: False where something else pushes, such as buoyancy.
     """
     ahead = force >= 0
     linear = model.linear_damping_ahead if ahead else model.linear_damping_astern
     quadratic = model.quadratic_damping_ahead if ahead else model.quadratic_damping_astern
     l, q = float(np.asarray(linear)[axis, axis]), float(np.asarray(quadratic)[axis, axis])
     size = abs(force)
-    l += _lost_along(model, axis, force)
+    l += _lost_along(model, axis, force) if thrust else 0.0
     if q > 0:
         return float((-l + np.sqrt(l * l + 4 * q * size)) / (2 * q))
     return size / l if l > 0 else (np.inf if size > 0 else 0.0)

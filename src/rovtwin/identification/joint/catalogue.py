@@ -106,6 +106,8 @@ def _thrust_parameters(model: Model, groups: Mapping[str, tuple[int, ...]]) -> I
 def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
     """Those whose names fit one of the patterns (`added_mass.*`); the rest stay at their starting values.
 
+    What an inflow takes and how a gyro is mounted has to be named: `thrusters.*.inflow_loss`, `sensors.gyro.*`.
+
     Raises:
         IdentificationError: A pattern fits nothing.
     """
@@ -118,8 +120,15 @@ def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
             raise IdentificationError(
                 f"free: '{pattern}' is no parameter of this vehicle.{hint} There are: {', '.join(families)}"
             )
-    kept = tuple(p for p in everything.free if any(fnmatchcase(p.name, pattern) for pattern in patterns))
+    kept = tuple(p for p in everything.free if any(_asks_for(pattern, p) for pattern in patterns))
     return Parameters(with_inflow(everything.model, kept), kept, everything.groups)
+
+
+def _asks_for(pattern: str, parameter: Parameter) -> bool:
+    """Whether a pattern means it: `*` does not mean a loss of thrust that the file does not have, nor a mounting."""
+    rare = (INFLOW, "gyro") if parameter.base == 0.0 else ()
+    hidden = [word for word in rare if word in parameter.name.split(".") and word not in pattern]
+    return fnmatchcase(parameter.name, pattern) and not hidden
 
 
 def with_inflow(model: Model, free: Iterable[Parameter]) -> Model:

@@ -16,7 +16,7 @@ from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.joint.couplings import place_of, share_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.interaction import added_mass_std
-from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, Parameters
+from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS, MOUNTING, Parameters
 from rovtwin.identification.joint.published import trees_to_compare
 from rovtwin.vehicle import Vehicle
 from rovtwin.vehicle.assembly import Assembly, assemble, bodies, with_restoring, with_rigid_body
@@ -195,6 +195,8 @@ def _model(total: Assembly, old: Vehicle, new: Vehicle) -> Model:
         raise IdentificationError(f"{error}. So it is predicted from {old.where} and the change of the parts") from None
     base = new.model()
     thrusters = replace(old.model().thrusters, configuration=base.thrusters.configuration)
+    if thrusters.inflow_loss is None:  # nobody looked for one: the new file's
+        thrusters = replace(thrusters, inflow_loss=base.thrusters.inflow_loss)
     return base.replace(**body, thrusters=thrusters)
 
 
@@ -245,7 +247,9 @@ def prior_from(
         raise IdentificationError(f"{old.where}: has no 'identified:' block; give a file that rovtwin identify wrote")
     known = {p.name: j for j, p in enumerate(found.estimate.parameters)}
     stated = [p.name for p in parameters.free if any(fnmatchcase(p.name, pattern) for pattern in said)]
-    rows = [i for i, p in enumerate(parameters.free) if p.name in known and p.name not in stated]
+    # How a gyro sits is a matter of a log: who was told has straightened it.
+    fresh = {*stated, *MOUNTING}
+    rows = [i for i, p in enumerate(parameters.free) if p.name in known and p.name not in fresh]
     columns = [known[parameters.free[i].name] for i in rows]
     scale = np.array([_scale(parameters, i, found.estimate.parameters[j]) for i, j in zip(rows, columns, strict=True)])
     C = prior.covariance.copy()

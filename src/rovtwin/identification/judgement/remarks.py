@@ -72,7 +72,7 @@ def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.nda
     ]
     if not found:
         return []
-    fix = "straighten it, or write mounting_deg for the signal in an evidence file"
+    fix = "straighten it, or turn mounting_deg of the signal by as much in the evidence file"
     return [f"the gyro is mounted askew by {', '.join(found)}: {fix}"]
 
 

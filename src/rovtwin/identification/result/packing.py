@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.numerics import as_array, jax
-from rovtwin.identification.joint.catalogue import with_inflow
+from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import Parameter, Parameters
+from rovtwin.identification.joint.parameters import INFLOW, Parameter, Parameters
 from rovtwin.identification.joint.problem import Noise, Unknowns
 from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.judgement.verdict import Blind
@@ -103,7 +102,7 @@ def unpacked(held: Packed, where: str) -> dict[str, Any]:
     solved, learned = words["solution"], words.get("discrepancy")
     return {key: words[key] for key in _TOLD} | {
         "vehicle": vehicle,
-        "parameters": Parameters(_model_unpacked(vehicle, free, a, where), free, groups),
+        "parameters": Parameters(_model_unpacked(vehicle, a, where), free, groups),
         "prior": Gaussian(a["prior_theta"], a["prior_covariance"]),
         "theta": theta,
         "covariance": covariance,
@@ -132,9 +131,11 @@ def _leaves(model: Model) -> dict[str, Any]:
     return {jax.tree_util.keystr(path).lstrip("."): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(model)}
 
 
-def _model_unpacked(vehicle: Vehicle, free: Sequence[Parameter], arrays: Mapping[str, np.ndarray], where: str) -> Model:
+def _model_unpacked(vehicle: Vehicle, arrays: Mapping[str, np.ndarray], where: str) -> Model:
     """The starting model: of the vehicle's kind, with the arrays that were kept."""
-    pattern = with_inflow(without_discrepancy(vehicle.model()), free)
+    pattern = without_discrepancy(vehicle.model())
+    lost = jnp.zeros(pattern.thrusters.count) if f"model/thrusters.{INFLOW}" in arrays else None
+    pattern = pattern.replace(thrusters=replace(pattern.thrusters, inflow_loss=lost))
     names = _leaves(pattern)
     held = {place.removeprefix("model/"): array for place, array in arrays.items() if place.startswith("model/")}
     learned = {name.removeprefix(_LEARNED): x for name, x in held.items() if name.startswith(_LEARNED)}
