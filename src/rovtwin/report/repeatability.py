@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.identification.joint.apart import Apart
 from rovtwin.report.identification_tables import number, pretty
 from rovtwin.report.identification_words import is_coupling
 from rovtwin.report.tables import Table
@@ -21,7 +20,7 @@ _NOTE = (
 def repeatability_table(result: Any) -> Table | None:
     """A row for each parameter; None where there is nothing to compare."""
     solution = result.solution
-    apart: Apart | None = None if solution is None else solution.apart or solution.halves
+    apart = None if solution is None else solution.apart or solution.halves
     if apart is None:
         return None
     before, parameters = np.sqrt(np.diag(result.prior.covariance)), result.parameters.free
