@@ -82,3 +82,15 @@ def full_pull(model):
     """What a scale reads while every thruster pushes ahead as hard as it can [N]."""
     row, thrusters = np.asarray(model.thrusters.configuration)[0], model.thrusters
     return float(np.sum(np.where(row > 0.0, row * thrusters.force_ahead, -row * thrusters.force_astern)))
+
+
+def slopes_of_the_ends(problem, theta):
+    """Derivatives of the ends of segments by theta, shape (S, 12, n): as compiled, and by differences."""
+    shooting, arrays, nodes, n = problem.shooting, problem.segments.arrays, problem.guess, len(theta)
+    offsets, sigma = np.zeros(len(problem.groups)), np.ones(len(problem.groups))
+    found = np.asarray(shooting.blocks(theta, offsets, nodes, sigma, arrays).defect_jacobian)[:, :, 12 : 12 + n]
+    columns = []
+    for step in 1e-4 * np.eye(n):
+        ends = [np.asarray(shooting.residuals(x, offsets, nodes, arrays)[1]) for x in (theta + step, theta - step)]
+        columns.append((ends[0] - ends[1]) / 2e-4)
+    return found, np.stack(columns, axis=-1)

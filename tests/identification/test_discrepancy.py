@@ -5,7 +5,7 @@ import pytest
 import yaml
 from tests.identification.broken import axis_steps
 from tests.identification.learned import study
-from tests.identification.synthetic import record
+from tests.identification.synthetic import record, slopes_of_the_ends
 from tests.vehicle.discrepancies import block, file_with, random_part
 
 from rovtwin.core.errors import ConfigError, IdentificationError
@@ -50,14 +50,7 @@ def learning():
 def test_derivatives_by_weights_and_parameters_are_those_of_the_simulation(learning):
     rng, n = np.random.default_rng(1), len(learning.prior.mean)
     theta = np.concatenate([0.1 * rng.normal(size=3), 0.5 * rng.normal(size=n - 3)])
-    shooting, arrays, nodes = learning.shooting, learning.segments.arrays, learning.guess
-    offsets, sigma = np.zeros(len(learning.groups)), np.ones(len(learning.groups))
-    found = np.asarray(shooting.blocks(theta, offsets, nodes, sigma, arrays).defect_jacobian)[:, :, 12 : 12 + n]
-    columns = []
-    for i in range(n):
-        ends = [shooting.residuals(theta + s * 1e-4 * np.eye(n)[i], offsets, nodes, arrays)[1] for s in (1.0, -1.0)]
-        columns.append((np.asarray(ends[0]) - np.asarray(ends[1])) / 2e-4)
-    exact = np.stack(columns, axis=-1)
+    found, exact = slopes_of_the_ends(learning, theta)
     scale = np.abs(exact).max(axis=(0, 2), keepdims=True)
     assert np.abs(exact[..., 3:]).max() > 1e-3
     np.testing.assert_allclose(found / scale, exact / scale, atol=0.01)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from tests.identification.broken import axis_steps
-from tests.identification.synthetic import full_pull, record
+from tests.identification.synthetic import full_pull, record, slopes_of_the_ends
 
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.build import problem_of
@@ -11,6 +11,8 @@ from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.judgement.remarks import about_inflow
+from rovtwin.identification.result import Identification
 from rovtwin.identification.structure import restricted, rung_of
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
@@ -35,20 +37,13 @@ def test_derivatives_are_those_of_the_simulation():
     n = len(parameters)
     problem = problem_of(parameters, Gaussian(np.zeros(n), np.eye(n)), [log], (), Options.read({"segment": 2.0}))
     theta = np.where(np.isin(parameters.names, [LOSS]), 0.3, 0.1)
-    shooting, arrays, nodes = problem.shooting, problem.segments.arrays, problem.guess
-    offsets, sigma = np.zeros(len(problem.groups)), np.ones(len(problem.groups))
-    found = np.asarray(shooting.blocks(theta, offsets, nodes, sigma, arrays).defect_jacobian)[:, :, 12 : 12 + n]
-    columns = []
-    for i in range(n):
-        ends = [shooting.residuals(theta + s * 1e-4 * np.eye(n)[i], offsets, nodes, arrays)[1] for s in (1.0, -1.0)]
-        columns.append((np.asarray(ends[0]) - np.asarray(ends[1])) / 2e-4)
-    exact = np.stack(columns, axis=-1)
+    found, exact = slopes_of_the_ends(problem, theta)
     scale = np.abs(exact).max(axis=(0, 1), keepdims=True)
     assert scale.min() > 1e-4
     np.testing.assert_allclose(found / scale, exact / scale, atol=0.01)
 
 
-def test_it_is_told_from_drag_and_kept_in_the_file(tmp_path):
+def test_it_is_distinguished_from_drag_and_kept(tmp_path):
     parameters = choose(EVERYTHING, FREE)
     truth = np.where(np.isin(parameters.names, [LOSS]), 0.25, 0.0)
     log = moving(parameters, truth, 3, 40.0)
@@ -64,6 +59,28 @@ def test_it_is_told_from_drag_and_kept_in_the_file(tmp_path):
     kept = vehicle_from_dict(result.file(), "kept").model()
     rows = list(parameters.groups["horizontal"])
     np.testing.assert_allclose(np.asarray(kept.thrusters.inflow_loss)[rows], result.values[LOSS], rtol=1e-6)
+    loaded = Identification.load(result.save(tmp_path / "kept.nc"))
+    np.testing.assert_array_equal(loaded.model().thrusters.inflow_loss, result.model().thrusters.inflow_loss)
+    again = identify(VEHICLE, [], old=vehicle_from_dict(result.file(), "kept"))
+    assert again.values[LOSS] == pytest.approx(result.values[LOSS], rel=1e-6)
+
+
+def test_what_the_file_states_counts_where_an_earlier_result_has_none(tmp_path):
+    earlier = identify(VEHICLE, [], free=["added_mass.surge"])
+    data = VEHICLE.to_dict()
+    for thruster in data["thrusters"]:
+        thruster["inflow_loss"] = 0.2
+    result = identify(vehicle_from_dict(data, "stated"), [], old=vehicle_from_dict(earlier.file(), "earlier"))
+    np.testing.assert_allclose(result.model().thrusters.inflow_loss, 0.2)
+    loaded = Identification.load(result.save(tmp_path / "stated.nc"))
+    np.testing.assert_allclose(loaded.model().thrusters.inflow_loss, 0.2)
+
+
+def test_a_gain_by_the_inflow_is_none_in_the_file_and_that_is_said():
+    parameters = choose(EVERYTHING, FREE)
+    below = np.where(np.isin(parameters.names, [LOSS]), -0.05, 0.0)
+    assert about_inflow(parameters, below) == [f"{LOSS} came out below 0, which no propeller has: the file states 0"]
+    assert about_inflow(parameters, -below) == []
 
 
 def test_nothing_asks_for_it_unless_the_structure_does_or_the_file_has_it():

@@ -323,11 +323,11 @@ def test_halves_of_a_log_differ_by_what_is_said(found):
     halves = found.solution.halves
     assert found.solution.apart is None and halves.names == ("first half", "second half")
     before = np.sqrt(np.diag(found.prior.covariance))
-    told = np.any(halves.std < 0.9 * before, axis=0)
-    assert 0.5 < np.sqrt(np.mean(halves.gaps()[0, 1, told] ** 2)) < 1.5
+    informed = np.any(halves.std < 0.9 * before, axis=0)
+    assert 0.5 < np.sqrt(np.mean(halves.gaps()[0, 1, informed] ** 2)) < 1.5
     table = repeatability_table(found)
     assert table.head == ["Parameter", "Unit", "first half", "second half", "Largest difference"]
-    assert f"of {told.sum()} differences are below 2" in table.note
+    assert f"of {informed.sum()} differences are below 2" in table.note
     assert "added_mass.surge" in [row[0] for row in table.rows]
 
 

@@ -1,5 +1,7 @@
 """Why a mission does not get on, in words: on made-up runs of which every sample is known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,17 @@ def test_what_tipped_it_names_angle_speed_through_the_water_and_what_it_stays_le
     assert f"speed over ground had come to {0.2 + level:.2g}" in tipped(tips(4, -60.0, 0.2 + level, water=None), model)
     rolled = tipped(tips(3, 61.0, 1.0), model)
     assert "roll was 61 deg" in rolled and "which does not tip it: check its thrusters one by one" in rolled
+
+
+def test_what_tipped_it_sideways_is_its_speed_in_sway():
+    model = load_vehicle("bluerov2_heavy").model()  # heave has more added mass than sway
+    level, run = stability(model).roll_static, tips(3, 61.0, 0.1)
+    nu = run.nu.copy()
+    nu[:1000, 1] = 1.2 * level
+    text = tipped(dataclasses.replace(run, nu=nu, water=None), model)
+    assert (
+        f"{1.2 * level:.2g} m/s of it sideways" in text and f"level up to {level:.2g} m/s in sway: fly slower" in text
+    )
 
 
 def test_what_fell_short_names_force_and_flow(model):
@@ -263,6 +276,9 @@ def test_waves_that_push_are_named_and_no_thruster_is(scenario, model):
     text = unfinished(flown(ARRIVES, 0.7, bias=bias, water=water, outside=outside), scenario, model, VEHICLE)
     assert "(waves, their drift and tethers push with 2.9 N to the east)" in text
     assert "thrusters that give less" not in text and "check its thrusters" not in text
+    outside[:, 1] = 20.0 * np.sin(2.0 * np.pi * TIME / 7.3)  # to and fro, and nothing on average
+    text = unfinished(flown(ARRIVES, 0.7, bias=3.0 * bias, water=water, outside=outside), scenario, model, VEHICLE)
+    assert "thrusters that give less" in text
     outside[:, 1] = 1.0  # too little
     text = unfinished(flown(ARRIVES, 0.7, bias=bias, water=water, outside=outside), scenario, model, VEHICLE)
     assert "thrusters that give less" in text

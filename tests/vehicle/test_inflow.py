@@ -1,11 +1,15 @@
 """Thrust that an inflow takes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.monitoring.state import Motion
+from rovtwin.monitoring.state import acceleration as followed
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.dynamics import State, acceleration, damping_wrench, inflow_of, rollout
 from rovtwin.vehicle.thrusters import inflow_damping, inflow_wrench
@@ -76,6 +80,17 @@ def test_at_the_top_speed_thrust_less_what_is_lost_is_drag(name):
     inflow = inflow_of(model, jnp.asarray(thrust))
     feels = [acceleration(model, jnp.array([0.0, 0.0, 10.0]), still, nu, tau, calm, inflow=i) for i in (inflow, None)]
     np.testing.assert_allclose((model.mass @ (feels[0] - feels[1]))[0], lost, rtol=1e-9)
+
+
+def test_the_monitor_has_it(model):
+    """Its own equations of motion agree with the plant's."""
+    rng = np.random.default_rng(2)
+    nu, thrust = jnp.asarray(0.5 * rng.normal(size=6)), jnp.asarray(20.0 * rng.uniform(-1, 1, model.thrusters.count))
+    q = jnp.array([1.0, 0.0, 0.0, 0.0])
+    x = dataclasses.replace(Motion.at(jnp.array([0.0, 0.0, 10.0]), q), nu=nu)
+    tau, calm = model.thrusters.configuration @ thrust, Environment.calm()
+    plant = acceleration(model, x.position, q, nu, tau, calm, inflow=inflow_of(model, thrust))
+    np.testing.assert_allclose(followed(model, model.mass_inverse, x, thrust), plant, rtol=1e-9, atol=1e-12)
 
 
 def test_the_twin_is_slower_in_a_short_push(model):

@@ -38,8 +38,6 @@ FIGURES = (
     ("  the latest", "late_ms_max", "ms"),
 )
 
-OVERCONFIDENT = 1.25  # times the upper end of its 95 % interval from which a NEES is remarked on
-
 
 def fly(
     scenario: Annotated[
@@ -155,6 +153,7 @@ def _closing_table(flight: Any, screen: Console) -> None:
     summary = flight.summary
     done = "test done" if summary.get("test") else "completed"
     from rovtwin.core.flow import FAIL_SAFE_PHASES
+    from rovtwin.report.verdict import overconfident
 
     acted = "" if summary["phase"] not in FAIL_SAFE_PHASES else f"{summary['phase']}, "
     verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"
@@ -178,13 +177,8 @@ def _closing_table(flight: Any, screen: Console) -> None:
     if summary.get("monitor"):
         screen.print(f"  what has changed was not watched to the end; the monitor {summary['monitor']}", markup=False)
     screen.print(rows)
-    nees, interval = summary.get("nees_position_mean"), summary.get("nees_position_interval")
-    if nees is not None and interval and nees > OVERCONFIDENT * interval[1]:
-        screen.print(
-            f"  the filter's errors are {(nees / 2.0) ** 0.5:.1f} times as large as it believes: a thruster, a sensor "
-            "or the water is not as described ('rovtwin watch' compares the run with others)",
-            markup=False,
-        )
+    if above := overconfident(summary):
+        screen.print(f"  {above}", markup=False, soft_wrap=True)
     if summary.get("judged_by"):
         screen.print(f"  judged by {summary['judged_by']}: there is no truth")
     if flight.folder:

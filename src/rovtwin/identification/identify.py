@@ -31,6 +31,7 @@ from rovtwin.identification.judgement.gain import about_gain
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
+    about_inflow,
     about_mounting,
     about_parts,
     about_scale,
@@ -167,6 +168,7 @@ def identify(
     findings += lines_about(ladder)
     findings += (
         about_mounting(parameters, theta, C)
+        + about_inflow(parameters, theta)
         + about_thrust(parameters)
         + about_scale(parameters, records, solution, response)
     )

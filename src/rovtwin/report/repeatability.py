@@ -9,7 +9,7 @@ from rovtwin.report.identification_words import is_coupling
 from rovtwin.report.tables import Table
 
 _Z = 1.96
-_TOLD = 0.9  # of the prior's width, below which one of two estimates says something
+_INFORMED = 0.9  # of the prior's width, below which one of two estimates says something
 _NOTE = (
     "What each would give alone, with the same prior, one step from the common estimate; and half the width of its "
     "95 % interval. The last column is the largest difference of two over its standard deviation: 1 on average, 2 in "
@@ -24,21 +24,21 @@ def repeatability_table(result: Any) -> Table | None:
     if apart is None:
         return None
     before, parameters = np.sqrt(np.diag(result.prior.covariance)), result.parameters.free
-    told = [i for i in range(len(parameters)) if np.any(apart.std[:, i] < _TOLD * before[i])]
+    informed = [i for i in range(len(parameters)) if np.any(apart.std[:, i] < _INFORMED * before[i])]
     gaps = apart.gaps()
     pairs = np.triu_indices(len(apart.names), 1)
     rows = []
-    for i in (i for i in told if not is_coupling(parameters[i].name)):
+    for i in (i for i in informed if not is_coupling(parameters[i].name)):
         p = parameters[i]
         cells = [
             _alone(p, float(theta), float(std)) for theta, std in zip(apart.theta[:, i], apart.std[:, i], strict=True)
         ]
         rows.append([p.name, pretty(p.unit), *cells, f"{gaps[..., i].max():.2g}"])
-    if not told:
+    if not informed:
         return None
-    every = gaps[pairs][:, told]
-    held = f"{np.sum(every < _Z)} of {every.size} differences are below 2 standard deviations, rms {_rms(every):.2f}. "
-    return Table("", ["Parameter", "Unit", *apart.names, "Largest difference"], rows, held + _NOTE)
+    every = gaps[pairs][:, informed]
+    words = f"{np.sum(every < _Z)} of {every.size} differences are below 2 standard deviations, rms {_rms(every):.2f}. "
+    return Table("", ["Parameter", "Unit", *apart.names, "Largest difference"], rows, words + _NOTE)
 
 
 def _alone(parameter: Any, theta: float, std: float) -> str:

@@ -180,18 +180,29 @@ def _about_position(summary: Mapping[str, Any], good: bool) -> str:
     return f"{text}; {against}, the error, start included, is {ratio:.1f} times the bound."
 
 
+def overconfident(summary: Mapping[str, Any]) -> str:
+    """That the filter's errors are larger than it believes, where its NEES lies above its interval; else nothing."""
+    mean, interval = _one(summary.get("nees_position_mean")), _numbers(summary.get("nees_position_interval"))
+    if mean is None or not np.isfinite(mean) or mean <= (interval or (1.0, 4.0))[1]:
+        return ""
+    return (
+        f"the filter is overconfident, its errors are {float(np.sqrt(mean / 2)):.1f} times as large as it believes: a "
+        "thruster, a sensor or the water may not be as described ('rovtwin watch' compares runs)"
+    )
+
+
 def _about_nees(summary: Mapping[str, Any]) -> str:
     mean = _one(summary.get("nees_position_mean"))
     if mean is None or not np.isfinite(mean) or mean <= 0:
         return ""
-    low, high = _numbers(summary.get("nees_position_interval")) or (1.0, 4.0)
-    factor = float(np.sqrt(max(mean, 1e-12) / 2))
+    low = (_numbers(summary.get("nees_position_interval")) or (1.0, 4.0))[0]
     start = f"NEES of the position is {mean:.3g} on average, 2 is expected"
-    if mean > high:
-        return f"{start}: the observer is overconfident, its errors are {factor:.1f} times as large as it believes."
+    if above := overconfident(summary):
+        return f"{start}: {above}."
     if mean < low:
-        return f"{start}: the observer is too cautious, its errors are only {factor:.2f} times as large as it believes."
-    return f"{start}: the observer is as sure of itself as it may be."
+        factor = float(np.sqrt(max(mean, 1e-12) / 2))
+        return f"{start}: the filter is too cautious, its errors are only {factor:.2f} times as large as it believes."
+    return f"{start}: the filter is as sure of itself as it may be."
 
 
 def _about_thrusters(summary: Mapping[str, Any]) -> str:

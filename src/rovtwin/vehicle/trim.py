@@ -238,8 +238,8 @@ def steady_speed(model: Model, axis: int, force: float, thrust: bool = True) -> 
     Args:
         model: The vehicle.
         axis: Of nu; the speed is in m/s or rad/s.
-        force: Of the thrusters before an inflow takes of it, each giving the same share of its own [N, N m]; or
-        thrust: False where something else pushes, such as buoyancy.
+        force: Along the axis [N, N m]; of thrusters, before the inflow, each giving the same share of its largest.
+        thrust: Whether thrusters give it; False for buoyancy and the like, of which an inflow takes nothing.
     """
     ahead = force >= 0
     linear = model.linear_damping_ahead if ahead else model.linear_damping_astern

@@ -120,12 +120,12 @@ def choose(everything: Parameters, patterns: Iterable[str]) -> Parameters:
             raise IdentificationError(
                 f"free: '{pattern}' is no parameter of this vehicle.{hint} There are: {', '.join(families)}"
             )
-    kept = tuple(p for p in everything.free if any(_asks_for(pattern, p) for pattern in patterns))
+    kept = tuple(p for p in everything.free if any(_is_meant(pattern, p) for pattern in patterns))
     return Parameters(with_inflow(everything.model, kept), kept, everything.groups)
 
 
-def _asks_for(pattern: str, parameter: Parameter) -> bool:
-    """Whether a pattern means it: `*` does not mean a loss of thrust that the file does not have, nor a mounting."""
+def _is_meant(pattern: str, parameter: Parameter) -> bool:
+    """Whether a pattern frees it: `*` frees neither a loss of thrust that the file does not have nor a mounting."""
     rare = (INFLOW, "gyro") if parameter.base == 0.0 else ()
     hidden = [word for word in rare if word in parameter.name.split(".") and word not in pattern]
     return fnmatchcase(parameter.name, pattern) and not hidden

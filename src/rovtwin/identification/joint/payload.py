@@ -247,9 +247,9 @@ def prior_from(
         raise IdentificationError(f"{old.where}: has no 'identified:' block; give a file that rovtwin identify wrote")
     known = {p.name: j for j, p in enumerate(found.estimate.parameters)}
     stated = [p.name for p in parameters.free if any(fnmatchcase(p.name, pattern) for pattern in said)]
-    # How a gyro sits is a matter of a log: who was told has straightened it.
-    fresh = {*stated, *MOUNTING}
-    rows = [i for i, p in enumerate(parameters.free) if p.name in known and p.name not in fresh]
+    # How a gyro is mounted belongs to a log: the remark about it asks to straighten it.
+    anew = {*stated, *MOUNTING}
+    rows = [i for i, p in enumerate(parameters.free) if p.name in known and p.name not in anew]
     columns = [known[parameters.free[i].name] for i in rows]
     scale = np.array([_scale(parameters, i, found.estimate.parameters[j]) for i, j in zip(rows, columns, strict=True)])
     C = prior.covariance.copy()

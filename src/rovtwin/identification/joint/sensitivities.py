@@ -32,7 +32,7 @@ def sensitivities(
     tau: Array,
     d_tau: Array,
     step: float,
-    beside: Rate | None = None,
+    nonlinear: Rate | None = None,
 ) -> tuple[Array, Array]:
     """Derivatives of the states of a path, shape (K + 1, 12, 12 + n), and of nu_dot there, (K + 1, 6, 12 + n).
 
@@ -43,11 +43,11 @@ def sensitivities(
         parts: What of them depends on parameters, a tree.
         d_parts: Its derivatives, leading axis n.
         path: States at K + 1 grid points.
-        tau: Wrench at the start, middle and end of every step, shape (K, 3, 6), and what else `beside` takes.
+        tau: Wrench at the start, middle and end of every step, shape (K, 3, 6), and what else `nonlinear` takes.
         d_tau: Its derivatives, shape (K, 3, .., n).
         step: Between grid points [s].
-        beside: What comes to nu_dot beside the equations of motion, in any way of the wrench: taken as linear between
-            grid points like the rest.
+        nonlinear: What comes to nu_dot beside the equations of motion, in any way of the wrench: taken as linear
+            between grid points like the rest.
     """
     n = d_tau.shape[-1]
     start = jax.tree.map(lambda x: x[0], path)
@@ -59,9 +59,9 @@ def sensitivities(
     d_W = jax.vmap(lambda d: jax.jvp(by_wrench, (parts,), (d,))[1], out_axes=-1)(d_parts)
     pushed = W @ d_tau[:, :, :6] + jnp.einsum("ijn,kcj->kcin", d_W, tau[:, :, :6])
     A, B = jax.vmap(partial(_linearised, rate, parts, d_parts))(path)
-    if beside is not None:
+    if nonlinear is not None:
         at, d_at = (jnp.concatenate([x[:, 0], x[-1:, 2]]) for x in (tau, d_tau))
-        more = jax.vmap(partial(_beside, beside, parts, d_parts))(path, at, d_at)
+        more = jax.vmap(partial(_nonlinear, nonlinear, parts, d_parts))(path, at, d_at)
         A, B = A + more[0], B + more[1]
     instants = (B[:-1], 0.5 * (B[:-1] + B[1:]), B[1:])
     forcings = [b + pushed[:, i] for i, b in enumerate(instants)]
@@ -94,8 +94,8 @@ def _linearised(rate: Rate, parts: Any, d_parts: Any, x: Nodes) -> tuple[Array, 
     return jax.jacfwd(of_error)(jnp.zeros(NODE)), jax.vmap(of_parts, out_axes=-1)(d_parts)
 
 
-def _beside(rate: Rate, parts: Any, d_parts: Any, x: Nodes, wrench: Array, d_wrench: Array) -> tuple[Array, Array]:
-    """What wrenches beside add to the matrices of `_linearised` at a state and thrust; d_wrench of shape (.., n)."""
+def _nonlinear(rate: Rate, parts: Any, d_parts: Any, x: Nodes, wrench: Array, d_wrench: Array) -> tuple[Array, Array]:
+    """What these wrenches add to the matrices of `_linearised` at a state and thrust; d_wrench of shape (.., n)."""
     by_error = jax.jacfwd(lambda error: rate(parts, moved(x, error), wrench))(jnp.zeros(NODE))
     by_wrench = jax.jacfwd(lambda w: rate(parts, x, w))(wrench)
     by_parts = jax.vmap(lambda d: jax.jvp(lambda p: rate(p, x, wrench), (parts,), (d,))[1], out_axes=-1)(d_parts)

@@ -62,7 +62,7 @@ class Shooting:
         _, self._static = eqx.partition(parameters.model, eqx.is_inexact_array)
         self._names = list(segments.levers)
         model = parameters.model
-        self._has_more = model.discrepancy is not None or model.thrusters.inflow_loss is not None
+        self._has_nonlinear = model.discrepancy is not None or model.thrusters.inflow_loss is not None
         self.blocks = jax.jit(self._blocks)
         self.residuals = jax.jit(self._residuals)
         self.trajectories = jax.jit(self._trajectories)
@@ -115,8 +115,8 @@ class Shooting:
         """The same without what is not linear in the wrench: what the model has learned, and a loss to the inflow."""
         return accelerated(without_discrepancy(self._model(own, parts)), parts[1], own, x, wrench[:WRENCH])
 
-    def _rate_beside(self, own: dict[str, Any], parts: Any, x: Nodes, thrust: Array) -> Array:
-        """What these add to nu_dot, shape (6,)."""
+    def _rate_nonlinear(self, own: dict[str, Any], parts: Any, x: Nodes, thrust: Array) -> Array:
+        """What these two add to nu_dot, shape (6,)."""
         model, basis = self._model(own, parts), self.parameters.model.discrepancy
         R_bn = rotation_from_quaternion(x.attitude).T
         nu_r = jnp.concatenate([x.nu[:3] - R_bn @ own["current"], x.nu[3:]])
@@ -174,9 +174,9 @@ class Shooting:
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
             path, rates = self._path(parts, tau, node, own)
-            beside = partial(self._rate_beside, own) if self._has_more else None
+            nonlinear = partial(self._rate_nonlinear, own) if self._has_nonlinear else None
             rate = partial(self._rate_of_equations, own)
-            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, beside)
+            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, nonlinear)
 
             def gaps(errors: Array, more: Array, turn: Array) -> dict[str, Array]:
                 there = None if rates is None else rates + more

@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import MOUNTING, Parameters
+from rovtwin.identification.joint.parameters import INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.payload import without_shape
 from rovtwin.identification.judgement.validation import Prediction, judged
 from rovtwin.identification.judgement.verdict import COARSE, scale_width
@@ -74,6 +74,15 @@ def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.nda
         return []
     fix = "straighten it, or turn mounting_deg of the signal by as much in the evidence file"
     return [f"the gyro is mounted askew by {', '.join(found)}: {fix}"]
+
+
+def about_inflow(parameters: Parameters, theta: np.ndarray) -> list[str]:
+    """That a loss to the inflow which came out below 0 is none in the file."""
+    values = parameters.values(theta)
+    below = [
+        p.name for p, value in zip(parameters.free, values, strict=True) if p.name.endswith(INFLOW) and value < 0.0
+    ]
+    return [f"{', '.join(below)} came out below 0, which no propeller has: the file states 0"] if below else []
 
 
 def about_thrust(parameters: Parameters) -> list[str]:
