@@ -1,6 +1,7 @@
 """rovtwin fly, demo and report: run scenarios and look at what came out."""
 
 import math
+import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -228,6 +229,10 @@ def demo(
 
     The page that comes out holds the flights beside the thesis's published behaviour.
     """
+    # Each program runs once: to optimise it takes longer than it saves. XLA reads this when JAX is imported.
+    flags, option = os.environ.get("XLA_FLAGS", ""), "xla_backend_optimization_level"
+    if option not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} --{option}=0".strip()
     from rovtwin.scenario.demo import run_demo
     from rovtwin.scenario.flight import run_folder
 
