@@ -80,6 +80,10 @@ def test_a_thruster_that_hardly_pushes_is_named_and_nothing_else(log_factor):
     now = list(readings(vehicle, monitor).values())
     none = np.zeros(len(now))
     told = [change for change in changes(now, none, none) if change.reading.quantity.group]
+    if monitor.lost:  # dead: then all else is as it was
+        assert [(one.name, one.since, one.left) for one in monitor.lost] == [("front_port", None, 0.0)]
+        assert log_factor < -3.0 and told == []
+        return
     assert [change.reading.quantity.name for change in told] == ["thruster.front_port"]
     assert told[0].reading.value < -0.9
 

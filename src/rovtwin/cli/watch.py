@@ -120,7 +120,8 @@ def _as_data(found: "Watch", page: Path | None) -> dict[str, Any]:
                 {"quantity": c.reading.quantity.name, "difference": c.difference.value, "std": c.std, "z": c.z}
                 for c in changed
             ],
-            "causes": causes(changed),
+            "causes": [lost.look for lost in one.lost] + causes(changed),
+            "lost_thrusters": [{"thruster": lost.name, "since": lost.since, "left": lost.left} for lost in one.lost],
             "first_learnt": [c.reading.quantity.name for c in new],
             "notes": list(one.notes),
         }

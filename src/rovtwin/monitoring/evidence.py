@@ -83,3 +83,20 @@ def estimated(blocks: Sequence[Block], prior: np.ndarray, fading: float = np.inf
         values, axes = np.linalg.eigh(beyond / np.outer(size, size))
         covariance = inverse + np.outer(size, size) * ((axes * np.maximum(values, 0.0)) @ axes.T)
     return Estimated(theta, covariance, np.sqrt(np.diag(covariance) / np.diag(inverse)), n)
+
+
+def marginal(fit: float, A: np.ndarray, s: np.ndarray, held: np.ndarray, prior: np.ndarray) -> float:
+    """Logarithm of the likelihood of a record, whatever the factors are.
+
+    Args:
+        fit: The same at the factors that were held.
+        A: Sum of the normal equations, shape (p, p).
+        s: The same about theta = 0, shape (p,).
+        held: Shape (p,).
+        prior: Covariance of the factors before, shape (p, p).
+    """
+    precision = np.linalg.inv(prior)
+    theta = np.linalg.solve(precision + A, s)
+    away = theta - held
+    at_best = fit + away @ (s - A @ held) - 0.5 * away @ A @ away - 0.5 * theta @ precision @ theta
+    return float(at_best - 0.5 * np.linalg.slogdet(np.eye(len(A)) + prior @ A)[1])

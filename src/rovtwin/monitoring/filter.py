@@ -117,12 +117,14 @@ class Gathered(eqx.Module):
         s: Shape (p,).
         far: How many innovations of each row were beyond FAR, shape (12,).
         count: How many there were, shape (12,).
+        fit: Logarithm of the likelihood of the innovations, each no less likely than its tail beyond FAR.
     """
 
     A: Array
     s: Array
     far: Array
     count: Array
+    fit: Array
 
 
 class MotionFilter(eqx.Module):
@@ -166,7 +168,7 @@ class MotionFilter(eqx.Module):
             return (after, jax.tree.map(jnp.add, sums, gathered)), None
 
         p = self.factors
-        none = Gathered(jnp.zeros((p, p)), jnp.zeros(p), jnp.zeros(12), jnp.zeros(12))
+        none = Gathered(jnp.zeros((p, p)), jnp.zeros(p), jnp.zeros(12), jnp.zeros(12), jnp.zeros(()))
         (memory, sums), _ = jax.lax.scan(step, (memory, none), seen)
         return memory, eqx.tree_at(lambda g: g.s, sums, sums.s + sums.A @ held)
 
@@ -189,13 +191,14 @@ class MotionFilter(eqx.Module):
         residual, slope = self._innovations(memory, now)
         P, V, error = memory.P, memory.V, jnp.zeros(ERRORS)
         A, s = jnp.zeros((self.factors, self.factors)), jnp.zeros(self.factors)
-        normalised, there = [], jnp.isfinite(now.variance)
+        normalised, there, fit = [], jnp.isfinite(now.variance), jnp.zeros(())
         for i in range(12):
             h, R = slope[i], jnp.where(there[i], now.variance[i], 1.0)
             Ph, e, hV = P @ h, residual[i] - h @ error, h @ V
             own = h @ Ph
             away = e / jnp.sqrt(own + R)
             normalised.append(jnp.where(there[i], jnp.clip(away, -FAR, FAR), 0.0))
+            fit = fit + jnp.where(there[i], _log_likelihood(away, own + R), 0.0)
             S = own + R * jnp.maximum(1.0, jnp.abs(away) / FAR) ** 2
             weight = jnp.where(there[i], 1.0 / S, 0.0)
             K = Ph * weight
@@ -207,7 +210,7 @@ class MotionFilter(eqx.Module):
         recent = memory.recent + jnp.where(there, RECENT * (newest - memory.recent), 0.0)
         x, P = memory.x.moved(error), 0.5 * (P + P.T)
         return Memory(x, P, V, memory.thrust, log_noise, memory.nu_dot, recent), Gathered(
-            A, s, far, there.astype(float)
+            A, s, far, there.astype(float), fit
         )
 
     def _innovations(self, memory: Memory, now: Seen) -> tuple[Array, Array]:
@@ -236,6 +239,12 @@ class MotionFilter(eqx.Module):
     def _place(self, x: Motion, R_nb: Array, lever: Array, age: Array) -> Array:
         """Of a sensor, some time ago, n [m], shape (3,)."""
         return x.position + R_nb @ (lever - age * x.nu[:3])
+
+
+def _log_likelihood(away: Array, S: Array) -> Array:
+    """Of an innovation of variance S that is `away` standard deviations, but for a constant; linear beyond FAR."""
+    near = jnp.minimum(jnp.abs(away), FAR)
+    return -0.5 * (jnp.log(S) + near * (2.0 * jnp.abs(away) - near))
 
 
 def _learnt(log_noise: Array, alike: Array, logged: Array) -> Array:

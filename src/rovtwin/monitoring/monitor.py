@@ -1,6 +1,7 @@
 """The monitor of one vehicle: a filter that is fed second by second, and the factors that it has found so far."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -10,9 +11,10 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.navigation.tuning import beliefs
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.identification.logs.record import Record
-from rovtwin.monitoring.evidence import Block, Estimated, estimated
+from rovtwin.monitoring.evidence import Block, Estimated, estimated, marginal
 from rovtwin.monitoring.factors import AXES, Factors
 from rovtwin.monitoring.filter import MOST_NOISE, Gathered, Levers, Memory, MotionFilter, Noise, Seen
+from rovtwin.monitoring.lost import FIRST, SUSPECT, Lost, Search, suspect, with_lost
 from rovtwin.monitoring.readings import ROWS, levers_of, seen, usable
 from rovtwin.vehicle.model import Model
 
@@ -23,6 +25,8 @@ STEP, QUICKEST = 0.02, 0.2  # longest step [s]; largest step times a rate of the
 FORGOTTEN = 10.0  # blocks older than so many times the fading are let go
 LATE = 60.0  # a sensor that speaks so long after the others is not waited for [s]
 PASSES = 2  # through a whole record: in the second all of it is linearised about what the first has found
+FEW = 2  # blocks of evidence below which nothing is called implausible
+MOST_LOST = 2  # thrusters that are looked for in one record
 SHORTEST = 2.0 * BLOCK  # record that is looked at [s]
 NEEDED = ("attitude", "gyro")
 STRANGE = 0.03  # share of readings far from what is foreseen, beyond which what is found is doubted
@@ -36,6 +40,7 @@ class Monitor:
         filter: See `MotionFilter`.
         blocks: Evidence so far.
         time: That has been seen [s].
+        lost: Thrusters that were found dead or reversed in a whole record, with which all else was found.
     """
 
     def __init__(self, model: Model, thrusters: Sequence[str], levers: Levers, fading: float = np.inf):
@@ -53,8 +58,9 @@ class Monitor:
         self.filter = MotionFilter(model, _noise(model, scales), levers, len(self.factors.each), step_of(model, scales))
         self.blocks: list[Block] = []
         self.time = 0.0
-        self._far, self._count = np.zeros(12), np.zeros(12)
+        self._far, self._count, self._fit = np.zeros(12), np.zeros(12), 0.0
         self._held = np.zeros(len(self.factors.each))
+        self.lost: tuple[Lost, ...] = ()
         self._memory: Memory | None = None
         self._open: list[Gathered] = []
 
@@ -69,22 +75,30 @@ class Monitor:
         """
         at = jnp.asarray(position, float), quaternion_from_euler(jnp.asarray(attitude, float))
         self._memory, self.blocks, self.time, self._open = self.filter.start(*at), [], 0.0, []
-        self._far, self._count = np.zeros(12), np.zeros(12)
+        self._far, self._count, self._fit = np.zeros(12), np.zeros(12), 0.0
         self._held = np.zeros(len(self.factors.each)) if held is None else self._within(held)
         self._follow = held is None
 
-    def second(self, readings: Seen) -> None:
-        """Take in the steps of one second; every BLOCK of them is closed into evidence."""
+    def second(self, readings: Seen) -> Gathered:
+        """Take in the steps of one second, and what they say; every BLOCK of them is closed into evidence."""
         assert self._memory is not None, "begin() comes first"
         self._memory, gathered = self.filter.over(self._memory, jnp.asarray(self._held), readings)
         self._open.append(jax.tree.map(np.asarray, gathered))
+        newest = self._open[-1]
         self.time += 1.0
         if len(self._open) == BLOCK:
             self._close()
+        return newest
 
     def found(self) -> Estimated:
         """The factors now."""
         return estimated(self.blocks, self.factors.covariance, self._fading)
+
+    @property
+    def likelihood(self) -> float:
+        """Logarithm of the likelihood of all blocks, whatever the factors: comparable between passes of one record."""
+        A, s = (np.sum([getattr(block, name) for block in self.blocks], axis=0) for name in ("A", "s"))
+        return marginal(self._fit, A, s, self._held, self.factors.covariance)
 
     @property
     def far(self) -> float:
@@ -101,6 +115,15 @@ class Monitor:
         return [axis for axis, learnt in zip(AXES, noise, strict=True) if learnt > MOST_NOISE - 0.5]
 
     @property
+    def implausible(self) -> list[str]:
+        """Drag and added mass that come out surely and far from what was thought: something else leaks into them."""
+        if len(self.blocks) < FEW:
+            return []
+        found, prior = self.found(), np.sqrt(np.diag(self.factors.covariance))
+        far = np.abs(found.theta[:FIRST]) > SUSPECT * np.maximum(prior, found.std)[:FIRST]
+        return [f"{kind} in {AXES[i % 6]}" for i, kind in enumerate(["drag"] * 6 + ["added mass"] * 6) if far[i]]
+
+    @property
     def doubts(self) -> list[str]:
         """Why what it finds is not to be relied on, in words; nothing where nothing speaks against it."""
         lines = []
@@ -113,6 +136,11 @@ class Monitor:
             lines.append(
                 f"it moves in {', '.join(self.unexplained)} in ways that no factors explain: what it tells "
                 "is not to be relied on"
+            )
+        if self.implausible:
+            lines.append(
+                f"{', '.join(self.implausible)} would be far beyond what drag or added mass do: a thruster may be dead "
+                "or push the wrong way, or the description be wrong; what else it tells is not to be relied on"
             )
         return lines
 
@@ -130,6 +158,7 @@ class Monitor:
     def _close(self) -> None:
         self._far += np.sum([one.far for one in self._open], axis=0)
         self._count += np.sum([one.count for one in self._open], axis=0)
+        self._fit += float(np.sum([one.fit for one in self._open]))
         A, s = (np.sum([getattr(one, name) for one in self._open], axis=0) for name in ("A", "s"))
         self._open = []
         if not (np.isfinite(A).all() and np.isfinite(s).all()):
@@ -186,16 +215,52 @@ def watched(
         position[:2] = signals["horizontal"].value[0]
     if "depth" in signals:
         position[2] = signals["depth"].value[0, 0]
-    readings, a_second = seen(model, record, monitor.filter.h), round(1.0 / monitor.filter.h)
-    firsts, held = range(0, len(readings.target) - a_second + 1, a_second), None
+    start = position, signals["attitude"].value[0]
+    return _with_lost(monitor, start, record.start, seen(model, record, monitor.filter.h), thrusters, progress)
+
+
+def _with_lost(
+    monitor: Monitor,
+    start: tuple[np.ndarray, np.ndarray],
+    begun: float,
+    readings: Seen,
+    thrusters: Sequence[str],
+    progress: Callable[[float], None],
+) -> Monitor:
+    """After passes through readings, and again with each thruster that is lost in them."""
+    prior, n = monitor.factors.covariance, len(thrusters)
+    search = Search(monitor.filter, prior, *start, begun, thrusters)
+    gathered, other = _passes(monitor, start, readings, progress), monitor
+    while suspect(gathered, other.found().theta, prior, n) and len(other.lost) < MOST_LOST:
+        lost = search.most_likely(readings)
+        if lost is None or lost.name in [one.name for one in other.lost]:
+            return monitor
+        before, other = other, copy(other)
+        readings = with_lost(readings, lost, begun, monitor.filter.h)
+        gathered = _passes(other, start, readings, lambda share: None)
+        if other.likelihood - before.likelihood < search.least(readings):
+            return monitor
+        other.lost = (*before.lost, lost)
+    # If something still seems to jump, it is another change, which a lost thruster resembles.
+    return monitor if suspect(gathered, other.found().theta, prior, n) else other
+
+
+def _passes(
+    monitor: Monitor, start: tuple[np.ndarray, np.ndarray], readings: Seen, progress: Callable[[float], None]
+) -> list[Gathered]:
+    """Through all readings, PASSES times; what each second of the first said."""
+    a_second = round(1.0 / monitor.filter.h)
+    firsts, held, gathered = range(0, len(readings.target) - a_second + 1, a_second), None, []
     for turn in range(PASSES):
-        monitor.begin(position, signals["attitude"].value[0], held)
+        monitor.begin(*start, held)
         for k, first in enumerate(firsts):
-            monitor.second(jax.tree.map(lambda leaf, i=first: leaf[i : i + a_second], readings))
+            one = monitor.second(jax.tree.map(lambda leaf, i=first: leaf[i : i + a_second], readings))
+            if turn == 0:
+                gathered.append(one)
             if k % BLOCK == 0:
                 progress((turn + k / len(firsts)) / PASSES)
         held = monitor.found().theta
-    return monitor
+    return gathered
 
 
 def step_of(model: Model, scales: VehicleScales) -> float:

@@ -67,13 +67,15 @@ def write_watch(found: Any, folder: Path) -> Path:
         [found.runs[0].run.readings[i].quantity.words.rstrip(","), *(one.run.readings[i].figures for one in found.runs)]
         for i in shown
     ]
-    any_changed = any(changed) or bool(found.drifts)
+    any_lost = any(one.lost for one in found.runs)
+    any_changed = any(changed) or bool(found.drifts) or any_lost
     headline = "Something has changed" if any_changed else "Nothing has changed that these runs can tell"
     unknown = found.before is None or (any(found.first_learnt) and not any_changed)
     if unknown:
         headline = f"Not as described, where nothing is known from {found.against}"
     if found.before is None:
-        headline = "One run against its description"
+        unknown = not any_lost
+        headline = "A thruster is lost" if any_lost else "One run against its description"
     return write_page(
         Path(folder) / "report.html",
         "sections.html.j2",

@@ -10,6 +10,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.identification.logs.readers import detect, read_records
 from rovtwin.monitoring.change import Change, causes
 from rovtwin.monitoring.evidence import Estimated, estimated
+from rovtwin.monitoring.lost import Lost
 from rovtwin.monitoring.monitor import SHORTEST, watched
 from rovtwin.monitoring.quantities import Quantities
 from rovtwin.monitoring.reference import identified_std
@@ -24,6 +25,7 @@ ALONE = (
     "Differences from the description may be its own errors: give more runs, or identify the vehicle and watch the "
     "file that comes of it."
 )
+APPLIED = "All else is found with that taken into account"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,7 @@ class WatchedRun:
         found: The factors themselves.
         seconds: How much of it was looked at [s].
         notes: What to know of it.
+        lost: Thrusters that were dead or reversed; all else was found with that taken into account.
     """
 
     path: Path
@@ -43,6 +46,7 @@ class WatchedRun:
     found: Estimated
     seconds: float
     notes: tuple[str, ...]
+    lost: tuple[Lost, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +92,9 @@ class Watch:
     def words(self) -> list[tuple[str, bool]]:
         """What there is to say, and whether it is something that has changed."""
         lines = [(f"{one.run.name}: {note}", False) for one in self.runs for note in one.notes]
+        for one in self.runs:
+            lines += [(f"{one.run.name}: {lost}", True) for lost in one.lost]
+            lines += [(f"{one.run.name}: {lost.look}. {APPLIED}", False) for lost in one.lost]
         if self.before is None:
             first = self.runs[-1].run.name
             return [*lines, (f"{first}: there is nothing to compare it with, {self.against}. {ALONE}", False)]
@@ -163,6 +170,7 @@ def watch_runs(
 
 def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float], None]) -> WatchedRun:
     model, blocks, seconds, notes = vehicle.model(), [], 0.0, list(_other_vehicle(vehicle, log))
+    lost: list[Lost] = []
     records = read_records(log, vehicle)
     long = [record for record in records if record.duration >= SHORTEST]
     if long and len(long) < len(records):
@@ -172,12 +180,13 @@ def _watched(vehicle: Vehicle, log: Path, name: str, progress: Callable[[float],
         blocks += monitor.blocks
         seconds += monitor.time
         notes += monitor.doubts
+        lost += monitor.lost
         notes += record.notes
     found = estimated(blocks, monitor.factors.covariance)
     readings = Quantities(model, vehicle.thruster_names, monitor.factors).read(found)
     if not any(reading.learnt for reading in readings):
         notes.append(f"{seconds:.0f} s in which nothing was learnt: fly turns, dives and legs at speed")
-    return WatchedRun(log, Run(name, readings), found, seconds, tuple(notes))
+    return WatchedRun(log, Run(name, readings), found, seconds, tuple(notes), tuple(lost))
 
 
 def _log_of(path: Path) -> Path:
