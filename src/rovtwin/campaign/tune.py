@@ -6,7 +6,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from rovtwin.campaign.tune_cost import FAILED, Cost, floors_of
-from rovtwin.campaign.tune_flights import CHOOSING, HELD_OUT, TUNING, Crew, Figures, Fleet, crew_of, fleet_of, seas_of
+from rovtwin.campaign.tune_flights import (
+    CHOOSING,
+    HELD_OUT,
+    TUNING,
+    Crew,
+    Figures,
+    Fleet,
+    crew_of,
+    failures,
+    fleet_of,
+    seas_of,
+)
 from rovtwin.campaign.tune_parameters import Space, start_of, value_of, with_values
 from rovtwin.campaign.tune_plants import Plants, plants_of
 from rovtwin.campaign.tune_result import Judged, Tuned, Wish
@@ -106,8 +117,9 @@ class _Tuning:
 
     def run(self) -> Tuned:
         """All steps."""
-        held_out_before = self._compiled()
+        self._compiled()
         cost, start_cost = self._scaled()
+        held_out_before = self._hand_tuned()
         found = self._searched(cost)
         section, chosen = self._choose(cost, found)
         influence = self._influences(cost, section)
@@ -117,15 +129,22 @@ class _Tuning:
             self.wish, self.said, section, cost, found, start_cost, chosen, influence, held_out, self._seconds()
         )
 
-    def _compiled(self) -> list[Figures]:
-        """The hand-tuned autopilot's held-out flights; what has to be compiled is compiled first, by one thread."""
+    def _compiled(self) -> None:
+        """What has to be compiled is compiled first, by one thread, if there is time for what comes after it."""
         self._step("compiling", 0.0)
         self.clock.require_start(WRITING)
         self.crew.compile([run for fleet in self.fleets.values() for run in fleet.runs])
         self.clock.require(*self._least())
+
+    def _hand_tuned(self) -> list[Figures]:
+        """The hand-tuned autopilot's held-out flights, if there is time for all that comes after them."""
+        once = self.crew.rounds(len(self.fleets[HELD_OUT].runs)) * self._brief(HELD_OUT)
+        what = "a single generation, choosing and judging"
+        self.clock.require(2.0 * once + self._after() + self._lasting(self.generation), what)
         began = time.monotonic()
         before = self._flown(HELD_OUT, [self.space.section], "hand-tuned, held-out plants")[0]
         self.judging = time.monotonic() - began
+        self.clock.require(self._after() + self._lasting(self.generation), what)
         return before
 
     def _least(self) -> tuple[float, str]:
@@ -146,19 +165,18 @@ class _Tuning:
         return least_seconds(runs) * self.crew.pace(runs[0])
 
     def _scaled(self) -> tuple[Cost, float]:
-        """The cost in units of the hand-tuned autopilot, and what that costs."""
+        """The cost in units of the hand-tuned autopilot, and what that costs; flown first, for it may fail."""
         fleet = self.fleets[TUNING]
         began = time.monotonic()
         figures = self._flown(TUNING, [self.space.section], "hand-tuned")[0]
         self.pace = time.monotonic() - began
-        self.clock.require(self._after() + self._lasting(self.generation), "a single generation, choosing and judging")
         cost = Cost.against(self.wish.weights, fleet.seas, figures, self.floors)
         start = float(np.mean(cost.all_of(fleet.seas, figures)))
         if start >= FAILED:
-            why = "; ".join(sorted({one["reason"] for one in figures}))
             raise ConfigError(
-                f"{self.wish.scenario.name}: no flight of the hand-tuned autopilot arrives ({why}), so there is "
-                "nothing to measure against; check the scenario with rovtwin fly, or try calmer seas (--sea calm)"
+                f"{self.wish.scenario.name}: no flight of the hand-tuned autopilot arrives, so there is nothing to "
+                f"measure against. It failed on {failures(figures)}. Check the scenario with rovtwin fly"
+                + ("" if set(fleet.seas) == {"calm"} else ", or try calmer seas (--sea calm)")
             )
         return cost, start
 

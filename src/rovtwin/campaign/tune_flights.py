@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.campaign.tune_cost import terms_of
 from rovtwin.campaign.tune_plants import Plants
 from rovtwin.core.block import Block
 from rovtwin.core.config import parse
@@ -22,13 +23,16 @@ from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.scenario.batch import flown_together, same_program
 from rovtwin.scenario.compose_autopilot import autopilot_of
+from rovtwin.scenario.compose_world import in_water
 from rovtwin.scenario.composition import Composed, compose, vehicle_of, way_points
 from rovtwin.scenario.files import find_scenario
 from rovtwin.scenario.fitting import own_values
 from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.run import CHUNK
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
-from rovtwin.scenario.score import score
+from rovtwin.scenario.score import Flown, score
+from rovtwin.scenario.summary import ending
+from rovtwin.simulation.mismatch import drawn
 
 TUNING, CHOOSING, HELD_OUT = range(3)  # streams of random numbers, so that no plant of one is met in another
 SEAS = {"waves": "lawnmower_waves", "sea": "lawnmower_sea"}
@@ -38,6 +42,7 @@ USUAL_SEAS = ("calm", "waves")
 LONGEST = 300.0  # of a held-out flight [s]
 LANES = 10  # flights under vmap: half the time of one by one, and a generation has so many of each plant
 TIMED = 4.0 * CHUNK  # simulated, by which the pace of flights is told before they are flown [s]
+SHOWN = 4  # failed flights in a message
 Figures = dict[str, Any]
 
 
@@ -62,6 +67,14 @@ class Fleet:
         mission = way_points(scenario, one.model)
         return autopilot_of(scenario, one.model, one.loop.twin.sensors, mission, list(one.vehicle.thruster_names))
 
+    def _which(self, i: int) -> str:
+        run = self.runs[i]
+        there = drawn(run.loop.twin.model, in_water(run.scenario.world, run.vehicle, run.model))
+        return (
+            f"plant {i + 1} of {len(self.runs)} ({self.seas[i]}, seed {run.scenario.seed}, mass x {there['mass']:.2f}, "
+            f"thrust x {there['thrust']:.2f})"
+        )
+
     def flights(self, sections: Sequence[ModelBasedSection]) -> list[Composed]:
         """Every plant with every autopilot, all plants of the first autopilot first."""
         return [
@@ -71,9 +84,14 @@ class Fleet:
         ]
 
     def excused(self, figures: Sequence[Figures], hand_tuned: Sequence[Figures]) -> list[Figures]:
-        """Scores with the note `cut` where a flight that was cut short did not arrive, nor did the hand-tuned one."""
+        """Scores with the note `cut` where a flight that was cut short did not arrive, nor did the hand-tuned one.
+
+        And with `which` flight it is.
+        """
         late = [self.cut and not one["completed"] and one["phase"] not in FAIL_SAFE_PHASES for one in hand_tuned]
-        return [one | {"cut": so} for one, so in zip(figures, late, strict=True)]
+        return [
+            one | {"cut": so, "which": self._which(i)} for i, (one, so) in enumerate(zip(figures, late, strict=True))
+        ]
 
 
 def seas_of(names: Sequence[str], scenario: Scenario) -> dict[str, Any]:
@@ -163,7 +181,15 @@ def fleet_of(
 def fly_some(runs: Sequence[Composed]) -> list[Figures]:
     """Scores of at most LANES flights of one program, from the truth; those of `rovtwin fly` to rounding."""
     full = [*runs, *[runs[-1]] * (LANES - len(runs))]  # one shape, one program
-    return [score(one) for one in flown_together(full)[: len(runs)]]
+    return [_scored(flown, run) for run, flown in zip(runs, flown_together(full)[: len(runs)], strict=True)]
+
+
+def _scored(flown: Flown, run: Composed) -> Figures:
+    """Scores, and, of a flight that did not arrive, the words of `rovtwin fly` for how it ended."""
+    figures = score(flown)
+    if figures["completed"]:
+        return figures | {"ended": "it left a figure that is no number"}
+    return figures | {"ended": ending(flown, run, figures["reason"])}
 
 
 class Crew:
@@ -213,6 +239,17 @@ class Crew:
                 figures[i] = one
                 tell()
         return [figures[i : i + n] for i in range(0, len(figures), n)]
+
+
+def failures(figures: Sequence[Figures]) -> str:
+    """Which flights of one autopilot failed and how, the first SHOWN of them; of the first also why."""
+    failed = [one for one in figures if terms_of(one) is None]
+    rows = [f"{one['which']}: {_briefly(one) if i else one['ended']}" for i, one in enumerate(failed[:SHOWN])]
+    return "; ".join(rows) + (f"; and {len(failed) - SHOWN} more" if len(failed) > SHOWN else "")
+
+
+def _briefly(figures: Figures) -> str:
+    return f"{figures['reason'] or 'not finished'} after {figures['duration_s']:.0f} s"
 
 
 @contextmanager

@@ -39,10 +39,11 @@ class Clock:
         Raises:
             ConfigError: Composing alone took the budget.
         """
-        if self.gone + after > self.budget:
+        gone = self.gone
+        if gone + after > self.budget:
             raise ConfigError(
-                f"--budget-s: found {self.budget:g}, expected more, the usual is {USUAL:g}: composing alone took "
-                f"{self.gone:.0f} s here, and compiling, flying, judging and files come after it"
+                f"--budget-s: found {self.budget:g}, expected about {_tens(USUAL + gone)} or more here: composing "
+                f"took {gone:.0f} s, and compiling, flying, judging and files come after it"
             )
 
     def require(self, after: float, what: str) -> None:
@@ -57,11 +58,16 @@ class Clock:
         """
         gone = self.gone
         if gone + after > self.budget:
-            enough = math.ceil(SPARE * (gone + after) / 10.0) * 10
+            enough = _tens(SPARE * (gone + after))
             raise ConfigError(
                 f"--budget-s: found {self.budget:g}, expected about {enough} or more here: {gone:.0f} s are gone, and "
                 f"{what} take {after:.0f} s at the least; or take fewer --held-out and --plants"
             )
+
+
+def _tens(seconds: float) -> int:
+    """The next ten seconds [s]."""
+    return math.ceil(seconds / 10.0) * 10
 
 
 def least_seconds(runs: Sequence[Composed]) -> float:

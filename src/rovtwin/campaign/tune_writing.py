@@ -10,6 +10,7 @@ import yaml
 
 from rovtwin import __version__
 from rovtwin.campaign.tune_cost import FAILED, TERMS
+from rovtwin.campaign.tune_flights import failures
 from rovtwin.campaign.tune_parameters import Space, value_of
 from rovtwin.campaign.tune_result import Tuned, terms_table
 from rovtwin.core.numerics import jax
@@ -82,6 +83,8 @@ def sentences(tuned: Tuned) -> tuple[str, list[str]]:
     ]
     if any(failed):
         said.insert(1, f"Flights that failed: {failed[0]} hand-tuned, {failed[1]} tuned.")
+        rows = [(who, failures(one)) for who, one in (("Hand-tuned", held.before), ("Tuned", held.after))]
+        said[2:2] = [f"{who} it failed on {which}." for who, which in rows if which]
     return head, said
 
 

@@ -55,6 +55,20 @@ def summarise(flown: Flown, composed: Composed, interrupted: bool) -> dict[str, 
     }
 
 
+def ending(flown: Flown, composed: Composed, reason: str) -> str:
+    """How a flight that was not completed ended, when and why, in one line.
+
+    Args:
+        flown: The flight.
+        composed: What flew it.
+        reason: Of its rule, empty where none ended it.
+    """
+    if not reason:
+        return not_finished(flown, composed)
+    why = why_ended(flown, composed.loop.twin.model, reason)
+    return f"{reason} after {flown.duration:.0f} s" + (f", {why}" if why else "")
+
+
 def not_finished(flown: Flown, composed: Composed) -> str:
     """That the time was over, and why: where it stalled, or how much is left."""
     why = unfinished(flown, composed.scenario, composed.model, composed.vehicle)
