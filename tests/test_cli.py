@@ -8,13 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.campaign.identified import identified_vehicle
 
 import rovtwin.cli
 from rovtwin.cli.logs import in_short
 from rovtwin.core.log import Log
 
 
-def run(capsys, *words: str) -> tuple[int, str, str]:
+def run(capsys, *words: str | Path) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of a command, in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["rovtwin", *map(str, words)])
@@ -69,6 +70,18 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert "new.yaml, before and after" in run(capsys, "vehicle", "remove", new, "dvl")[1]
     code, out, _ = run(capsys, "vehicle", "diff", "double_blueye", bare, "--json")
     assert code == 0 and {row["key"]: row for row in json.loads(out)["figures"]}["hotel_load"]["change"] == 0
+
+
+def test_figures_of_an_identified_vehicle_say_which_are_predicted(capsys, tmp_path):
+    """Only the last remark of `vehicle add` said that both columns were not what tests had found."""
+    known, more = identified_vehicle(tmp_path / "known.yaml"), tmp_path / "more.yaml"
+    code, out, _ = run(capsys, "vehicle", "add", known, "lead_500g", "--at", "0,0,0.2", "-o", more)
+    heading = out[: out.index("mass")]
+    assert code == 0 and heading.count("predicted, not identified") == 2
+    heading = (out := run(capsys, "vehicle", "diff", known, more)[1])[: out.index("mass")]
+    assert heading.count("predicted, not identified") == 1 and heading.count("identified") == 2
+    plain = run(capsys, "vehicle", "add", "double_blueye", "lead_500g", "--at", "0,0,0.2")[1]
+    assert "identified" not in plain
 
 
 def test_a_vehicle_that_sank_before_is_asked_for_its_buoyancy(capsys, monkeypatch, tmp_path):

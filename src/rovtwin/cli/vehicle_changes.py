@@ -1,5 +1,6 @@
 """rovtwin vehicle add, remove, diff: what a change of a vehicle's parts changes."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -91,7 +92,8 @@ def diff(
     a, b = load_vehicle(first), load_vehicle(second)
     rows = compared(a, b)
     if as_json:
-        emit({"vehicles": [first, second], "figures": rows})
+        identified = [one.file.identified is not None for one in (a, b)]
+        emit({"vehicles": [first, second], "identified": identified, "figures": rows})
         return
     # A changed copy of a file keeps the name in it: the file says which one it is.
     left, right = (
@@ -99,7 +101,12 @@ def diff(
         for given, one in ((first, a), (second, b))
     )
     names = (left, right) if left != right else (a.where, b.where)
-    _print_figures(f"{names[0]} and {names[1]}", rows, names, every)
+    titled = f"{names[0]} and {names[1]}"
+    if a.file.identified or b.file.identified:  # what tests found stands beside what formulas and publications give
+        names = tuple(
+            f"{n}\n{IDENTIFIED if v.file.identified else PREDICTED}" for n, v in zip(names, (a, b), strict=True)
+        )
+    _print_figures(titled, rows, names, every)
 
 
 def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
@@ -141,10 +148,11 @@ def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, ou
         ballasting = [{"material": p.material, "mass_kg": p.mass, "position_m": list(p.position)} for p in pieces]
         file = None if out is None else str(out)
         emit({"vehicle": change.before.name, "figures": rows, "ballast": ballasting, "ballasted": ballast}
-             | {"notes": notes, "file": file})  # fmt: skip
+             | {"predicted": change.predicted, "notes": notes, "file": file})  # fmt: skip
         return
     titled = f"{Path(given).name}, before and after" if out is None else f"{Path(given).name} and {out.name}"
-    _print_figures(titled, rows, ("before", "after"), every=False)
+    heads = (f"before\n{PREDICTED}", f"after\n{PREDICTED}") if change.predicted else ("before", "after")
+    _print_figures(titled, rows, heads, every=False)
     screen = console(False)
     screen.print(without or _about_ballast(pieces, trimmed, ballast, wanted), markup=False, soft_wrap=True)
     for note in notes:
@@ -185,7 +193,7 @@ def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, want
     return f"ballast for {aim} and level trim ({done}): {listed}; {net:+.2f} N then"
 
 
-def _print_figures(title: str, rows: list[dict[str, Any]], heads: tuple[str, str], every: bool) -> None:
+def _print_figures(title: str, rows: list[dict[str, Any]], heads: Sequence[str], every: bool) -> None:
     """Figures side by side; those that stay are left out unless asked for."""
     shown = table(title, "", "unit", *heads, "change")
     for row in rows:
@@ -197,6 +205,7 @@ def _print_figures(title: str, rows: list[dict[str, Any]], heads: tuple[str, str
         screen.print(f"what is not listed changes by less than {UNNOTICED:.1%}", style="dim")
 
 
+IDENTIFIED, PREDICTED = "identified", "predicted, not identified"
 UNNOTICED = 1e-3  # relative
 BUOYANT = 0.01  # net buoyancy over weight that is proposed to one that sinks: it comes up when thrust fails
 

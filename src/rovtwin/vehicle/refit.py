@@ -7,7 +7,7 @@ one's own without totals is written again with one line more, all its comments k
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,7 @@ class Refit:
         after: The same with the change.
         notes: What to know.
         folder: What references to files in the text are relative to.
+        predicted: Whether tests identified the vehicle, so that `before` and `after` are predictions beside it.
     """
 
     text: str
@@ -49,6 +50,7 @@ class Refit:
     after: Vehicle
     notes: tuple[str, ...]
     folder: Path
+    predicted: bool = False
 
 
 def add(
@@ -94,7 +96,8 @@ def add(
         text = written(holder | {"parts": [*holder["parts"], part]})
     after = _read(text, out, folder)
     lie = [one.line() for one in overlaps(after.file, after.name) if one.moved == part["name"]]
-    return Refit(text, before, after, (*lie, *_about_identification(path, out)), folder)
+    notes = (*lie, *_about_identification(path, out))
+    return Refit(text, before, after, notes, folder, predicted=identified)
 
 
 def _require_near(position: Sequence[float], vehicle: Vehicle) -> None:
@@ -128,7 +131,8 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
     folder = path.parent if out is None else out.parent
     before = load_vehicle(path, identified=False)
     text = path.read_text(encoding="utf-8")
-    if "identified" in parse_yaml(text, path.name):
+    identified = "identified" in parse_yaml(text, path.name)
+    if identified:
         text = written({key: value for key, value in read_yaml(path).items() if key != "identified"})
     text = _moved(_respelt(without_part(text, name, path.name), before, path), path, folder)
     notes = [
@@ -138,7 +142,7 @@ def remove(vehicle: str | Path, name: str, out: Path | None = None) -> Refit:
     after = _read(text, out, folder)
     if (left := instruments(after)) and all(one.spare for one in left):
         notes.append("all instruments that are left are spare_sensors, so that none is read: take them out there")
-    return Refit(text, before, after, (*notes, *_about_identification(path, out)), folder)
+    return Refit(text, before, after, (*notes, *_about_identification(path, out)), folder, predicted=identified)
 
 
 def trimming(before: Vehicle, after: Vehicle, net_buoyancy: float | None = None) -> list[Piece]:
@@ -168,7 +172,7 @@ def with_ballast(change: Refit, pieces: Sequence[Piece], out: Path | None = None
     where = "vehicle" if out is None else out.name
     parts = blocks(pieces, [part.name for part in change.after.file.parts])
     text = with_parts(change.text, parts, where) if parts else change.text
-    return Refit(text, change.before, _read(text, out, change.folder), change.notes, change.folder)
+    return replace(change, text=text, after=_read(text, out, change.folder))
 
 
 def _read(text: str, out: Path | None, folder: Path) -> Vehicle:
