@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.vehicle.discrepancies import block, random_part
 
+from rovtwin.cli.identify import as_object
 from rovtwin.identification.discrepancy.acceptance import Acceptance
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.joint.apart import Apart
@@ -25,7 +26,7 @@ from rovtwin.identification.judgement.whiteness import Residuals, autocorrelatio
 from rovtwin.report.curves import Subject, curves, speed_grid
 from rovtwin.report.identification import curves_of, write_identification_report
 from rovtwin.report.identification_tables import between, correlated_table, estimated, parameter_table, percent
-from rovtwin.report.identification_words import assumptions, excitation, is_coupling, verdict
+from rovtwin.report.identification_words import assumptions, excitation, is_coupling, not_learnt, verdict
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.schema import LearnedDiscrepancy
 
@@ -197,6 +198,25 @@ def test_excitation_tells_what_never_moved_from_what_cannot_be_told_apart(result
     flat = replace(result, blind=[], covariance=_widened(result))
     said = dict(zip(flat.parameters.names, excitation(flat), strict=True))
     assert said["linear_damping.surge"] == "excited, not told apart from quadratic_damping.surge (-0.95)"
+
+
+def test_many_parameters_that_are_not_learnt_are_one_line_few_have_one_each(result):
+    """A prediction printed 33 lines and more that nobody read."""
+    named = [name for name in result.parameters.names if not is_coupling(name)]
+    few = replace(result, verdicts=["prior only" if name == named[0] else "learnt" for name in result.parameters.names])
+    assert (
+        not_learnt(few)[0].startswith(f"prior only: {named[0]}: excited; it takes doublets")
+        and len(not_learnt(few)) == 1
+    )
+    (line,) = not_learnt(replace(result, verdicts=["prior only"] * len(result.verdicts), solution=None))
+    assert line.startswith(f"prior only: {len(named)} of {len(named)} parameters: added mass (surge); linear damping (")
+    assert "thrust exponent (surge)" in line and "no tests" in line and "--json" in line
+
+
+def test_json_says_of_each_parameter_what_the_tests_did_for_it(result):
+    rows = {row["name"]: row for row in as_object(replace(result, fitted=[], held_out=[]))["parameters"]}
+    assert rows["quadratic_damping.roll"]["excitation"] == "not excited"
+    assert rows["quadratic_damping.roll"]["taught_by"].startswith("fast steps") and len(rows) == len(result.verdicts)
 
 
 def _widened(result):

@@ -267,8 +267,11 @@ def _short(path: Path) -> str:
 
 def as_object(result: "Identification") -> dict[str, Any]:
     """The result in plain types."""
+    from rovtwin.report.identification_words import excitation
+    from rovtwin.report.parameter_words import what_teaches
+
     rows = []
-    for i, p in enumerate(result.parameters.free):
+    for i, (p, why) in enumerate(zip(result.parameters.free, excitation(result), strict=True)):
         low, high = result.interval(p.name)
         rows.append(
             {
@@ -278,6 +281,8 @@ def as_object(result: "Identification") -> dict[str, Any]:
                 "interval_95": [low, high],
                 "start": p.base,
                 "verdict": result.verdicts[i],
+                "excitation": why,
+                "taught_by": what_teaches(p.name),
             }
         )
     scores = [
@@ -346,8 +351,8 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 def _print(screen: Console, result: "Identification") -> None:
     from rovtwin.report.identification_tables import between, estimated
-    from rovtwin.report.identification_words import excitation, in_families, is_coupling
-    from rovtwin.report.parameter_words import groups_in_words, what_teaches
+    from rovtwin.report.identification_words import in_families, is_coupling, not_learnt
+    from rovtwin.report.parameter_words import groups_in_words
 
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"
@@ -370,9 +375,8 @@ def _print(screen: Console, result: "Identification") -> None:
     screen.print(rows)
     for line in groups_in_words(result.parameters.groups, result.vehicle.thruster_names):
         screen.print(line, markup=False, soft_wrap=True)
-    for name, why in zip(result.parameters.names, excitation(result), strict=True):
-        if learnt[name] in ("partly", "prior only") and not is_coupling(name):
-            screen.print(f"{learnt[name]}: {name}: {why}; it takes {what_teaches(name)}", markup=False, soft_wrap=True)
+    for line in not_learnt(result):
+        screen.print(line, markup=False, soft_wrap=True)
     if couplings := [name for name in learnt if is_coupling(name)]:
         known = in_families(couplings, [name for name in couplings if learnt[name] == "learnt"]) or "none"
         screen.print(f"learnt of {len(couplings)} couplings between directions (values: report, --json): {known}")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.report.curves import DIRECTIONS, SPEED_UNITS, Curves
+from rovtwin.report.parameter_words import what_teaches
 from rovtwin.report.verdict import Verdict
 
 TELLING = 1.0  # information over the prior's from which a parameter was excited
@@ -16,7 +17,7 @@ _LABELS = {
     "prior only": "Known from the prior only",
     "contradicted": "Contradicted by the prior or by another log",
 }
-_SHOWN = 4  # findings in the box; all of them are listed below it
+_SHOWN = 4  # findings in the box, all of them are listed below it; parameters that get a line each
 PRIOR_ONLY, LEARNT = 0.9, 0.5  # standard deviation after over before, as the verdicts of the estimate
 
 
@@ -161,6 +162,25 @@ def _shared(result: Any, i: int, correlation: np.ndarray, ratio: float) -> str:
         return "weakly excited"
     apart = "not told apart" if ratio > PRIOR_ONLY else "partly told apart"
     return f"excited, {apart} from {names[k]} ({correlation[k]:+.2f})"
+
+
+def not_learnt(result: Any) -> list[str]:
+    """What is left open, couplings aside: a line each with what teaches it, one line for all where many are alike."""
+    names = [name for name in result.parameters.names if not is_coupling(name)]
+    verdicts = dict(zip(result.parameters.names, result.verdicts, strict=True))
+    why = dict(zip(result.parameters.names, excitation(result), strict=True))
+    lines = []
+    for kind in ("partly", "prior only"):
+        own = [name for name in names if verdicts[name] == kind]
+        if len(own) <= _SHOWN:
+            lines += [f"{kind}: {name}: {why[name]}; it takes {what_teaches(name)}" for name in own]
+            continue
+        untested = "" if result.solution else "; no tests"
+        lines.append(
+            f"{kind}: {len(own)} of {len(names)} parameters: {in_families(names, own)}{untested} (why, and the "
+            "test that would teach each: --json)"
+        )
+    return lines
 
 
 def assumptions(result: Any) -> list[str]:
