@@ -1,8 +1,7 @@
-"""Slips of units in a vehicle file that is valid: millimetres, litres, grams, milliseconds, radians."""
+"""Slips of units in a vehicle file that is valid: millimetres, litres, grams, milliseconds, radians, degrees."""
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES, GRAVITY
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.plausible import Slip, implausible
 from rovtwin.vehicle.reach import size, wrench_limits
 from rovtwin.vehicle.schema import Body, Thruster
 from rovtwin.vehicle.vehicle import Vehicle
@@ -26,13 +26,6 @@ _FAR, _SLOW = 10.0, 5.0  # sizes of the vehicle from CG, and [s] that a thruster
 _MULTIPLE_DEG, _DECIMALS = 5.0, 2
 _FEEBLE = 0.05  # of the force along the other horizontal axis; 35 degrees taken for radians leave 0.015
 _NAMED = 3  # things whose units are doubted that a verdict names
-
-
-class Slip(NamedTuple):
-    """What is doubted, in a word or two, and the line about it."""
-
-    what: str
-    line: str
 
 
 def doubted_units(vehicle: Vehicle, model: Model) -> list[str]:
@@ -53,6 +46,7 @@ def slips(vehicle: Vehicle, model: Model) -> Iterator[Slip]:
     yield from _about_places(vehicle, model)
     angles = list(_about_angles(vehicle))
     yield from angles or _about_feeble_axes(model)
+    yield from implausible(vehicle, model)
 
 
 def _about_scale(name: str, body: Body, vehicle: Vehicle) -> str | None:
