@@ -31,6 +31,16 @@ def test_results_come_in_order_with_what_is_said_on_the_way():
     assert lines == ["doubling 2", "doubling 5"]
 
 
+def test_ctrl_c_while_it_starts_is_not_its_own():
+    with Aside([partial(doubled, 2)]) as aside:
+        pid = aside._process.pid
+        assert pid is not None
+        for _ in range(20):  # while it imports, too
+            os.kill(pid, signal.SIGINT)
+            time.sleep(0.01)
+        assert aside.result() == 4
+
+
 def test_an_error_is_raised_where_the_result_is_waited_for():
     with Aside([partial(doubled, 1), refused, partial(doubled, 2)]) as aside:
         assert aside.result() == 2

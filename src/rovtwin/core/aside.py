@@ -3,8 +3,10 @@
 import multiprocessing
 import pickle
 import signal
+import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -23,7 +25,8 @@ class Aside:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_main, args=(theirs, list(tasks)), daemon=True, name="rovtwin-aside")
-        self._process.start()
+        with _ctrl_c_ignored():
+            self._process.start()
         theirs.close()  # or its end would never be seen closed here
 
     def result(self, say: Say = lambda what: None) -> Any:
@@ -59,6 +62,19 @@ class Aside:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def _ctrl_c_ignored() -> Iterator[None]:
+    """What is started here ignores Ctrl-C from its first moment: while it imports, it would print a traceback."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are the main thread's
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _main(pipe: Connection, tasks: list[Task]) -> None:

@@ -1,6 +1,6 @@
 """The demonstration: the lawn-mower in waves, beside what the thesis says of it; then with a payload bolted on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,16 +9,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rovtwin.core.aside import Aside
-from rovtwin.core.errors import ConfigError
+from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import FINISHED
 from rovtwin.core.log import Log
 from rovtwin.report import write_comparison
 from rovtwin.report.tables import Table
 from rovtwin.scenario.demo_camera import film_and_identify
-from rovtwin.scenario.demo_payload import refit_and_identify
+from rovtwin.scenario.demo_payload import Refitted, refit_and_identify
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.flight import Flight
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.under_way import remove_unfinished, under_way
 from rovtwin.vehicle import Model
 
 RUNS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -42,24 +43,20 @@ def run_demo(
 
     Returns:
         Path of the page, and the summary of each run; `completed` says that all runs were flown, not that all arrived.
+
+    Raises:
+        RovtwinError: Ctrl-C. Steps that were done are kept, the rest is removed.
     """
-    flights: dict[str, Flight] = {}
-    payload, camera, seen = None, "interrupted", {}
-    # Half of the first run is compiling, on one core: what needs no flight of these goes on beside them.
-    with Aside([partial(refit_and_identify, folder / "payload"), partial(_filmed, folder / "camera")]) as aside:
-        for label, (name, overrides) in RUNS.items():
-            scenario = load_scenario(name, overrides)
-            flights[label] = fly(scenario, folder / scenario.name, None)
-            if flights[label].summary["interrupted"]:
-                break
-        flown = len(flights) == len(RUNS) and not any(f.summary["interrupted"] for f in flights.values())
-        if flown:
-            payload = aside.result(say)
-            changes = [f"vehicle={payload.file}", "name=lawnmower_waves_payload"]
-            scenario = load_scenario("lawnmower_waves", changes)
-            flights[REFITTED] = fly(scenario, folder / scenario.name, payload.truth)
-            if not flights[REFITTED].summary["interrupted"]:
-                camera, seen = aside.result(say)
+    try:
+        flights, payload, camera, seen = _steps(folder, fly, say)
+    except KeyboardInterrupt:
+        kept = ", ".join(remove_unfinished(folder))
+        done = (
+            f"what was done is in {folder}: {kept}; the rest is removed"
+            if kept
+            else "no step was done, nothing is kept"
+        )
+        raise RovtwinError(f"interrupted before the demonstration was over: {done}") from None
     page = write_comparison(
         {label: flight.log for label, flight in flights.items()},
         published_beside(flights),
@@ -67,22 +64,56 @@ def run_demo(
         title="Double Blueye: the lawn-mower of thesis chapter 8, and a payload bolted on",
         reports={label: f"{flight.scenario.name}/report.html" for label, flight in flights.items()},
         camera=camera,
-        payload=None if payload is None else (payload.changes, payload.learnt),
+        payload=(payload.changes, payload.learnt),
     )
     return {
-        "completed": flown and not flights[REFITTED].summary["interrupted"],
+        "completed": True,
         "report": str(page),
         "run_dir": str(folder),
         "camera": seen,
-        "payload": {} if payload is None else payload.summary,
+        "payload": payload.summary,
         "runs": {label: flight.summary | {"run_dir": str(flight.folder)} for label, flight in flights.items()},
     }
+
+
+def _steps(
+    folder: Path, fly: Callable[[Scenario, Path, Model | None], Flight], say: Callable[[str], None]
+) -> tuple[dict[str, Flight], Refitted, tuple[Figure, Table] | str, dict[str, Any]]:
+    """Flights by label, what came of the payload, and of the camera: what to show of it, and its summary.
+
+    Raises:
+        KeyboardInterrupt: Also where a flight ended early by it, with a whole log.
+    """
+    flights: dict[str, Flight] = {}
+
+    def flown(label: str, name: str, overrides: Sequence[str], truth: Model | None) -> None:
+        scenario = load_scenario(name, overrides)
+        with under_way(folder / scenario.name):
+            flights[label] = fly(scenario, folder / scenario.name, truth)
+            if flights[label].summary["interrupted"]:
+                raise KeyboardInterrupt
+
+    # Half of the first run is compiling, on one core: what needs no flight of these goes on beside them.
+    with Aside([partial(_refitted, folder / "payload"), partial(_filmed, folder / "camera")]) as aside:
+        for label, (name, overrides) in RUNS.items():
+            flown(label, name, overrides, None)
+        payload = aside.result(say)
+        changes = [f"vehicle={payload.file}", "name=lawnmower_waves_payload"]
+        flown(REFITTED, "lawnmower_waves", changes, payload.truth)
+        camera, seen = aside.result(say)
+    return flights, payload, camera, seen
+
+
+def _refitted(folder: Path, say: Callable[[str], None]) -> Refitted:
+    with under_way(folder):
+        return refit_and_identify(folder, say)
 
 
 def _filmed(folder: Path, say: Callable[[str], None]) -> tuple[tuple[Figure, Table] | str, dict[str, Any]]:
     """Figure, table and summary of the step with the camera; why there is none where a library is missing."""
     try:
-        done = film_and_identify(folder, say)
+        with under_way(folder):
+            done = film_and_identify(folder, say)
     except ConfigError as error:
         if "pip install" not in str(error):
             raise  # that is no missing library
