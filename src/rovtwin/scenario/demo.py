@@ -51,11 +51,7 @@ def run_demo(
         flights, payload, camera, seen = _steps(folder, fly, say)
     except KeyboardInterrupt:
         kept = ", ".join(remove_unfinished(folder))
-        done = (
-            f"what was done is in {folder}: {kept}; the rest is removed"
-            if kept
-            else "no step was done, nothing is kept"
-        )
+        done = f"what was done is in {folder}: {kept}; the rest is removed" if kept else "no step was done"
         raise RovtwinError(f"interrupted before the demonstration was over: {done}") from None
     page = write_comparison(
         {label: flight.log for label, flight in flights.items()},
