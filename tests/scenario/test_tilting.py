@@ -14,6 +14,7 @@ from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 STABLE = DISC | {"center_of_buoyancy": [0, 0, -0.07]}  # what rights it is more than what its dive takes away
 ABEAM = "world.current=[0, 0.34, 0]"
+DIVE = "autopilot.control.dive_speed=0.43"  # its own, asked for
 
 
 def said(vehicle, *changes):
@@ -22,12 +23,19 @@ def said(vehicle, *changes):
 
 def test_a_dive_that_rolls_the_disc_is_said_with_the_angle_and_what_helps():
     """Nothing was said; it rolled by 21 degrees in the current, and by 14 to 18 in calm water."""
-    (line,) = said(DISC, ABEAM)
+    (line,) = said(DISC, ABEAM, DIVE)
     assert "at 0.43 m/s in a current of 0.34 m/s it is expected to roll by up to 20 deg" in line
     assert "attitude limit 60 deg" in line and "autopilot.control.dive_speed" in line
-    assert "roll by up to 20 deg" in said(DISC)[0]
+    assert "roll by up to 20 deg" in said(DISC, DIVE)[0]
     assert said(DISC, "autopilot.control.dive_speed=0.05") == []
     assert "roll by up to" in said(DISC, "autopilot.supervisor.attitude_limit_deg=10", "sensors.position.noise=0.2")[0]
+
+
+@pytest.mark.parametrize("vehicle", [DISC, "bluerov2", "gladius_mini", "lbv300", "sparus_ii", "tilt_six"])
+def test_a_speed_that_the_autopilot_chose_itself_is_not_warned_of_unless_a_limit_is_near(vehicle):
+    """`fly` chose a dive's speed and then advised to dive slower."""
+    assert said(vehicle) == []
+    assert "attitude limit 20 deg" in said(vehicle, "autopilot.supervisor.attitude_limit_deg=20")[0]
 
 
 def test_one_that_thrusters_keep_level_and_a_baseline_hear_nothing_of_it():
@@ -39,7 +47,7 @@ def test_with_a_doppler_log_no_fix_pulls_it_aside_in_calm_water():
     """A made-up one was said to roll by 20 degrees and rolled by 0.6; this disc by 0.2, without it by 14 to 18."""
     vehicle = vehicle_from_dict(DISC | {"sensors": [*DISC["sensors"], {"name": "dvl", "kind": "dvl"}]}, "disc")
     bare, model = vehicle_from_dict(DISC, "disc"), vehicle.model()
-    calm, abeam = load_scenario("square"), load_scenario("square", [ABEAM])
+    calm, abeam = load_scenario("square", [DIVE]), load_scenario("square", [ABEAM, DIVE])
     assert [line for line in foreseen(calm, vehicle, model) if "expected to" in line] == []
     assert "roll by up to 20 deg" in foreseen(abeam, vehicle, model)[-1]
     assert "roll by up to 20 deg" in foreseen(calm, bare, model)[0]
@@ -47,13 +55,11 @@ def test_with_a_doppler_log_no_fix_pulls_it_aside_in_calm_water():
 
 def test_the_noise_of_the_fixes_is_that_of_the_vehicle_s_own_sensor():
     """One of the blueye's size in steps of a fix: the usual 0.5 m counted, whatever was on board."""
-    angles = []
+    angles, scenario = [], load_scenario("square", ["autopilot.control.dive_speed=0.43"])
     for noise in (0.02, 0.5):
         fixes = {"name": "usbl", "kind": "position", "noise": [noise, noise]}
         vehicle = vehicle_from_dict(STABLE | {"sensors": [*DISC["sensors"], fixes]}, "stable")
-        angles.append(
-            [line for line in foreseen(load_scenario("square"), vehicle, vehicle.model()) if "expected" in line]
-        )
+        angles.append([line for line in foreseen(scenario, vehicle, vehicle.model()) if "expected" in line])
     assert angles[0] == [] and "expected to roll by up to" in angles[1][0]
 
 

@@ -39,7 +39,7 @@ from rovtwin.vehicle.reach import size, wrench_limits
 
 SPARE = 0.9  # share of a top speed that guidance plans with: the rest is the feedback's
 ACROSS = 1.5  # times the flow in which it turns, beyond which the bow never comes round: flown, 1.1 does, 1.8 not
-TILTED = 15.0  # roll or pitch that is said beforehand, or half of the attitude limit [deg]
+TILTED = 15.0  # roll or pitch of a dive that is said beforehand, or half of the attitude limit [deg]
 SOME = 0.01  # current that counts [m/s]
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 _BASELINE_OF = "double_blueye"
@@ -388,7 +388,10 @@ def _fixes_std(scenario: Scenario, sensors: dict[str, Sensor] | None) -> float:
 def _tilted(
     legs: list[_Leg], scenario: Scenario, model: Model, known_world: bool, fixes_std: float
 ) -> Iterator[Finding]:
-    """Roll and pitch as a dive begins, where they are worth a word."""
+    """Roll and pitch as a dive begins: beyond half of the attitude limit, or at a speed that somebody asked for.
+
+    At the vehicle's own speed they belong to its dive: the autopilot chose it, and limits it by `level_speed.TILT`.
+    """
     section = scenario.autopilot
     if isinstance(section, ThesisSection):
         return  # dives as fast as its gains happen to
@@ -401,8 +404,9 @@ def _tilted(
     dive = section.control.dive_speed
     limit = scenario.autopilot.supervisor.attitude_limit_deg.limit or math.degrees(RULES["attitude limit"].limit)
     angles = np.degrees(tilts(model, flow, dive, fixes_std))
+    most = 0.5 * limit if dive is None else min(TILTED, 0.5 * limit)
     said = [f"{name} by up to {angle:.0f} deg" for name, angle in zip(("roll", "pitch"), angles, strict=True)
-            if angle > min(TILTED, 0.5 * limit)]  # fmt: skip
+            if angle > most]  # fmt: skip
     if said:
         fast = VehicleScales.of(model).dive_speed if dive is None else dive
         water = f" in a current of {np.hypot(*flow):.2g} m/s" if np.hypot(*flow) > SOME else ""
