@@ -58,8 +58,9 @@ def serve(
     """
     from rovtwin.scenario.compose_sensors import assumed_sensors
     from rovtwin.scenario.composition import vehicle_of
+    from rovtwin.scenario.serving.beforehand import command_line, stick_of, warnings
     from rovtwin.scenario.serving.host import ServedVehicle
-    from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of, world_for
+    from rovtwin.scenario.serving.protocols import is_vehicle, known, own_protocol, places_of, servers_of, world_for
     from rovtwin.scenario.trimmed import trimmed
 
     if protocol == [FIRMWARE]:
@@ -80,7 +81,12 @@ def serve(
     with progress_bar("") as bar:
         bar.add_task(f"{what}: compiling", total=None)
         vehicle = ServedVehicle(scenario)
-    _serve(vehicle, servers_of(names, scenario, vehicle, places, expose), screen, speed, duration, log, as_json)
+    servers = servers_of(names, scenario, vehicle, places, expose)
+    for line in warnings(vehicle_of(scenario).model(), vehicle.largest, stick_of(servers)):
+        screen.print(f"{what}: {line}", markup=False, soft_wrap=True)
+    if line := command_line(what, is_vehicle(what), servers):
+        screen.print(f"to fly it: {line}", markup=False, soft_wrap=True)
+    _serve(vehicle, servers, screen, speed, duration, log, as_json)
 
 
 def replay(

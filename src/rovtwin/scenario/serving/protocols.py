@@ -45,7 +45,7 @@ def world_for(what: str, overrides: Sequence[str], seed: int | None) -> Scenario
     Raises:
         ConfigError: There is neither.
     """
-    if not _is_vehicle(what):
+    if not is_vehicle(what):
         try:
             return load_scenario(what, overrides, seed)
         except ConfigError as error:
@@ -62,7 +62,8 @@ def world_for(what: str, overrides: Sequence[str], seed: int | None) -> Scenario
     return scenario
 
 
-def _is_vehicle(what: str) -> bool:
+def is_vehicle(what: str) -> bool:
+    """Whether a name is a vehicle's, of the library or a file, and no scenario's."""
     if what in list_library():
         return True
     try:
