@@ -229,10 +229,10 @@ def test_hand_tuned_that_never_arrives_is_refused_by_its_first_flights_with_plan
     monkeypatch.setattr(Crew, "pace", lambda self, run: 0.0)
     monkeypatch.setattr(Crew, "fly", ended_by(tipped))
     few = {"plants": 1, "held_out": 2, "budget": 300.0, "workers": 1}
-    said = (
+    message = (
         r"failed on plant 1 of 1 \(waves, seed \d+, mass x \d\.\d+, thrust x \d\.\d+\): attitude limit after 12 s, at"
     )
-    with pytest.raises(ConfigError, match=said + r".*calmer seas"):
+    with pytest.raises(ConfigError, match=message + r".*calmer seas"):
         tune(Wish(scenario=scenario, tunables=chosen(), seas=("waves",), weights=weights_of([]), **few))
 
 

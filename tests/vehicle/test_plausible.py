@@ -62,7 +62,7 @@ def test_a_top_speed_far_beyond_its_size_is_named():
 
 
 @pytest.mark.parametrize(
-    ("sensor", "said"),
+    ("sensor", "expected"),
     [
         ({"kind": "imu", "gyro": {"noise": 0.2}}, "sensor s.gyro: found noise 0.2 rad/s, expected up to 0.02"),
         ({"kind": "imu", "accelerometer": {"noise": [12, 0.01, 0.01]}}, "found noise 12 m/s2, expected up to 0.5"),
@@ -71,9 +71,9 @@ def test_a_top_speed_far_beyond_its_size_is_named():
         ({"kind": "dvl", "noise": 5.0}, "expected up to 0.3 (0.005 in a small Doppler log): is it in mm/s or cm/s?"),
     ],
 )
-def test_noise_that_no_sensor_of_the_kind_has_is_named_with_the_likely_unit(sensor, said):
+def test_noise_that_no_sensor_of_the_kind_has_is_named_with_the_likely_unit(sensor, expected):
     (line,) = lines(small(**sensor))
-    assert said in line
+    assert expected in line
 
 
 def test_check_says_so_and_refuses_nothing(tmp_path):
