@@ -35,10 +35,11 @@ from rovtwin.identification.identify import default_free
 from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.parameters import INFLOW, MOUNTING
 from rovtwin.identification.joint.prior import default_prior
 from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.segments import cut
 from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.judgement.reliance import doubts_about
 from rovtwin.identification.judgement.whiteness import residual_analysis
@@ -46,7 +47,7 @@ from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION, PULL = 60.0, 0.02
 TILT, AWAY = np.deg2rad(75.0), 30.0  # [rad], [m]: beyond, a log is left out
-GRID = Grid(0.02, 250, 20.0)
+GRID = Options.read({}).grid(DURATION)
 # 4 kg and 1.4 m/s: nothing of it is in the library.
 _CORNER = {"force": 14.0, "curve": {"power": 1.8}, "time_constant": 0.06}
 SMALL_AND_FAST = {

@@ -6,6 +6,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.identification.joint.nodes import NODE
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle.dynamics import State, rollout
 
@@ -85,12 +86,16 @@ def full_pull(model):
 
 
 def slopes_of_the_ends(problem, theta):
-    """Derivatives of the ends of segments by theta, shape (S, 12, n): as compiled, and by differences."""
-    shooting, arrays, nodes, n = problem.shooting, problem.segments.arrays, problem.guess, len(theta)
+    """Derivatives of the ends of segments by theta, shape (S, 12, n): as compiled, and by differences; under a push."""
+    shooting, arrays, n = problem.shooting, problem.segments.arrays, len(theta)
+    pushes = 0.1 * np.random.default_rng(0).standard_normal((problem.segments.count, 6))
+    nodes = problem.guess._replace(push=pushes)
     offsets, sigma = np.zeros(len(problem.groups)), np.ones(len(problem.groups))
-    found = np.asarray(shooting.blocks(theta, offsets, nodes, sigma, arrays).defect_jacobian)[:, :, 12 : 12 + n]
+    found = np.asarray(shooting.blocks(theta, offsets, nodes, sigma, arrays).defect_jacobian)[:, :12, NODE : NODE + n]
     columns = []
     for step in 1e-4 * np.eye(n):
-        ends = [np.asarray(shooting.residuals(x, offsets, nodes, arrays)[1]) for x in (theta + step, theta - step)]
+        ends = [
+            np.asarray(shooting.residuals(x, offsets, nodes, arrays)[1])[:, :12] for x in (theta + step, theta - step)
+        ]
         columns.append((ends[0] - ends[1]) / 2e-4)
     return found, np.stack(columns, axis=-1)

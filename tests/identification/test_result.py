@@ -81,10 +81,10 @@ def found(run):
     rng, n = np.random.default_rng(0), len(run.theta)
     A = rng.standard_normal((n, n))
     covariance, theta = 1e-4 * (A @ A.T + np.eye(n)), 0.05 * rng.standard_normal(n)
-    nodes = Nodes(*(rng.standard_normal((3, k)) for k in (3, 4, 6)))
+    nodes = Nodes(*(rng.standard_normal((3, k)) for k in (3, 4, 6, 6)))
     offsets = {"gyro": 1e-3 * rng.standard_normal(3), "depth": np.zeros(1)}
     unknowns = Unknowns(theta, np.concatenate(list(offsets.values())), nodes)
-    noise = Noise(rng.uniform(size=4), rng.uniform(size=12))
+    noise = Noise(rng.uniform(size=4), rng.uniform(size=18))
     solution = Solution(unknowns, noise, covariance, np.eye(n), np.full(4, 1e-3), np.ones(n), 4, True, 7, 1234.5678)
     left = Residuals(np.arange(5) / 3, np.zeros(5, int), rng.standard_normal(5), 0.1 / 3, np.zeros(25), 0.05, 1.0)
     return replace(
@@ -231,7 +231,7 @@ def of_another_model(path):
 
 def of_another_version(path):
     with netCDF4.Dataset(path, "a") as file:
-        file.setncatts({"format_version": np.int32(2), "source": "rovtwin 9.0.0"})
+        file.setncatts({"format_version": np.int32(3), "source": "rovtwin 9.0.0"})
 
 
 def of_something_else(path):
@@ -248,7 +248,7 @@ def of_something_else(path):
         (cut_short, r"found a damaged file, or one that was cut short .* copy it once more, or run rovtwin identify"),
         (without_an_array, r"found a damaged file, or one that was cut short \(KeyError: 'sigma'\)"),
         (of_another_model, "identified.nc: model: found arrays .* differ in buoyancy, lift; read the file with the"),
-        (of_another_version, "found version 2 of the format, written by rovtwin 9.0.0, expected version 1"),
+        (of_another_version, "found version 3 of the format, written by rovtwin 9.0.0, expected version 2"),
         (of_something_else, "found a netCDF file titled 'rovtwin log run.mcap' that is no identification"),
     ],
 )  # fmt: skip

@@ -191,19 +191,25 @@ def residual_table(result: Any) -> Table:
 
 def disturbance_table(result: Any) -> Table:
     """What pushed the vehicle and is in no model, by direction."""
-    missed = result.solution.noise.defect[6:]
-    grid = result.problem.segments.grid
-    span = f"{grid.step * grid.steps:g} s"
+    noise, grid = result.solution.noise, result.problem.segments.grid
+    span = grid.step * grid.steps
+    missed, lasting = noise.defect[6:12], noise.push(span)
     mass = np.asarray(result.model().mass).diagonal()
     rows = [
-        [name, f"{missed[i]:.2g} {SPEED_UNITS[i]}", f"{mass[i] * missed[i]:.2g} {FORCE_UNITS[i]} s"]
+        [
+            name,
+            f"{mass[i] * lasting[i]:.2g} {FORCE_UNITS[i]}",
+            f"{missed[i]:.2g} {SPEED_UNITS[i]}",
+            f"{mass[i] * missed[i]:.2g} {FORCE_UNITS[i]} s",
+        ]
         for i, name in enumerate(DIRECTIONS)
     ]
     note = (
-        f"Standard deviation of the speed that the model misses after {span} of running on its own from the estimated "
-        "state, and the impulse that would explain it. The smallest, 1e-05, is a floor: no disturbance was seen."
+        "Standard deviations: of a force that lasts for some seconds, of the speed that the model misses besides after "
+        f"{span:g} s of running on its own from the estimated state, and of the impulse that would explain it. The "
+        "smallest speed, 1e-05, is a floor: no disturbance was seen."
     )
-    return Table("Disturbance", ["Direction", "Speed missed", "Impulse"], rows, note)
+    return Table("Disturbance", ["Direction", "Lasting force", "Speed missed", "Impulse"], rows, note)
 
 
 def blind_table(result: Any) -> Table:

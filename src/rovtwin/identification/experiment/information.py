@@ -17,7 +17,7 @@ from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.nodes import NODE, Nodes
+from rovtwin.identification.joint.nodes import NODE, Nodes, undisturbed
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.problem import offset_widths
 from rovtwin.identification.joint.segments import Grid, Segments, cut
@@ -27,7 +27,9 @@ from rovtwin.identification.logs.record import Record
 GRID = Grid(step=0.05, steps=100, rate=20.0)
 BATCH = 64  # segments that are simulated in one go
 # What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models.
-DEFECT = np.array([1e-4] * 6 + [5e-3] * 6)
+DEFECT = np.array([1e-4] * 6 + [5e-3] * 6 + [1e-4] * 6)
+# Of each node: what a metre, a radian and their rates are is enough for what nothing measures; nothing pushes.
+_KNOWN = np.array([1e-4] * 12 + [1e8] * 6)
 # What readings of a real vehicle miss any model by, whatever the data sheet says: a gyro of 0.03 mrad/s would otherwise
 # promise thrust curves to a part in ten thousand.
 MISFIT = {"horizontal": 0.01, "position": 0.01, "depth": 0.005, "attitude": 0.005, "gyro": 0.005, "velocity": 0.01}
@@ -73,7 +75,7 @@ class Path:
     def at(self, t: np.ndarray) -> Nodes:
         """States at times of the path, shape (k,)."""
         rows = np.clip(np.searchsorted(self.t, t - 1e-6), 0, len(self.t) - 1)
-        return Nodes(*(np.asarray(x)[rows] for x in (self.position, self.attitude, self.nu)))  # type: ignore[arg-type]  (NumPy)
+        return undisturbed(*(np.asarray(x)[rows] for x in (self.position, self.attitude, self.nu)))
 
 
 def information(
@@ -93,7 +95,7 @@ def information(
         tests: The Records of each, all with the same signals; only commands and times of readings count.
         paths: Where the vehicle is in each test.
         seconds: How long each takes, with what leaves no Record.
-        defect: By how much a segment misses the next state, standard deviations, shape (12,).
+        defect: By how much a segment misses the next state, standard deviations, shape (18,).
         misfit: What a model misses each signal by, besides the declared noise; {}: nothing.
         grid: How Records are cut; a state is free at the start of each segment.
         progress: Told which share is done.
@@ -178,8 +180,8 @@ def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
     """Information of [theta, offsets] of one record, its states eliminated, shape (n + G, n + G).
 
     Args:
-        readings: J'WJ by segment, columns node, theta, offsets, shape (S, 12 + n + G, ...).
-        defects: Whitened Jacobian of the defects by node, theta and next node, shape (S, 12, 12 + n + 12).
+        readings: J'WJ by segment, columns node, theta, offsets, shape (S, 18 + n + G, ...).
+        defects: Whitened Jacobian of the defects by node, theta and next node, shape (S, 18, 18 + n + 18).
     """
     S, m = len(readings), readings.shape[1]
     n = defects.shape[2] - 2 * NODE
@@ -193,8 +195,7 @@ def _reduced(readings: np.ndarray, defects: np.ndarray) -> np.ndarray:
             rows = np.concatenate([own, rest[:n], own + NODE])
             whole[np.ix_(rows, rows)] += defects[s].T @ defects[s]
     states = whole[: S * NODE, : S * NODE]
-    # States that nothing measures would make it singular: what a metre, a radian and their rates are is enough.
-    states[np.diag_indices_from(states)] += 1e-4
+    states[np.diag_indices_from(states)] += np.tile(_KNOWN, S)
     border = whole[: S * NODE, S * NODE :]
     return whole[S * NODE :, S * NODE :] - border.T @ np.linalg.solve(states, border)
 

@@ -24,12 +24,13 @@ import numpy as np
 from scipy.stats import chi2, norm, t
 
 from rovtwin.identification.joint.arrow import Arrow
-from rovtwin.identification.joint.nodes import NODE
+from rovtwin.identification.joint.nodes import NODE, Nodes
 from rovtwin.identification.joint.problem import Noise, Problem
 from rovtwin.identification.joint.shooting import Blocks
 
 STRETCHES = (4, 8, 16, 32)  # so many in all: fewer say little of a spread, more are too short to outlast an error
-CERTAIN = 0.975  # probability that white noise spreads less than what widens an interval
+MOTIONS = (4, 8)  # the same by how the vehicle moves
+CERTAIN = 0.99  # probability that white noise spreads less than what widens an interval
 
 
 def widening(
@@ -91,9 +92,18 @@ def spread(slopes: np.ndarray, information: np.ndarray, A: np.ndarray, divisions
     return most
 
 
-def stretches(problem: Problem) -> list[np.ndarray]:
-    """Which stretch each segment is in, shape (S,), for every division that has enough of them."""
+def stretches(problem: Problem, nodes: Nodes) -> list[np.ndarray]:
+    """Which stretch each segment is in, shape (S,), for every division: by logs, by time and by how the vehicle moves.
+
+    An error of the model that comes with a motion is the same each time, whenever it is: a drag that is bent in another
+    way at low speed than at high speed. Only stretches of unlike motion disagree about that.
+    """
     counts = np.diff([*problem.segments.first, problem.segments.count])
+    return [*_by_time(counts), *_by_motion(np.asarray(nodes.nu), np.asarray(problem.segments.arrays["linked"]))]
+
+
+def _by_time(counts: np.ndarray) -> list[np.ndarray]:
+    """Divisions of records of so many segments; none into more stretches than there are segments."""
     total, found = counts.sum(), []
     if len(counts) > 1:
         found.append(np.repeat(np.arange(len(counts)), counts))
@@ -106,6 +116,13 @@ def stretches(problem: Problem) -> list[np.ndarray]:
             np.concatenate([b + np.arange(c) * k // c for b, c, k in zip(before, counts, of_each, strict=True)])
         )
     return found
+
+
+def _by_motion(nu: np.ndarray, linked: np.ndarray) -> list[np.ndarray]:
+    """Divisions by each component of nu (S, 6) with its sign, and by its size, into equally many segments each."""
+    middle = np.where(linked[:, None] > 0, 0.5 * (nu + np.roll(nu, -1, axis=0)), nu)
+    rank = np.argsort(np.argsort(np.concatenate([middle, np.abs(middle)], axis=1), axis=0), axis=0)
+    return [column * K // len(nu) for K in MOTIONS if len(nu) >= 4 * K for column in rank.T]
 
 
 def parts(blocks: Blocks, noise: Noise, arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:

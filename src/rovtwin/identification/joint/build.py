@@ -11,7 +11,7 @@ from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.segments import cut
 from rovtwin.identification.joint.shooting import Shooting
 from rovtwin.identification.logs.record import SIGNALS, Record
 
@@ -24,7 +24,7 @@ def problem_of(
     settings: Options,
 ) -> Problem:
     """Readings of the records, prior and static evidence; arguments are those of `identify`."""
-    grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
+    grid = settings.grid(sum(record.duration for record in records))
     shooting = Shooting(parameters, cut(records, grid))
     return Problem(shooting, start, static_evidence(parameters, anchors), measured_starts=settings.starts == "measured")
 

@@ -20,8 +20,9 @@ from rovtwin.identification.joint.shooting import Blocks
 
 _NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
 _REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
-_NODES = 1e4  # damping of theta from which nodes are held back too
-_STRAY = np.array([0.5] * 3 + [0.2] * 3 + [0.2] * 6)  # m, rad, m/s, rad/s by which a node moves at most in one step
+_SHARES = (1.0, 0.2, 0.04)  # of a step that are tried: nodes of a fast vehicle soon leave where it is straight
+# m, rad, m/s, rad/s, m/s2, rad/s2 by which a node moves at most in one step; a push is linear in what it does.
+_STRAY = np.array([0.5] * 3 + [0.2] * 9 + [5.0] * 3 + [50.0] * 3)
 _SMALL = 0.01  # change in standard deviations at which the estimate is done
 _GAIN = 0.01  # of the cost by two steps in a row, below which it is done too: a standard deviation costs 1
 
@@ -61,7 +62,7 @@ class Solution:
 
 def estimate(
     problem: Problem,
-    max_steps: int = 60,
+    max_steps: int = 120,
     progress: Callable[[int, float], None] | None = None,
     begin: Unknowns | None = None,
     noise: Noise | None = None,
@@ -132,25 +133,26 @@ def _better(
 
     Steps are damped in the measure of the prior: what the readings hardly see stays where it is. Undamped ones that
     follow each other in a row of like ratio, or to and fro, say where they are going (Aitken): every second one is
-    taken that far, where that is better. `before` is the last step, None where it was damped or taken so far.
+    taken that far, where that is better. Where the whole step is worse, a share of it is tried. Nodes that go astray
+    are held back one by one in the whole step only, as that tears the chain. `before` is the last step, None where it
+    was damped or taken so far.
     """
     factored = arrow.factor()
     std = factored.border_std()
     while damping < 1e9:
         corner, held_back = _within_reach(problem, factored, damping)
         change = float(np.max(np.abs(corner) / std))
-        # Nodes follow; where theta hardly moves any more, they may be what went too far.
-        shares = (1.0, _NODES / damping) if damping > _NODES else (1.0,)
-        tries = [(share, corner) for share in shares]
+        tries = [(share, corner) for share in _SHARES]
         free = not held_back and damping <= 0.1  # small against the prior, which readings outweigh
         if free and before is not None:
             tries.insert(0, (1.0, _going(corner, before)))
         for k, (share, step) in enumerate(tries):
-            trial = _stepped(here, share * _not_astray(factored.nodes(step)), step)
+            nodes = factored.nodes(step)
+            trial = _stepped(here, share * nodes if share < 1.0 else _not_astray(nodes), share * step)
             new = problem.cost(trial, noise)
             if np.isfinite(new) and new <= cost * (1 + 1e-9):
-                change = np.inf if held_back or damping > 1e-2 else change
-                plain = corner if free and (before is None or k > 0) else None
+                change = np.inf if held_back or damping > 1e-2 or share < 1.0 else change
+                plain = corner if free and share == 1.0 and (before is None or k > 0) else None
                 return trial, new, damping / 10 if damping > 1e-3 else 0.0, change, plain
         if damping == 0.0 and change < _SMALL:
             return here, cost, 0.0, change, None  # nothing is left but rounding
@@ -159,7 +161,7 @@ def _better(
 
 
 def _not_astray(x: np.ndarray) -> np.ndarray:
-    """Steps of nodes, shape (S, 12), each as far as readings can be wrong about a state.
+    """Steps of nodes, shape (S, 18), each as far as readings can be wrong about a state.
 
     Where theta is held back, what it leaves is pushed onto the nodes, those most that nothing holds from behind.
     """
@@ -224,7 +226,7 @@ def _solution(
     told = 0.5 * (told + told.T)
     static = problem.static_information(here.theta) - problem.information
     theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
-    divisions = stretches(problem)
+    divisions = stretches(problem, here.nodes)
     wider = widening(problem, here.theta, blocks, noise, arrow, divisions)
     covariance = widened(covariance, wider)
     offset_std = factored.border_std()[n:]

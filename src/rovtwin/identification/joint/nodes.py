@@ -5,31 +5,41 @@ from typing import Any, NamedTuple
 from rovtwin.core.frames import quaternion_conjugate, quaternion_multiply, quaternion_normalise
 from rovtwin.core.numerics import Array, jnp
 
-NODE = 12  # size of a node's error
+NODE = 18  # size of a node's error
+FADES = 5.0  # time constant of a push [s]
 
 
 class Nodes(NamedTuple):
-    """State at the start of every segment: position (S, 3), attitude (S, 4), nu (S, 6)."""
+    """State at the start of every segment: position (S, 3), attitude (S, 4), nu (S, 6), push (S, 6).
+
+    A push is the part of nu_dot that the model lacks [m/s2, rad/s2], a first-order process.
+    """
 
     position: Any
     attitude: Any
     nu: Any
+    push: Any
+
+
+def undisturbed(position: Any, attitude: Any, nu: Any) -> Nodes:
+    """States without a push."""
+    return Nodes(position, attitude, nu, 0.0 * nu)
 
 
 def moved(node: Nodes, error: Array) -> Nodes:
-    """A state off by an error (12,): position and nu by sums, attitude by a small rotation in b."""
+    """A state off by an error (18,): position, nu and push by sums, attitude by a small rotation in b."""
     angle = error[3:6]
     square = angle @ angle
     # sin(x/2)/x and cos(x/2) by their series: errors of nodes are small, and derivatives stay finite at zero.
     turn = jnp.concatenate([(1.0 - square / 8.0 + square**2 / 384.0)[None], angle * (0.5 - square / 48.0)])
     attitude = quaternion_normalise(quaternion_multiply(node.attitude, turn))
-    return Nodes(node.position + error[:3], attitude, node.nu + error[6:])
+    return Nodes(node.position + error[:3], attitude, node.nu + error[6:12], node.push + error[12:])
 
 
 def difference(a: Nodes, b: Nodes) -> Array:
-    """The error (12,) of a state a against b: `moved` by it, b is a to first order."""
+    """The error (18,) of a state a against b: `moved` by it, b is a to first order."""
     angle = rotation_between(a.attitude, b.attitude)
-    return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu])
+    return jnp.concatenate([a.position - b.position, angle, a.nu - b.nu, a.push - b.push])
 
 
 def rotation_between(a: Array, b: Array) -> Array:

@@ -13,7 +13,7 @@ from rovtwin.identification.joint.shooting import Blocks
 
 _FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5, "gyro": 1e-5, "velocity": 1e-5}
 _FLOOR["accelerometer"] = 1e-3
-_DEFECT_FLOOR = np.array([1e-4] * 6 + [1e-5] * 6)
+_DEFECT_FLOOR = np.array([1e-4] * 6 + [1e-5] * 12)
 _UNSEEN = 0.02  # disturbance of velocities that nothing measures
 _SEES = {"position": "uvw", "velocity": "uvw", "horizontal": "uv", "depth": "w", "attitude": "pqr", "gyro": "pqr"}
 _PATIENCE = 4.0  # largest factor by which a noise changes at once
@@ -39,9 +39,9 @@ class Variances:
         now = np.concatenate([noise.sigma, noise.defect])
         step = np.log(np.concatenate([wanted.sigma, wanted.defect]) / now)
         least = -np.log(_PATIENCE) if near else 0.0
-        before, self._last = self._last, step if near else np.zeros_like(step)
+        # Every second one is taken that far: what follows one that went too far says nothing of where a row is going.
+        before, self._last = self._last, step if near and not self._last.any() else np.zeros_like(step)
         rate = np.where(before != 0.0, step / np.where(before != 0.0, before, 1.0), 0.0)
-        rate[:G] = 0.0
         going = step / (1.0 - np.clip(rate, 0.0, 0.9))
         new = np.maximum(now * np.exp(np.clip(going, least, np.log(_PATIENCE))), self._floor)
         moved = np.abs(np.log(new / now))
@@ -94,10 +94,10 @@ class Variances:
         redundancy = np.maximum(len(links) - variance / noise.defect**2, 0.02 * len(links))
         wanted = np.maximum(np.sqrt(squares / redundancy), _DEFECT_FLOOR)
         defect = _DEFECT_FLOOR.copy()
-        defect[6:] = _UNSEEN
+        defect[6:12] = _UNSEEN
         # A disturbance of what nothing measures would only serve to explain the rest away.
         told = {axis for name in problem.segments.levers for axis in _SEES.get(name, "")}
         moves, turns = ([axis in told for axis in axes] for axes in ("uvw", "pqr"))
-        seen = np.array([False] * 3 + turns + moves + turns)
+        seen = np.array([False] * 3 + turns + moves + turns + moves + turns)
         defect[seen] = wanted[seen]
         return defect

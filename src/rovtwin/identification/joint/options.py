@@ -8,26 +8,40 @@ from pydantic import Field
 from rovtwin.core.config import NonNegative, Positive, Strict, near, parse
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.joint.groups import thruster_groups
+from rovtwin.identification.joint.segments import Grid
 from rovtwin.vehicle import Vehicle
+
+SEGMENT, MOST_SEGMENTS = 1.0, 600  # [s], and how many of them at most: they have to fit into memory
 
 
 class Options(Strict):
     """How the estimate is made; the defaults serve for small ROVs."""
 
     step: Positive = Field(0.02, le=0.1, description="of the integration [s]; commands may change within a step")
-    segment: Positive = Field(5.0, description="between nodes of the multiple shooting [s]")
+    segment: Positive | None = Field(
+        None, description="between nodes of the multiple shooting [s]; none: 1, longer where tests last more than 600 s"
+    )
     starts: Literal["estimated", "measured"] = Field(
         "estimated", description="of segments; measured: at the readings, where the model is known to lack something"
     )
     rate: Positive = Field(20.0, description="of the readings that are used [1/s], about: whole ones are left out")
     window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")
     accelerometer: bool = Field(False, description="use it too; on most vehicles thrusters shake it")
-    max_steps: int = Field(80, ge=1, description="of Gauss and Newton")
+    max_steps: int = Field(120, ge=1, description="of Gauss and Newton")
     structure: str = Field("full", description="full; auto: as many parameters as predict better; or a rung's name")
     discrepancy: Literal["off", "auto"] = Field(
         "off", description="auto: learn a wrench that the equations lack, where predictions get better by it"
     )
     groups: dict[str, list[str]] | None = Field(None, description="thrusters that share a curve, by name of the group")
+
+    def grid(self, seconds: float) -> Grid:
+        """How tests that last so long in all are cut.
+
+        A push is the same at the start and, but for its fading, at the end of a segment: what the model lacks may
+        change from second to second.
+        """
+        segment = self.segment or max(SEGMENT, seconds / MOST_SEGMENTS)
+        return Grid(self.step, max(2, round(segment / self.step)), self.rate)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> "Options":

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rovtwin.identification.joint.nodes import Nodes
+from rovtwin.identification.joint.nodes import Nodes, undisturbed
 from rovtwin.identification.joint.segments import Grid, Segments
 from rovtwin.identification.logs.motion import body_rates, on_grid, rotation_on_grid
 from rovtwin.identification.logs.record import Record
@@ -22,7 +22,7 @@ def smoothed_path(segments: Segments, grid: Grid) -> tuple[Nodes, np.ndarray]:
         t = record.start + grid.step * np.arange((b - a) * grid.steps)
         parts.append(_Smoothed(record, t).states())
     position, attitude, nu, seen = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return Nodes(position, attitude, nu), seen
+    return undisturbed(position, attitude, nu), seen
 
 
 class _Smoothed:

@@ -13,7 +13,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.arrow import Arrow
 from rovtwin.identification.joint.balance import balanced
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.nodes import NODE, Nodes, difference
+from rovtwin.identification.joint.nodes import FADES, NODE, Nodes, difference, undisturbed
 from rovtwin.identification.joint.readings import HUBER
 from rovtwin.identification.joint.segments import Segments, nodes_from_data
 from rovtwin.identification.joint.shooting import Blocks, Shooting
@@ -25,9 +25,10 @@ _OFFSET = {"gyro": [0.01] * 3, "accelerometer": [0.1] * 3, "attitude": [0.02] * 
 _HELD = 1e-6  # offset of a sensor whose own zero is the reference
 
 _NODE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "gyro": 9}  # where a reading is a part of the state itself
-FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)  # what is known of a start, without readings
+# What is known of a start, without readings.
+FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6 + [0.1] * 3 + [0.5] * 3)
 # To start from. That of the position stays, it is kinematics; that of the attitude takes up resets of its filter.
-_DEFECT = np.array([1e-2] * 6 + [0.2] * 6)
+_DEFECT = np.array([1e-2] * 6 + [0.2] * 6 + [0.1] * 6)
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
 
 
@@ -37,10 +38,14 @@ Static = Callable[[Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviations: of every reading (G,) and of the defects of a segment (12,)."""
+    """Standard deviations: of every reading (G,) and of the defects of a segment (18,)."""
 
     sigma: np.ndarray
     defect: np.ndarray
+
+    def push(self, span: float) -> np.ndarray:
+        """Standard deviations of the push at any time [m/s2, rad/s2], shape (6,); segments last for `span` [s]."""
+        return self.defect[12:] / np.sqrt(1.0 - np.exp(-2.0 * span / FADES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,7 @@ class Problem:
         """
         self.shooting, self.prior, self.static, self.measured_starts = shooting, prior, static, measured_starts
         self.segments = shooting.segments
-        self.guess = Nodes(**nodes_from_data(self.segments, exact=measured_starts))
+        self.guess = undisturbed(**nodes_from_data(self.segments, exact=measured_starts))
         self.groups = self.segments.groups
         self.information, self.width = prior.information, np.sqrt(np.diag(prior.covariance))
         self.offset_information = offset_widths(self.groups) ** -2.0
@@ -88,7 +93,7 @@ class Problem:
         return Problem(self.shooting, prior, self.static, self.measured_starts)
 
     def _start_widths(self, measured: bool) -> np.ndarray:
-        """How well the guess of each node is known apart from the readings that follow, shape (S, 12)."""
+        """How well the guess of each node is known apart from the readings that follow, shape (S, 18)."""
         width = np.full((self.segments.count, NODE), np.inf)
         if measured:
             for name, i in self.groups:

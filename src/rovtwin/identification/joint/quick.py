@@ -26,6 +26,7 @@ from rovtwin.vehicle import Vehicle
 # docs/console_identify.md.
 SCATTER = 2.5
 # What the smoothing makes wrong by more than that: it looks like a lag, and like damping of what swings.
+PIECE = 5.0  # [s] of a test that are balanced at once
 BIASED = ("*.time_constant", "linear_damping*.roll", "linear_damping*.pitch")
 
 
@@ -72,8 +73,8 @@ class Quick:
         self._settings = Options.read({})
         self._vehicle = vehicle
         settings = self._settings
-        self._grid = Grid(settings.step, max(2, round(settings.segment / settings.step)), settings.rate)
-        self._room = int(duration / settings.segment) + 2 * pieces + 1
+        self._grid = Grid(settings.step, round(PIECE / settings.step), settings.rate)
+        self._room = int(duration / PIECE) + 2 * pieces + 1
         self.parameters, self.prior = parameters_and_prior(vehicle, (), (), None, None, settings)
         self._balance = Balance(self.parameters, self._grid)
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from rovtwin.core.frames import cross, rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.identification.joint.nodes import NODE, Nodes, moved
+from rovtwin.identification.joint.nodes import FADES, NODE, Nodes, moved
 
 Rate = Callable[[Any, Nodes, Array], Array]
 """nu_dot (6,) of parameters of the model, a state and a wrench: linear in the wrench, alike in all states."""
@@ -34,7 +34,7 @@ def sensitivities(
     step: float,
     nonlinear: Rate | None = None,
 ) -> tuple[Array, Array]:
-    """Derivatives of the states of a path, shape (K + 1, 12, 12 + n), and of nu_dot there, (K + 1, 6, 12 + n).
+    """Derivatives of the states of a path, shape (K + 1, 18, 18 + n), and of nu_dot there, (K + 1, 6, 18 + n).
 
     Columns are the error of the start, then n parameters.
 
@@ -76,17 +76,17 @@ def sensitivities(
     _, rest = jax.lax.scan(advance, first, (transition, forcing))
     S = jnp.concatenate([first[None], rest])
     by_parts = jnp.concatenate([forcings[0], forcings[2][-1:]])
-    return S, (A[:, 6:] @ S).at[:, :, NODE:].add(by_parts)
+    return S, (A[:, 6:12] @ S).at[:, :, NODE:].add(by_parts)
 
 
 def _linearised(rate: Rate, parts: Any, d_parts: Any, x: Nodes) -> tuple[Array, Array]:
-    """Rate of an error by that error (12, 12), and nu_dot by the parameters (6, n), at a state without thrust."""
+    """Rate of an error by that error (18, 18), and nu_dot by the parameters (6, n), at a state without thrust."""
 
     def of_error(error: Array) -> Array:
         y = moved(x, error)
         turning = cross(error[3:6], x.nu[3:]) + y.nu[3:] - x.nu[3:]
         velocity = rotation_from_quaternion(y.attitude) @ y.nu[:3]
-        return jnp.concatenate([velocity, turning, rate(parts, y, jnp.zeros(6))])
+        return jnp.concatenate([velocity, turning, rate(parts, y, jnp.zeros(6)), -error[12:] / FADES])
 
     def of_parts(d: Any) -> Array:
         return jax.jvp(lambda p: rate(p, x, jnp.zeros(6)), (parts,), (d,))[1]
@@ -99,11 +99,11 @@ def _nonlinear(rate: Rate, parts: Any, d_parts: Any, x: Nodes, wrench: Array, d_
     by_error = jax.jacfwd(lambda error: rate(parts, moved(x, error), wrench))(jnp.zeros(NODE))
     by_wrench = jax.jacfwd(lambda w: rate(parts, x, w))(wrench)
     by_parts = jax.vmap(lambda d: jax.jvp(lambda p: rate(p, x, wrench), (parts,), (d,))[1], out_axes=-1)(d_parts)
-    return jnp.concatenate([jnp.zeros((6, NODE)), by_error]), by_parts + by_wrench @ d_wrench
+    return jnp.concatenate([jnp.zeros((6, NODE)), by_error, jnp.zeros((6, NODE))]), by_parts + by_wrench @ d_wrench
 
 
 def _one_step(A0: Array, A1: Array, b: Sequence[Array], h: float) -> tuple[Array, Array]:
-    """Runge-Kutta's step of s_dot = A s + [0, b]: transition (12, 12) and what the forcing adds (12, n).
+    """Runge-Kutta's step of s_dot = A s + [0, b]: transition (18, 18) and what the forcing adds (18, n).
 
     A at the start and the end of the step, b (6, n) at its start, middle and end.
     """
@@ -115,4 +115,4 @@ def _one_step(A0: Array, A1: Array, b: Sequence[Array], h: float) -> tuple[Array
     # What a forcing has become at the end of the step; that of the middle acts in two stages.
     early = one + h * middle + 0.5 * h**2 * middle @ middle + 0.25 * h**3 * A1 @ middle @ middle
     late = 4.0 * one + h * (middle + A1) + 0.5 * h**2 * A1 @ middle
-    return transition, h / 6.0 * (early[:, 6:] @ b[0] + late[:, 6:] @ b[1] + one[:, 6:] @ b[2])
+    return transition, h / 6.0 * (early[:, 6:12] @ b[0] + late[:, 6:12] @ b[1] + one[:, 6:12] @ b[2])

@@ -1,8 +1,9 @@
 """The compiled part of the estimate: every segment simulated with its derivatives, and squared into normal equations.
 
-For segment s the unknowns are the error of its node x_s (position 3, attitude 3, nu 6), the parameters theta and
-constant offsets b of the sensors. A reading gives the residual h(x(t; x_s, theta)) + b - y, the end of a segment the
-defect x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill.
+For segment s the unknowns are the error of its node x_s (position 3, attitude 3, nu 6, push 6), the parameters theta
+and constant offsets b of the sensors. A reading gives the residual h(x(t; x_s, theta)) + b - y, the end of a segment
+the defect x_{s+1} - f(x_s, theta), which a disturbance of the vehicle may fill. What lasts longer than a segment is
+the push, an acceleration that fades slowly (a latent force: Alvarez, Luengo and Lawrence 2013).
 
 Reference: Bock (1983), Recent advances in parameter identification techniques for ODE; Schittkowski (2002), sec. 2.6.
 """
@@ -18,7 +19,7 @@ from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.balance import Balance
 from rovtwin.identification.joint.loads import WRENCH, accelerated, thrust_history
-from rovtwin.identification.joint.nodes import NODE, Nodes, difference, moved
+from rovtwin.identification.joint.nodes import FADES, NODE, Nodes, difference, moved
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.readings import gaps_along, offsets_by_signal, squared
 from rovtwin.identification.joint.segments import Segments
@@ -33,15 +34,15 @@ _CHUNK = 8  # segments at most that are simulated side by side, with all their d
 
 
 class Blocks(NamedTuple):
-    """Normal equations of the readings and of the defects, per segment; G groups (signal components), m = 12 + n + G.
+    """Normal equations of the readings and of the defects, per segment; G groups (signal components), m = 18 + n + G.
 
     Attributes:
         readings: J'WJ per group with unit noise, shape (S, G, m, m); columns: node, theta, offsets.
         slopes: J'Wr per group, shape (S, G, m).
         squares: Sum of w r^2 per group, shape (S, G).
         weights: Sum of w per group, shape (S, G).
-        defect: x_{s+1} - f(x_s), shape (S, 12); zero where nothing follows.
-        defect_jacobian: By node, theta and next node, shape (S, 12, 12 + n + 12).
+        defect: x_{s+1} - f(x_s), shape (S, 18); zero where nothing follows.
+        defect_jacobian: By node, theta and next node, shape (S, 18, 18 + n + 18).
     """
 
     readings: Any
@@ -109,11 +110,12 @@ class Shooting:
 
     def _rate(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
         """nu_dot in a segment, shape (6,), of parts, state and the thrusters' wrench."""
-        return accelerated(self._model(own, parts), parts[1], own, x, wrench)
+        return accelerated(self._model(own, parts), parts[1], own, x, wrench) + x.push
 
     def _rate_of_equations(self, own: dict[str, Any], parts: Any, x: Nodes, wrench: Array) -> Array:
         """The same without what is not linear in the wrench: what the model has learned, and a loss to the inflow."""
-        return accelerated(without_discrepancy(self._model(own, parts)), parts[1], own, x, wrench[:WRENCH])
+        model = without_discrepancy(self._model(own, parts))
+        return accelerated(model, parts[1], own, x, wrench[:WRENCH]) + x.push
 
     def _rate_nonlinear(self, own: dict[str, Any], parts: Any, x: Nodes, thrust: Array) -> Array:
         """What these two add to nu_dot, shape (6,)."""
@@ -141,7 +143,7 @@ class Shooting:
 
             def derivative(elapsed: float, y: Nodes) -> Nodes:
                 velocity = rotation_from_quaternion(y.attitude) @ y.nu[:3]
-                return Nodes(velocity, quaternion_rate(y.attitude, y.nu[3:]), rate(y, at[elapsed]))
+                return Nodes(velocity, quaternion_rate(y.attitude, y.nu[3:]), rate(y, at[elapsed]), -y.push / FADES)
 
             after = rk4_step(derivative, x, step)
             after = after._replace(attitude=quaternion_normalise(after.attitude))
@@ -200,7 +202,7 @@ class Shooting:
     def _residuals(
         self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]
     ) -> tuple[dict[str, Array], Array]:
-        """Residuals by signal (S, R, k), prediction less reading, and defects (S, 12)."""
+        """Residuals by signal (S, R, k), prediction less reading, and defects (S, 18)."""
         parts = self._parts(theta)
         following, own = self._per_segment(nodes, arrays)
 

@@ -14,7 +14,7 @@ from rovtwin.vehicle import Vehicle
 # Noise found over declared, and over how far the signal moved, beyond which the model does not describe the tests. A
 # gyro of 0.002 deg/s finds an error of any model; what counts then is how much of the motion is missed.
 _TOO_NOISY, _TOO_MUCH = 5.0, 0.05
-_SEGMENTS = 2  # of all tests together, below which a node's own state explains what the parameters should
+_SHORTEST = 10.0  # [s] of all tests together, below which their starts explain what the parameters should
 
 _PREDICTS = 0.7  # error of held-out predictions over that of the better reference, below which a model is worth having
 
@@ -98,11 +98,10 @@ def doubts_about(
     """Why an estimate should not be used, one reason each; empty where nothing speaks against it."""
     reasons = []
     lasted = sum(record.duration for record in problem.segments.records)
-    least = _SEGMENTS * problem.segments.grid.step * problem.segments.grid.steps
-    if lasted < least:
+    if lasted < _SHORTEST:
         reasons.append(
-            f"the fitted tests last {lasted:.1f} s in all, expected at least {least:.0f} s: if a flight ended early, "
-            "see why in its summary, and fly it again"
+            f"the fitted tests last {lasted:.1f} s in all, expected at least {_SHORTEST:.0f} s: if a flight ended "
+            "early, see why in its summary, and fly it again"
         )
     if not solution.converged:
         reasons.append("the estimate has not settled, so no width means anything")

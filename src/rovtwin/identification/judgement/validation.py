@@ -11,7 +11,7 @@ import numpy as np
 
 from rovtwin.core.frames import euler_from_quaternion, quaternion_multiply, wrap
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.identification.joint.nodes import Nodes
+from rovtwin.identification.joint.nodes import Nodes, undisturbed
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.identification.joint.segments import Grid, Segments, cut, nodes_from_data, whole_steps
 from rovtwin.identification.joint.shooting import Shooting
@@ -196,7 +196,7 @@ def _angles(measured: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _run(shooting: Shooting, segments: Segments, theta: np.ndarray, offsets: dict[str, np.ndarray]) -> Nodes:
     """Nodes at the measured state; what is not measured comes from the window before."""
     found = nodes_from_data(segments, offsets, exact=True)
-    nodes = Nodes(found["position"], found["attitude"], found["nu"])
+    nodes = undisturbed(**found)
     before = np.flatnonzero(segments.arrays["linked"])
     if {"velocity", "position", "horizontal"} & set(segments.levers) or len(before) == 0:
         return nodes

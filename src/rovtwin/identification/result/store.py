@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from rovtwin.identification.result.identification import Identification
 
-FORMAT, VERSION = "rovtwin identification", 1
+FORMAT, VERSION = "rovtwin identification", 2
 _HDF = b"\x89HDF\r\n\x1a\n"  # what a netCDF4 file begins with
 _AGAIN = "run rovtwin identify again, which writes one beside its vehicle file"
 _SMALL = 64  # elements up to which nothing is gained by compressing them

@@ -1,0 +1,99 @@
+"""What pushes a vehicle and is in no model: it is told from noise of sensors, and from an exact model's nothing."""
+
+from copy import copy
+
+import numpy as np
+import pytest
+from tests.identification.broken import Broken, axis_steps, record
+
+from rovtwin.identification.identify import identify
+from rovtwin.identification.joint.agreement import MOTIONS, _by_motion
+from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.nodes import FADES, NODE
+from rovtwin.identification.joint.options import MOST_SEGMENTS, Options
+from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.segments import cut
+from rovtwin.report.identification_tables import disturbance_table
+from rovtwin.vehicle import load_vehicle
+
+VEHICLE = load_vehicle("double_blueye")
+FREE = ["added_mass.surge", "quadratic_damping.surge", "restoring.net_buoyancy"]
+CURRENT, GUST = 0.06, 6.0  # of the water [m/s], and how long it lasts [s]
+
+
+def log_of(broken, duration=40.0):
+    t, u = axis_steps(VEHICLE, 0, duration)
+    return record(VEHICLE.model(), broken, t, u, duration, signals=("horizontal", "depth", "attitude", "gyro"))
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    return identify(VEHICLE, [log_of(Broken(current=CURRENT, gust=GUST))], free=FREE)
+
+
+def test_water_that_moves_is_not_put_down_to_the_sensors(pushed):
+    """But for the gyro: what rolls and pitches the vehicle changes within a second."""
+    for (name, i), sigma in zip(pushed.problem.groups, pushed.solution.noise.sigma, strict=True):
+        assert name == "gyro" or sigma == pytest.approx(pushed.problem.segments.sigma[name][i], rel=0.25)
+    assert pushed.solution.converged
+
+
+def test_it_is_a_push_along_the_hull_of_the_size_that_it_had(pushed):
+    """Water that changes by c in a time T pushes a mass m with about (X_uu |u| + X_u) c: here the drag at 0.5 m/s."""
+    grid = pushed.problem.segments.grid
+    push = pushed.solution.noise.push(grid.step * grid.steps)
+    model = VEHICLE.model()
+    M, D = (float(np.asarray(x)[0, 0]) for x in (model.mass, model.quadratic_damping_ahead))
+    assert 0.2 < push[0] / (2.0 * D * 0.5 * CURRENT / M) < 5.0
+    assert push[2] < 0.2 * push[0], "no water moved up and down"
+    row = next(row for row in disturbance_table(pushed).rows if row[0] == "surge")
+    assert float(row[1].split()[0]) == pytest.approx(M * push[0], rel=0.2)
+
+
+def test_with_an_exact_model_nothing_pushes(pushed):
+    shooting, grid = copy(pushed.problem.shooting), pushed.problem.segments.grid
+    shooting.segments = cut([log_of(Broken())], grid)
+    exact = estimate(Problem(shooting, pushed.prior))
+    assert exact.noise.push(grid.step * grid.steps).max() < 2e-3
+    std = np.sqrt(np.diag(exact.covariance))
+    assert np.all(std < 0.3 * pushed.std), "water that moves makes intervals wide"
+    assert np.all(np.abs(exact.unknowns.theta) < 3.0 * std), "the file's values"
+
+
+def test_derivatives_by_a_push_are_those_of_the_simulation(pushed):
+    problem = pushed.problem
+    theta, offsets, arrays = np.zeros(3), np.zeros(len(problem.groups)), problem.segments.arrays
+    sigma = np.ones(len(problem.groups))
+    found = np.asarray(problem.shooting.blocks(theta, offsets, problem.guess, sigma, arrays).defect_jacobian)
+
+    def ends(axis, size):
+        push = np.zeros((problem.segments.count, 6))
+        push[0, axis] = size
+        moved = problem.guess._replace(push=push)
+        return np.asarray(problem.shooting.residuals(theta, offsets, moved, arrays)[1])[0]
+
+    for axis in range(6):
+        exact = (ends(axis, 1e-4) - ends(axis, -1e-4)) / 2e-4
+        np.testing.assert_allclose(found[0, :, 12 + axis], exact, atol=2e-3 * np.abs(exact).max())
+        assert exact[12 + axis] == pytest.approx(-np.exp(-1.0 / FADES), rel=1e-6)
+    assert NODE == 18
+
+
+def test_segments_are_a_second_unless_there_are_too_many_of_them_or_somebody_says():
+    assert Options.read({}).grid(60.0).steps == Options.read({}).grid(600.0).steps == 50
+    long = Options.read({}).grid(3600.0)
+    assert 3600.0 / (long.step * long.steps) == pytest.approx(MOST_SEGMENTS)
+    assert Options.read({"segment": 5.0}).grid(60.0).steps == 250
+
+
+def test_divisions_by_motion_put_like_motion_together():
+    rng = np.random.default_rng(0)
+    nu, linked = rng.standard_normal((64, 6)), np.ones(64)
+    linked[-1] = 0.0
+    divisions = _by_motion(nu, linked)
+    assert len(divisions) == 12 * len(MOTIONS)
+    middle = np.concatenate([0.5 * (nu[:-1] + nu[1:]), nu[-1:]])
+    for column, stretch in zip(np.concatenate([middle, np.abs(middle)], axis=1).T, divisions[:12], strict=True):
+        assert np.bincount(stretch).tolist() == [16] * 4
+        assert all(column[stretch == k].max() < column[stretch == k + 1].min() for k in range(3))
+    assert _by_motion(nu[:15], linked[:15]) == []
