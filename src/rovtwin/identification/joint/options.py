@@ -22,7 +22,8 @@ class Options(Strict):
         None, description="between nodes of the multiple shooting [s]; none: 1, longer where tests last more than 600 s"
     )
     starts: Literal["estimated", "measured"] = Field(
-        "estimated", description="of segments; measured: at the readings, where the model is known to lack something"
+        "estimated",
+        description="of segments; measured: at the readings and without a push, where predictions of a segment count",
     )
     rate: Positive = Field(20.0, description="of the readings that are used [1/s], about: whole ones are left out")
     window: NonNegative = Field(0.0, description="held-out tests are predicted for windows of so many seconds too")

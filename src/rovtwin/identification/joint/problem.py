@@ -29,6 +29,7 @@ _NODE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "gyro": 9}  # where a
 FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6 + [0.1] * 3 + [0.5] * 3)
 # To start from. That of the position stays, it is kinematics; that of the attitude takes up resets of its filter.
 _DEFECT = np.array([1e-2] * 6 + [0.2] * 6 + [0.1] * 6)
+_NO_PUSH = 1e-4  # [m/s2, rad/s2]
 _CAUTION = 5.0  # readings are trusted so much less at first, while the model is far from them
 
 
@@ -74,8 +75,8 @@ class Problem:
     ):
         """`shooting` may be used for several problems of equal shape; it is compiled once.
 
-        With `measured_starts` every segment begins at its readings, within their declared noise: starts that are free
-        take up part of what a model lacks, and parameters then come out too small.
+        With `measured_starts` every segment begins at its readings, within their declared noise, and nothing pushes:
+        starts and pushes that are free take up part of what a model lacks, and parameters then come out too small.
         """
         self.shooting, self.prior, self.static, self.measured_starts = shooting, prior, static, measured_starts
         self.segments = shooting.segments
@@ -99,6 +100,7 @@ class Problem:
             for name, i in self.groups:
                 if name in _NODE_ROWS:
                     width[:, _NODE_ROWS[name] + i] = self._declared(name, i)
+            width[:, 12:] = _NO_PUSH
         first = np.array(self.segments.first)
         width[first] = np.minimum(width[first], FIRST_NODE)
         return width
