@@ -108,7 +108,7 @@ def test_what_is_not_excited_stays_as_unknown_as_before(vehicle, parameters, sen
 
 @pytest.mark.slow
 def test_a_disturbance_between_segments_costs_information(sensed):
-    quiet, windy = (sensed(defect=np.array([1e-4] * 6 + [d] * 6)).matrices[1][:4, :4] for d in (1e-5, 1.0))
+    quiet, windy = (sensed(defect=np.array([1e-4] * 6 + [d] * 6 + [1e-4] * 6)).matrices[1][:4, :4] for d in (1e-5, 1.0))
     assert np.linalg.eigvalsh(quiet - windy).min() > -1e-6 * np.trace(quiet)
     assert np.trace(quiet) > 1.2 * np.trace(windy)
 

@@ -34,6 +34,7 @@ from rovtwin.identification.judgement.remarks import (
     about_inflow,
     about_mounting,
     about_parts,
+    about_push,
     about_scale,
     about_solution,
     about_tether,
@@ -169,6 +170,7 @@ def identify(
     findings += (
         about_mounting(parameters, theta, C)
         + about_inflow(parameters, theta)
+        + about_push(parameters, theta, solution.noise.push(problem.segments.grid.span))
         + about_thrust(parameters)
         + about_scale(parameters, records, solution, response)
     )

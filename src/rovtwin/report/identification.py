@@ -147,7 +147,7 @@ def _tests(result: Any, folder: Path) -> Section | None:
         items.append(save(
             prediction_figure([prediction]), folder, f"fit_{k + 1}", f"Fitted test {prediction.record}",
             "Read, and run open loop from the first state through the whole test at the estimate. Errors of speed add "
-            "up in position, so that a drift there is no bad fit; what was fitted are segments of some seconds.",
+            "up in position, so that a drift there is no bad fit; what was fitted are segments of a second or so.",
         ))  # fmt: skip
     left = [p.record for p in result.fitted[_DRAWN:]]
     words = [f"Not drawn: {', '.join(left)}; their scores are below."] if left else []

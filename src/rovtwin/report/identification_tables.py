@@ -192,13 +192,12 @@ def residual_table(result: Any) -> Table:
 def disturbance_table(result: Any) -> Table:
     """What pushed the vehicle and is in no model, by direction."""
     noise, grid = result.solution.noise, result.problem.segments.grid
-    span = grid.step * grid.steps
-    missed, lasting = noise.defect[6:12], noise.push(span)
+    missed, lasting, least = noise.defect[6:12], noise.push(grid.span), 2e-5  # its floor
     mass = np.asarray(result.model().mass).diagonal()
     rows = [
         [
             name,
-            f"{mass[i] * lasting[i]:.2g} {FORCE_UNITS[i]}",
+            f"{mass[i] * lasting[i]:.2g} {FORCE_UNITS[i]}" if lasting[i] > least else "none seen",
             f"{missed[i]:.2g} {SPEED_UNITS[i]}",
             f"{mass[i] * missed[i]:.2g} {FORCE_UNITS[i]} s",
         ]
@@ -206,8 +205,8 @@ def disturbance_table(result: Any) -> Table:
     ]
     note = (
         "Standard deviations: of a force that lasts for some seconds, of the speed that the model misses besides after "
-        f"{span:g} s of running on its own from the estimated state, and of the impulse that would explain it. The "
-        "smallest speed, 1e-05, is a floor: no disturbance was seen."
+        f"{grid.span:g} s of running on its own from the estimated state, and of the impulse that would explain it. "
+        "The smallest speed, 1e-05, is a floor: no disturbance was seen."
     )
     return Table("Disturbance", ["Direction", "Lasting force", "Speed missed", "Impulse"], rows, note)
 

@@ -193,11 +193,12 @@ def assumptions(result: Any) -> list[str]:
         "it is as good as that prior.",
         "The model's form is taken as right: linear plus quadratic damping, what is not free in proportion to the "
         "diagonal, thrust curves shared within a group, still water or the stated current. A mistake of form shows as "
-        "residuals that are not white and as held-out tests that are predicted worse, not as wider intervals.",
+        "a push, as parts of the tests that disagree, which widens intervals, and as held-out tests that are predicted "
+        "worse.",
         "Parameters that were not free (mass, centre of gravity, moments of inertia of the rigid body, places of the "
         f"thrusters{forces}) are taken as exact.",
-        "Noise of each sensor and the disturbance of each direction are Gaussian and white, their sizes estimated from "
-        "these tests.",
+        "Noise of each sensor is Gaussian and white; so is a disturbance of each direction, beside a push that fades "
+        "in 5 s. Their sizes are estimated from these tests.",
     ]
     if result.residuals:
         name, worst = max(result.residuals.items(), key=lambda item: item[1].inflation)

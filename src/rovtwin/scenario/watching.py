@@ -100,7 +100,8 @@ class Watch:
             return [*lines, (f"{first}: there is nothing to compare it with, {self.against}. {ALONE}", False)]
         for one, changed, new in list(zip(self.runs, self.changes, self.first_learnt, strict=True))[self.first :]:
             if not changed and not new:
-                unchanged = f"{one.run.name}: nothing has changed since {self.against} that it can tell"
+                nothing = "nothing else" if one.lost else "nothing"
+                unchanged = f"{one.run.name}: {nothing} has changed since {self.against} that it can tell"
                 lines.append((f"{unchanged}; {_comparable(one.run, self.before)}", False))
             if new:
                 figures = ", ".join(str(c.reading) for c in new)

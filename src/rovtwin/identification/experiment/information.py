@@ -26,7 +26,8 @@ from rovtwin.identification.logs.record import Record
 
 GRID = Grid(step=0.05, steps=100, rate=20.0)
 BATCH = 64  # segments that are simulated in one go
-# What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models.
+# What a segment of 5 s may miss the next node by: kinematics; 5 mm/s, 5 mrad/s of disturbance nobody models; no push
+# [m/s2, rad/s2].
 DEFECT = np.array([1e-4] * 6 + [5e-3] * 6 + [1e-4] * 6)
 # Of each node: what a metre, a radian and their rates are is enough for what nothing measures; nothing pushes.
 _KNOWN = np.array([1e-4] * 12 + [1e8] * 6)

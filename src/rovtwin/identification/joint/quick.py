@@ -22,11 +22,11 @@ from rovtwin.identification.joint.segments import Grid, cut
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
 
+PIECE = 5.0  # [s] of a test that are balanced at once
 # Widening of the scatter that the residuals show: 2.5 makes 95 % intervals hold nine truths in ten, see
 # docs/console_identify.md.
 SCATTER = 2.5
 # What the smoothing makes wrong by more than that: it looks like a lag, and like damping of what swings.
-PIECE = 5.0  # [s] of a test that are balanced at once
 BIASED = ("*.time_constant", "linear_damping*.roll", "linear_damping*.pitch")
 
 

@@ -30,6 +30,11 @@ class Grid:
     steps: int = 250
     rate: float = 20.0
 
+    @property
+    def span(self) -> float:
+        """Of a segment [s]."""
+        return self.step * self.steps
+
 
 @dataclass(frozen=True, eq=False)
 class Segments:

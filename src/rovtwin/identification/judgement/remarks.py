@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.quantity import plain
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
@@ -15,11 +16,14 @@ from rovtwin.identification.judgement.verdict import COARSE, scale_width
 from rovtwin.identification.judgement.whiteness import Residuals
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle.constants import AXES
+from rovtwin.vehicle.trim import reach
 
 _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 30 kg
 # Relative width below which the form of the model is in doubt before the readings are: couplings that were off by a few
 # parts in a thousand moved estimates of clean tests by several widths (tests.identification.swap).
 _FORM = 0.003
+PUSHED = 0.05  # of the thrust, beyond which a push is told
 ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is told
 _BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is told
 
@@ -74,6 +78,24 @@ def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.nda
         return []
     fix = "straighten it, or turn mounting_deg of the signal by as much in the evidence file"
     return [f"the gyro is mounted askew by {', '.join(found)}: {fix}"]
+
+
+def about_push(parameters: Parameters, theta: np.ndarray, push: np.ndarray) -> list[str]:
+    """What the model lacks and lasts for seconds, where it is not small beside the thrust; push as of `Noise`, (6,)."""
+    model = parameters.model_at(theta)[0]
+    force, most = np.diag(np.asarray(model.mass)) * push, np.abs(reach(model)).max(axis=1)
+    large = [i for i in range(6) if most[i] > 0.0 and force[i] > PUSHED * most[i]]
+    if not large:
+        return []
+    each = [
+        f"{plain(force[i], 2)} {'N' if i < 3 else 'N m'} in {AXES[i]} ({100 * force[i] / most[i]:.0f} % of what the "
+        "thrusters give)"
+        for i in large
+    ]
+    return [
+        f"something that the model lacks pushes for seconds at a time: {', '.join(each)}, standard deviations; water "
+        "that moves, a cable, a force of another form: what of the parameters it hides is not learnt"
+    ]
 
 
 def about_inflow(parameters: Parameters, theta: np.ndarray) -> list[str]:
@@ -166,7 +188,8 @@ def _about_widths(solution: Solution) -> list[str]:
     if not len(wider):
         return []
     return [
-        f"stretches of the tests disagree by more than noise: {len(wider)} of {len(solution.widening)} intervals are "
+        f"parts of the tests, by time or by motion, disagree by more than noise: {len(wider)} of "
+        f"{len(solution.widening)} intervals are "
         f"{np.median(wider):.1f} times (median, at most {wider.max():.1f}) as wide as an exact model's would be"
     ]
 

@@ -49,12 +49,13 @@ def tipping(model: Model, largest: np.ndarray, given: Given = linear) -> Iterato
     steady, rights = stability(model), hang(model).stiffness
     levels = (min(steady.pitch_depth_held, steady.pitch_free), steady.roll_static)
     for axis, (level, angle) in enumerate(zip(levels, (1, 0), strict=True)):
+        arm = abs(float(by_products(model)[angle, axis]))
         for share in SHARES:
             force = float(largest[axis]) * given(axis, float(share))
             speed = steady_speed(model, axis, force)
-            moment = abs(float(by_products(model)[angle, axis])) * force
+            moment = arm * force
             leans = moment > np.tan(LEANS) * max(float(rights[angle]), 0.0) and moment > 0.0
-            if force > 0.0 and (leans or speed > level):
+            if force > 0.0 and np.isfinite(speed) and (leans or speed > level):
                 yield Tips(axis, float(share), speed, leans)
                 break
 
