@@ -72,8 +72,9 @@ def test_a_device_is_bolted_on_and_taken_off_again(capsys, tmp_path):
     assert code == 0 and {row["key"]: row for row in json.loads(out)["figures"]}["hotel_load"]["change"] == 0
 
 
-def test_figures_of_an_identified_vehicle_say_which_are_predicted(capsys, tmp_path):
+def test_figures_of_an_identified_vehicle_say_which_are_predicted(capsys, monkeypatch, tmp_path):
     """Only the last remark of `vehicle add` said that both columns were not what tests had found."""
+    monkeypatch.setenv("COLUMNS", "160")  # words of a head are not broken, however long the path is
     known, more = identified_vehicle(tmp_path / "known.yaml"), tmp_path / "more.yaml"
     code, out, _ = run(capsys, "vehicle", "add", known, "lead_500g", "--at", "0,0,0.2", "-o", more)
     heading = out[: out.index("mass")]

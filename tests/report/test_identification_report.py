@@ -18,6 +18,7 @@ from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.problem import Noise
+from rovtwin.identification.joint.segments import Grid
 from rovtwin.identification.judgement.reliance import doubts_about
 from rovtwin.identification.judgement.remarks import about_thrust
 from rovtwin.identification.judgement.validation import Prediction, Score
@@ -66,7 +67,7 @@ def result(vehicle):
     information[i, j] = information[j, i] = 9.9999e3
     information[roll, roll] = 0.0
     covariance = np.linalg.inv(information + prior.information)
-    noise = Noise(np.array([0.01] * 3), np.array([1e-4] * 6 + [1e-3] * 6))
+    noise = Noise(np.array([0.01] * 3), np.array([1e-4] * 6 + [1e-3] * 12))
     std = np.tile(0.1 * np.sqrt(np.diag(prior.covariance)), (2, 1))
     between = np.tile(np.sqrt(2.0) * std[0], (2, 2, 1))
     halves = Apart(("first half", "second half"), 0.1 + np.array([[0.7], [-0.7]]) * std, std, between)
@@ -76,7 +77,7 @@ def result(vehicle):
     )  # fmt: skip
     segments: Any = SimpleNamespace(
         groups=[("gyro", k) for k in range(3)], sigma={"gyro": np.array([0.01, 0.01, np.nan])},
-        grid=SimpleNamespace(step=0.02, steps=250, rate=20.0), records=(),
+        grid=Grid(0.02, 250, 20.0), records=(),
     )  # fmt: skip
     problem: Any = SimpleNamespace(segments=segments)
     records = [
