@@ -40,8 +40,7 @@ def test_water_that_moves_is_not_put_down_to_the_sensors(pushed):
 
 def test_it_is_a_push_along_the_hull_of_the_size_that_it_had(pushed):
     """Water that moves by c changes the drag by (2 X_uu |u| + X_u) c."""
-    grid = pushed.problem.segments.grid
-    push = pushed.solution.noise.push(grid.step * grid.steps)
+    push = pushed.solution.noise.push(pushed.problem.segments.grid.span)
     model = VEHICLE.model()
     matrices = model.mass, model.linear_damping_ahead, model.quadratic_damping_ahead
     M, D, D_q = (float(np.asarray(x)[0, 0]) for x in matrices)
@@ -58,7 +57,7 @@ def test_with_an_exact_model_nothing_pushes(pushed):
     shooting, grid = copy(pushed.problem.shooting), pushed.problem.segments.grid
     shooting.segments = cut([log_of(Broken())], grid)
     exact = estimate(Problem(shooting, pushed.prior))
-    assert exact.noise.push(grid.step * grid.steps).max() < 2e-3
+    assert exact.noise.push(grid.span).max() < 2e-3
     std = np.sqrt(np.diag(exact.covariance))
     assert np.all(std < 0.3 * pushed.std), "water that moves makes intervals wide"
     assert np.all(np.abs(exact.unknowns.theta) < 3.0 * std), "the file's values"
@@ -91,7 +90,7 @@ def test_derivatives_by_a_push_are_those_of_the_simulation(pushed):
 def test_segments_are_a_second_unless_there_are_too_many_of_them_or_somebody_says():
     assert Options.read({}).grid(60.0).steps == Options.read({}).grid(600.0).steps == 50
     long = Options.read({}).grid(3600.0)
-    assert 3600.0 / (long.step * long.steps) == pytest.approx(MOST_SEGMENTS)
+    assert 3600.0 / long.span == pytest.approx(MOST_SEGMENTS)
     assert Options.read({"segment": 5.0}).grid(60.0).steps == 250
 
 

@@ -70,7 +70,7 @@ class Segments:
 
     def starts(self) -> np.ndarray:
         """Time at which each segment starts, in its record's clock [s], shape (S,)."""
-        length = self.grid.step * self.grid.steps
+        length = self.grid.span
         bounds = [*self.first, self.count]
         return np.concatenate(
             [r.start + length * np.arange(b - a) for r, a, b in zip(self.records, bounds, bounds[1:], strict=False)]

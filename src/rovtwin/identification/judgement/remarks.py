@@ -23,7 +23,7 @@ _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 3
 # Relative width below which the form of the model is in doubt before the readings are: couplings that were off by a few
 # parts in a thousand moved estimates of clean tests by several widths (tests.identification.swap).
 _FORM = 0.003
-PUSHED = 0.05  # of the thrust, beyond which a push is told
+PUSHED = 0.05  # of the thrust, beyond which a push is a finding
 ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is told
 _BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is told
 
