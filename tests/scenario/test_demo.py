@@ -66,6 +66,18 @@ def test_ctrl_c_at_once_leaves_nothing(tmp_path, monkeypatch):
     assert not (tmp_path / "demo").exists()
 
 
+def test_ctrl_c_while_the_page_is_written_keeps_all_steps(tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    (tmp_path / "flown").mkdir()
+    payload = SimpleNamespace(changes=[], learnt=[])
+    monkeypatch.setattr(demo, "_steps", lambda folder, fly, say: ({}, payload, "", {}))
+    monkeypatch.setattr(demo, "write_comparison", interrupted)
+    with pytest.raises(RovtwinError, match=": flown; the rest is removed"):
+        demo.run_demo(tmp_path, flies(0, False))
+
+
 def test_a_folder_that_was_there_is_not_marked_nor_removed(tmp_path):
     (tmp_path / "mine").mkdir()
     with pytest.raises(ConfigError), under_way(tmp_path / "mine"):

@@ -49,19 +49,19 @@ def run_demo(
     """
     try:
         flights, payload, camera, seen = _steps(folder, fly, say)
+        page = write_comparison(
+            {label: flight.log for label, flight in flights.items()},
+            published_beside(flights),
+            folder,
+            title="Double Blueye: the lawn-mower of thesis chapter 8, and a payload bolted on",
+            reports={label: f"{flight.scenario.name}/report.html" for label, flight in flights.items()},
+            camera=camera,
+            payload=(payload.changes, payload.learnt),
+        )
     except KeyboardInterrupt:
         kept = ", ".join(remove_unfinished(folder))
         done = f"what was done is in {folder}: {kept}; the rest is removed" if kept else "no step was done"
         raise RovtwinError(f"interrupted before the demonstration was over: {done}") from None
-    page = write_comparison(
-        {label: flight.log for label, flight in flights.items()},
-        published_beside(flights),
-        folder,
-        title="Double Blueye: the lawn-mower of thesis chapter 8, and a payload bolted on",
-        reports={label: f"{flight.scenario.name}/report.html" for label, flight in flights.items()},
-        camera=camera,
-        payload=(payload.changes, payload.learnt),
-    )
     return {
         "completed": True,
         "report": str(page),
