@@ -215,7 +215,8 @@ def test_controllers_of_the_drone_stay_off(served):
         link._drone.motion.enable_auto_heading(True)
         assert wait_for(lambda: any(depth for depth, _ in told) and any(heading for _, heading in told))
         assert wait_for(lambda: told[-1] == (False, False), 1.0)
-        assert not newest(served).hold_depth and not newest(served).hold_heading
+        # Telemetry says so first; the vehicle gets it with the next wish, 10 to 50 ms later.
+        assert wait_for(lambda: not newest(served).hold_depth and not newest(served).hold_heading, 0.5)
 
 
 def test_silence_grows_the_age_and_ends_the_link(served):
