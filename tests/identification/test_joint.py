@@ -290,7 +290,7 @@ def test_stretches_add_up_to_what_the_readings_tell(at_the_maximum):
     own[:n, :n] = problem.information
     own[n:, n:] = np.diag(problem.offset_information)
     follow = factored.follow()
-    own += np.einsum("sdm,d,sdk->mk", follow[:1], problem.start_information[0], follow[:1])
+    own += np.einsum("sdm,d,sdk->mk", follow[:1], problem.start_information(noise)[0], follow[:1])
     np.testing.assert_allclose(
         information.sum(axis=0) + own, factored.corner, atol=1e-7 * np.abs(factored.corner).max()
     )

@@ -13,6 +13,7 @@ from rovtwin.identification.joint.nodes import FADES
 from rovtwin.identification.joint.options import MOST_SEGMENTS, Options
 from rovtwin.identification.joint.problem import Problem
 from rovtwin.identification.joint.segments import cut
+from rovtwin.identification.judgement.remarks import about_segments
 from rovtwin.report.identification_tables import disturbance_table
 from rovtwin.vehicle import load_vehicle
 
@@ -91,6 +92,8 @@ def test_segments_are_a_second_unless_there_are_too_many_of_them_or_somebody_say
     assert Options.read({}).grid(60.0).steps == Options.read({}).grid(600.0).steps == 50
     long = Options.read({}).grid(3600.0)
     assert 3600.0 / long.span == pytest.approx(MOST_SEGMENTS)
+    odd = Options.read({}).grid(661.0)
+    assert odd.steps == 60 and 661.0 / odd.span <= MOST_SEGMENTS, "661 s: 1.102 s is 1.2 s, not 55 or 56 steps"
     assert Options.read({"segment": 5.0}).grid(60.0).steps == 250
 
 
@@ -105,3 +108,17 @@ def test_divisions_by_motion_put_like_motion_together():
         assert np.bincount(stretch).tolist() == [16] * 4
         assert all(column[stretch == k].max() < column[stretch == k + 1].min() for k in range(3))
     assert _by_motion(nu[:15], linked[:15]) == []
+
+
+def test_a_push_at_the_start_is_as_large_as_any_later(pushed):
+    """Its process is stationary: what fades within a segment is what the disturbance of a segment makes up for."""
+    problem, noise = pushed.problem, pushed.solution.noise
+    width = problem.start_information(noise)[0, 12:] ** -0.5
+    fading = np.exp(-problem.segments.grid.span / FADES)
+    np.testing.assert_allclose(fading**2 * width**2 + noise.defect[12:] ** 2, width**2)
+    assert np.all(problem.start_information(noise)[1:, 12:] == 0.0), "later ones follow from the one before"
+
+
+def test_segments_that_outlast_a_push_are_a_finding():
+    assert about_segments(1.0, True) == [] == about_segments(6.0, False)
+    assert "segments last 6.0 s" in about_segments(6.0, True)[0]

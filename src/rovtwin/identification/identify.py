@@ -36,6 +36,7 @@ from rovtwin.identification.judgement.remarks import (
     about_parts,
     about_push,
     about_scale,
+    about_segments,
     about_solution,
     about_tether,
     about_thrust,
@@ -170,6 +171,7 @@ def identify(
     findings += (
         about_mounting(parameters, theta, C)
         + about_inflow(parameters, theta)
+        + about_segments(problem.segments.grid.span, not problem.measured_starts)
         + about_push(parameters, theta, solution.noise.push(problem.segments.grid.span))
         + about_thrust(parameters)
         + about_scale(parameters, records, solution, response)

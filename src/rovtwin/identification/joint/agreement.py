@@ -25,6 +25,7 @@ from scipy.stats import chi2, norm, t
 
 from rovtwin.identification.joint.arrow import Arrow
 from rovtwin.identification.joint.nodes import NODE, Nodes
+from rovtwin.identification.joint.noise import seen_motions
 from rovtwin.identification.joint.problem import Noise, Problem
 from rovtwin.identification.joint.shooting import Blocks
 
@@ -96,10 +97,12 @@ def stretches(problem: Problem, nodes: Nodes) -> list[np.ndarray]:
     """Which stretch each segment is in, shape (S,), for every division: by logs, by time and by how the vehicle moves.
 
     An error of the model that comes with a motion is the same each time, whenever it is: a drag that is bent in another
-    way at low speed than at high speed. Only stretches of unlike motion disagree about that.
+    way at low speed than at high speed. Only stretches of unlike motion disagree about that. A component that nothing
+    measures is the model's own and divides nothing.
     """
     counts = np.diff([*problem.segments.first, problem.segments.count])
-    return [*_by_time(counts), *_by_motion(np.asarray(nodes.nu), np.asarray(problem.segments.arrays["linked"]))]
+    nu = np.asarray(nodes.nu)[:, seen_motions(problem.segments.levers)]
+    return [*_by_time(counts), *_by_motion(nu, np.asarray(problem.segments.arrays["linked"]))]
 
 
 def _by_time(counts: np.ndarray) -> list[np.ndarray]:
@@ -119,7 +122,7 @@ def _by_time(counts: np.ndarray) -> list[np.ndarray]:
 
 
 def _by_motion(nu: np.ndarray, linked: np.ndarray) -> list[np.ndarray]:
-    """Divisions by each component of nu (S, 6) with its sign, and by its size, into equally many segments each."""
+    """Divisions by each of k components of nu (S, k) with its sign, and by its size, into equal numbers of segments."""
     middle = np.where(linked[:, None] > 0, 0.5 * (nu + np.roll(nu, -1, axis=0)), nu)
     rank = np.argsort(np.argsort(np.concatenate([middle, np.abs(middle)], axis=1), axis=0), axis=0)
     return [column * K // len(nu) for K in MOTIONS if len(nu) >= 4 * K for column in rank.T]

@@ -4,6 +4,8 @@ They follow from their own residuals and redundancies (Foerstner 1979; Koch 1999
 testing in linear models, sec. 3.6). Nothing is tuned by hand.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from rovtwin.identification.joint.arrow import Arrow
@@ -14,9 +16,15 @@ from rovtwin.identification.joint.shooting import Blocks
 _FLOOR = {"position": 1e-4, "horizontal": 1e-4, "depth": 1e-4, "attitude": 1e-5, "gyro": 1e-5, "velocity": 1e-5}
 _FLOOR["accelerometer"] = 1e-3
 _DEFECT_FLOOR = np.array([1e-4] * 6 + [1e-5] * 12)
-_UNSEEN = 0.02  # disturbance of velocities that nothing measures
+_UNSEEN = 0.01  # disturbance of velocities that nothing measures, in a second [m/s, rad/s]; it grows as a random walk
 _SEES = {"position": "uvw", "velocity": "uvw", "horizontal": "uv", "depth": "w", "attitude": "pqr", "gyro": "pqr"}
 _PATIENCE = 4.0  # largest factor by which a noise changes at once
+
+
+def seen_motions(signals: Iterable[str]) -> np.ndarray:
+    """Which components of nu some signal measures, directly or as a change, shape (6,)."""
+    seen = {axis for name in signals for axis in _SEES.get(name, "")}
+    return np.array([axis in seen for axis in "uvwpqr"])
 
 
 class Variances:
@@ -94,10 +102,9 @@ class Variances:
         redundancy = np.maximum(len(links) - variance / noise.defect**2, 0.02 * len(links))
         wanted = np.maximum(np.sqrt(squares / redundancy), _DEFECT_FLOOR)
         defect = _DEFECT_FLOOR.copy()
-        defect[6:12] = _UNSEEN
+        defect[6:12] = _UNSEEN * np.sqrt(problem.segments.grid.span)
         # A disturbance of what nothing measures would only serve to explain the rest away.
-        told = {axis for name in problem.segments.levers for axis in _SEES.get(name, "")}
-        moves, turns = ([axis in told for axis in axes] for axes in ("uvw", "pqr"))
-        seen = np.array([False] * 3 + turns + moves + turns + moves + turns)
+        moves = seen_motions(problem.segments.levers)
+        seen = np.concatenate([[False] * 3, moves[3:], moves, moves])
         defect[seen] = wanted[seen]
         return defect

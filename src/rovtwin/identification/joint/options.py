@@ -1,5 +1,6 @@
 """Options of the joint estimate, as an evidence file may set them."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ from rovtwin.identification.joint.segments import Grid
 from rovtwin.vehicle import Vehicle
 
 SEGMENT, MOST_SEGMENTS = 1.0, 600  # [s], and how many of them at most: they have to fit into memory
+_PIECE = 0.1  # [s]
 
 
 class Options(Strict):
@@ -39,10 +41,14 @@ class Options(Strict):
         """How tests that last so long in all are cut.
 
         A push is the same at the start and, but for its fading, at the end of a segment: what the model lacks may
-        change from second to second.
+        change from second to second. Where nobody chose them they are whole numbers of _PIECE, so that the balance of
+        forces that the estimate starts from has steps of that size.
         """
-        segment = self.segment or max(SEGMENT, seconds / MOST_SEGMENTS)
-        return Grid(self.step, max(2, round(segment / self.step)), self.rate)
+        if self.segment is not None:
+            return Grid(self.step, max(2, round(self.segment / self.step)), self.rate)
+        piece = max(1, round(_PIECE / self.step))
+        pieces = math.ceil(max(SEGMENT, seconds / MOST_SEGMENTS) / (piece * self.step) - 1e-9)
+        return Grid(self.step, piece * pieces, self.rate)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> "Options":

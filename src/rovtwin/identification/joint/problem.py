@@ -25,8 +25,8 @@ _OFFSET = {"gyro": [0.01] * 3, "accelerometer": [0.1] * 3, "attitude": [0.02] * 
 _HELD = 1e-6  # offset of a sensor whose own zero is the reference
 
 _NODE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "gyro": 9}  # where a reading is a part of the state itself
-# What is known of a start, without readings.
-FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6 + [0.1] * 3 + [0.5] * 3)
+# What is known of a start, without readings; of its push, as much as of every other.
+_FIRST_NODE = np.array([10.0] * 3 + [0.5] * 3 + [1.0] * 6)
 # To start from. That of the position stays, it is kinematics; that of the attitude takes up resets of its filter.
 _DEFECT = np.array([1e-2] * 6 + [0.2] * 6 + [0.1] * 6)
 _NO_PUSH = 1e-4  # [m/s2, rad/s2]
@@ -84,7 +84,7 @@ class Problem:
         self.groups = self.segments.groups
         self.information, self.width = prior.information, np.sqrt(np.diag(prior.covariance))
         self.offset_information = offset_widths(self.groups) ** -2.0
-        self.start_information = self._start_widths(measured_starts) ** -2.0
+        self._start_information = self._start_widths(measured_starts) ** -2.0
         self.static_linear = (
             None if static is None else jax.jit(lambda theta: (static(theta), jax.jacfwd(static)(theta)))
         )
@@ -102,8 +102,16 @@ class Problem:
                     width[:, _NODE_ROWS[name] + i] = self._declared(name, i)
             width[:, 12:] = _NO_PUSH
         first = np.array(self.segments.first)
-        width[first] = np.minimum(width[first], FIRST_NODE)
+        width[first, :12] = np.minimum(width[first, :12], _FIRST_NODE)
         return width
+
+    def start_information(self, noise: Noise) -> np.ndarray:
+        """Of the guess of each node apart from the readings that follow, shape (S, 18)."""
+        if self.measured_starts:
+            return self._start_information
+        known = self._start_information.copy()
+        known[np.array(self.segments.first), 12:] = noise.push(self.segments.grid.span) ** -2.0
+        return known
 
     def _declared(self, name: str, i: int) -> float:
         sigma = self.segments.sigma[name][i]
@@ -147,8 +155,9 @@ class Problem:
         b_corner[:n] -= np.einsum("sia,si->a", by_theta, d)
         # Starts, prior, offsets, static evidence.
         off = np.asarray(_differences(unknowns.nodes, self.guess))
-        own[:, range(NODE), range(NODE)] += self.start_information
-        b_node -= self.start_information * off
+        known = self.start_information(noise)
+        own[:, range(NODE), range(NODE)] += known
+        b_node -= known * off
         gap = unknowns.theta - self.prior.mean
         corner[:n, :n] += self.information
         b_corner[:n] -= self.information @ gap
@@ -161,9 +170,9 @@ class Problem:
         assert border.shape == (S, NODE, n + G)
         return Arrow(own, _gram(here, there), border, corner, b_node, b_corner)
 
-    def start_cost(self, nodes: Nodes) -> float:
+    def start_cost(self, nodes: Nodes, noise: Noise) -> float:
         """Squares of how far nodes are from where the readings put them, where that counts."""
-        return float(np.sum(self.start_information * np.asarray(_differences(nodes, self.guess)) ** 2))
+        return float(np.sum(self.start_information(noise) * np.asarray(_differences(nodes, self.guess)) ** 2))
 
     def cost(self, unknowns: Unknowns, noise: Noise) -> float:
         """The sum of squares alone, without derivatives."""
@@ -175,7 +184,7 @@ class Problem:
             r = gap / noise.sigma[group : group + k] * self.segments.arrays[name]["used"][..., None]
             total += float(np.sum(np.where(r > HUBER, 2.0 * HUBER * r - HUBER**2, r * r)))
             group += k
-        total += self.start_cost(unknowns.nodes)
+        total += self.start_cost(unknowns.nodes, noise)
         return total + float(self.offset_information @ unknowns.offsets**2) + self.static_cost(unknowns.theta)
 
     def static_information(self, theta: np.ndarray) -> np.ndarray:

@@ -114,7 +114,7 @@ def _potential(problem: Problem, solution: Solution, spread: np.ndarray) -> Any:
     nodes = Nodes(*(jnp.asarray(x) for x in here.nodes))
     guess = Nodes(*(jnp.asarray(x) for x in problem.guess))
     information, bent = jnp.asarray(problem.prior.information), _bent(problem, solution)
-    start_information = jnp.asarray(problem.start_information)
+    start_information = jnp.asarray(problem.start_information(noise))
 
     def potential(z: Array) -> Array:
         x = jnp.asarray(spread) @ z

@@ -9,6 +9,7 @@ from rovtwin.core.quantity import plain
 from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.gaussian import Gaussian
+from rovtwin.identification.joint.nodes import FADES
 from rovtwin.identification.joint.parameters import INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.payload import without_shape
 from rovtwin.identification.judgement.validation import Prediction, judged
@@ -78,6 +79,17 @@ def about_mounting(parameters: Parameters, theta: np.ndarray, covariance: np.nda
         return []
     fix = "straighten it, or turn mounting_deg of the signal by as much in the evidence file"
     return [f"the gyro is mounted askew by {', '.join(found)}: {fix}"]
+
+
+def about_segments(span: float, pushed: bool) -> list[str]:
+    """That segments of `span` seconds are too long for what the model lacks to change within; pushed: with a push."""
+    if not pushed or span <= 0.5 * FADES:
+        return []
+    return [
+        f"segments last {span:.1f} s: a force that the model lacks and that changes faster is taken for noise of the "
+        "sensors, and intervals get too narrow; identify from a part of the tests, or set options.segment to 1 where "
+        "memory allows it (6 MB a segment)"
+    ]
 
 
 def about_push(parameters: Parameters, theta: np.ndarray, push: np.ndarray) -> list[str]:
