@@ -5,13 +5,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.conftest import shared_folder
 
 from rovtwin.core.datum import Datum
 from rovtwin.links.mavlink.autopilot import Autopilot
 from rovtwin.links.mavlink.guided import Order, order_of_global, order_of_local
 from rovtwin.links.mavlink.modes import MODES
 from rovtwin.links.mavlink.parameters import Parameters
-from rovtwin.links.mavlink.pilot import Sticks, axes_of_channels, axes_of_sticks, sticks_of_axes
+from rovtwin.links.mavlink.pilot import (
+    Sticks,
+    axes_of_channels,
+    axes_of_sticks,
+    pulses_of_sticks,
+    sticks_of_axes,
+)
 
 HERE = (10.0, 20.0, 5.0, math.pi / 2)  # heading east
 PLACE_ONLY = 0b110111111000  # position wanted; velocity, acceleration, yaw and its rate ignored
@@ -40,31 +47,79 @@ def armed(pilot, mode=19, now=0.0):
         (Sticks(y=-500), 1, -0.5),
         (Sticks(z=1000), 2, -1.0),  # up
         (Sticks(z=0), 2, 1.0),
-        (Sticks(t=300, enabled_extensions=2), 3, 0.3),
-        (Sticks(s=-400, enabled_extensions=1), 4, -0.4),
+        (Sticks(t=100, enabled_extensions=2), 3, 0.25),
+        (Sticks(s=-400, enabled_extensions=1), 4, -1.0),
+        (Sticks(s=900), 4, 1.0),  # a channel has no more; the bits are not looked at
         (Sticks(r=250), 5, 0.25),
-        (Sticks(s=400, t=300), 0, 0.0),  # not enabled: not there
     ],
 )
 def test_sticks(sticks, axis, value):
     expected = np.zeros(6)
     expected[axis] = value
-    np.testing.assert_allclose(axes_of_sticks(sticks), expected)
+    np.testing.assert_allclose(axes_of_sticks(sticks, 1.0), expected)
+
+
+@pytest.mark.parametrize(
+    ("sticks", "channel", "pulse"),
+    [
+        (Sticks(x=400), 5, 1580),
+        (Sticks(s=100), 1, 1600),
+        (Sticks(t=-100), 2, 1400),
+        (Sticks(z=1000), 3, 1700),
+        (Sticks(y=-26), 6, 1494),
+    ],
+)
+def test_the_gain_of_a_pilot_is_not_that_of_s_and_t(sticks, channel, pulse):
+    """At ArduSub's own gain, in microseconds."""
+    expected = np.full(6, 1500.0)
+    expected[channel - 1] = pulse
+    np.testing.assert_array_equal(pulses_of_sticks(sticks, 0.5), expected)
+    before = pulses_of_sticks(sticks, 0.5, extended=False)
+    np.testing.assert_array_equal(before, np.full(6, 1500.0) if channel < 3 else expected, "ArduSub before 4.5")
+
+
+def test_throttle_has_a_gain_of_its_own():
+    assert pulses_of_sticks(Sticks(z=750), 0.5, throttle=1.5)[2] == 1650.0
+    axes = np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(axes, 0.5, 1.5), 0.5, 1.5), axes, atol=1 / 399)
+
+
+def test_channels_are_those_of_a_real_vehicle():
+    """Telemetry of a BlueROV2 with ArduSub 4.1 at sea: sticks of its ground station, channels of its autopilot."""
+    pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
+    from pymavlink import mavutil
+
+    path = shared_folder("data", "ardusub_real") / "small.tlog"
+    log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+    kinds = ["MANUAL_CONTROL", "NAMED_VALUE_FLOAT", "RC_CHANNELS"]
+    held, gain, compared = [], None, 0
+    while (message := log.recv_match(type=kinds)) is not None:
+        if message.get_type() == "MANUAL_CONTROL":
+            held = [*held[-1:], Sticks(message.x, message.y, message.z, message.r, message.s, message.t)]
+        elif message.get_type() == "NAMED_VALUE_FLOAT":
+            gain = message.value if message.name == "PilotGain" else gain
+        elif gain is not None and len(held) == 2 and held[0] == held[1]:
+            channels = [getattr(message, f"chan{i}_raw") for i in range(1, 7)]
+            np.testing.assert_array_equal(channels, pulses_of_sticks(held[1], gain, extended=False))
+            compared += 1
+    assert gain == 0.5 and compared > 50
 
 
 @pytest.mark.parametrize("bad", [Sticks(x=1001), Sticks(z=-1), Sticks(z=1001), Sticks(r=-32768)])
 def test_sticks_out_of_range_are_none(bad):
-    assert axes_of_sticks(bad) is None
+    assert axes_of_sticks(bad, 1.0) is None
 
 
 def test_absent_stick_is_let_go():
-    np.testing.assert_allclose(axes_of_sticks(Sticks(x=0x7FFF, y=0x7FFF, z=0x7FFF, r=100)), [0, 0, 0, 0, 0, 0.1])
+    sticks = Sticks(x=0x7FFF, y=0x7FFF, z=0x7FFF, r=100, s=0x7FFF, t=0x7FFF)
+    np.testing.assert_allclose(axes_of_sticks(sticks, 1.0), [0, 0, 0, 0, 0, 0.1])
 
 
 def test_gain_is_undone():
     axes = np.array([0.2, -0.1, 0.3, 0.05, -0.25, 0.4])
-    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(axes, 0.5), 0.5), axes, atol=1e-3)
-    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(np.ones(6), 0.5), 0.5), 0.5 * np.ones(6))
+    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(axes, 0.5), 0.5), axes, atol=1 / 399)
+    most = [0.5, 0.5, 0.5, 1.0, 1.0, 0.5]  # roll and pitch have no gain
+    np.testing.assert_allclose(axes_of_sticks(sticks_of_axes(np.ones(6), 0.5), 0.5), most, atol=1 / 399)
 
 
 def test_channels():

@@ -16,6 +16,7 @@ from rovtwin.links.mavlink.link import MavlinkLink
 from rovtwin.links.mavlink.mixing import mixer
 from rovtwin.links.mavlink.modes import MODES
 from rovtwin.links.mavlink.readings import Readings
+from rovtwin.links.mavlink.steering import Steering
 from rovtwin.vehicle import load_vehicle
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
@@ -90,6 +91,31 @@ def test_arms_in_manual_and_flies():
         assert soon(lambda: not served.wishes[-1].armed)
         with pytest.raises(LinkError, match="stopped"):
             link.arm()
+
+
+@pytest.mark.parametrize(("firmware", "turned"), [((4, 5), [0.3, -0.2]), ((4, 1), [0.0, 0.0])])
+def test_rolls_and_pitches_as_the_version_does(firmware, turned, caplog):
+    """By microseconds, without the pilot's gain, from 4.5 on; not at all before."""
+    with linked(axes=np.eye(6), server_options={"gain": 0.5, "firmware": firmware}) as (served, link):
+        link.arm()
+        assert link.firmware == firmware
+        link.send(Command(np.array([0.1, 0.0, 0.0, 0.3, -0.2, 0.0])))
+        assert soon(lambda: any(last_motion(served)))
+        np.testing.assert_allclose(last_motion(served), [0.1, 0, 0, *turned, 0], atol=1 / 399)
+    assert "the pilot's gain is 0.5: no more than that share" in caplog.text
+    assert ("ArduSub 4.1 does not roll and pitch" in caplog.text) == (firmware == (4, 1))
+
+
+def test_a_version_that_is_not_said_arms_nothing(monkeypatch):
+    monkeypatch.setattr(Steering, "take", lambda self, kind, message: None)
+    with linked(gain=0.5, time_limit=2.0) as (served, link):
+        with pytest.raises(LinkTimeout, match="AUTOPILOT_VERSION .or give `firmware`"):
+            link.arm()
+        assert not served.wishes
+    with linked(time_limit=2.0, firmware=(4, 5)) as (served, link):
+        with pytest.raises(LinkTimeout, match="JS_GAIN_DEFAULT"):
+            link.arm()
+        assert not served.wishes
 
 
 def test_wrench_arrives_at_the_vehicle():

@@ -118,7 +118,7 @@ def test_arms_and_steers(armed):
     assert soon(lambda: armed.telemetry.armed())
     ManualControl(armed.system).set_manual_control_input(0.5, -0.25, 0.75, 0.1)  # MAVSDK: z from 0 to 1, 0.5 neutral
     assert armed.has(lambda wish: any(wish.motion))
-    np.testing.assert_allclose(armed.served.wishes[-1].motion, [0.5, -0.25, -0.5, 0, 0, 0.1], atol=1e-3)
+    np.testing.assert_allclose(armed.served.wishes[-1].motion, [0.25, -0.125, -0.25, 0, 0, 0.05], atol=1e-3)
 
 
 def test_offboard_set_points(armed):
@@ -159,7 +159,7 @@ def test_the_script_of_the_docs_steers():
         assert process.returncode == 0, complaints
         yaw, altitude = map(float, printed.split()[-2:])
         assert yaw == pytest.approx(math.degrees(ATTITUDE[2]), abs=1e-3) and altitude == -PLACE[2]
-        assert any(wish.armed and wish.motion[0] == pytest.approx(0.3) for wish in served.wishes)
+        assert any(wish.armed and wish.motion[0] == pytest.approx(0.15) for wish in served.wishes)
         assert soon(lambda: not served.wishes[-1].armed)
 
 

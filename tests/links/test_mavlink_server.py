@@ -79,7 +79,7 @@ def test_arms_and_flies(how):
         assert soon(lambda: bool(served.wishes) and any(served.wishes[-1].motion))
         wish = served.wishes[-1]
         assert wish.armed and wish.hold_depth and wish.hold_level and not wish.hold_position
-        np.testing.assert_allclose(wish.motion, [0.5, -0.25, -0.5, 0, 0, 0.1])
+        np.testing.assert_allclose(wish.motion, [0.25, -0.125, -0.25, 0, 0, 0.05])  # half, by the pilot's gain
         assert client.next("HEARTBEAT", base_mode=1 | 16 | 128).custom_mode == 2
         assert client.command(400, 0) == 0
         assert soon(lambda: not served.wishes[-1].armed)
@@ -205,8 +205,8 @@ def test_questions():
 def test_parameters():
     with station() as (served, client):
         client.mav.param_request_list_send(1, 1)
-        listed = [client.next("PARAM_VALUE") for _ in range(9)]
-        assert [m.param_index for m in listed] == list(range(9)) and {m.param_count for m in listed} == {9}
+        listed = [client.next("PARAM_VALUE") for _ in range(10)]
+        assert [m.param_index for m in listed] == list(range(10)) and {m.param_count for m in listed} == {10}
         client.mav.param_set_send(1, 1, b"FS_PILOT_TIMEOUT", 1.5, 9)
         assert client.next("PARAM_VALUE", param_id="FS_PILOT_TIMEOUT").param_value == 1.5
         client.mav.param_set_send(1, 1, b"FRAME_CONFIG", 1, 2)
@@ -238,7 +238,7 @@ def test_lost_pilot_disarms():
         client.mav.param_set_send(1, 1, b"FS_PILOT_TIMEOUT", 0.3, 9)
         assert client.command(400, 1) == 0
         client.mav.manual_control_send(1, 500, 0, 500, 0, 0)
-        assert soon(lambda: bool(served.wishes) and served.wishes[-1].motion[0] == 0.5)
+        assert soon(lambda: bool(served.wishes) and served.wishes[-1].motion[0] == 0.25)
         start = time.monotonic()
         assert soon(lambda: not served.wishes[-1].armed)
         assert 0.15 < time.monotonic() - start < 0.6

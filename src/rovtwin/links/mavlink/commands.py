@@ -15,7 +15,8 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 # MAV_CMD
 DO_SET_MODE, COMPONENT_ARM_DISARM, GET_HOME = 176, 400, 410
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES = 510, 511, 512, 520
-VERSION = (4, 5, 0, 255)  # the ArduSub whose behaviour this endpoint has; 255: an official release
+FIRMWARE = (4, 5)  # the ArduSub whose behaviour this endpoint has
+RELEASE = 255  # FIRMWARE_VERSION_TYPE: an official one
 # MAV_PROTOCOL_CAPABILITY: float parameters, COMMAND_INT, set-points in n and on the map, MAVLink 2.
 CAPABILITIES = 2 | 8 | 128 | 256 | 8192
 
@@ -115,7 +116,7 @@ def _message_name(request: Request) -> str:
 
 def version(dialect: Any, talk: "Conversation") -> Any:
     """AUTOPILOT_VERSION; the custom version says that it is no ArduSub."""
-    number = int.from_bytes(bytes(VERSION), "big")
+    number = int.from_bytes(bytes((*talk.firmware, 0, RELEASE)), "big")
     custom = list(b"rovtwin\0")
     return dialect.MAVLink_autopilot_version_message(
         CAPABILITIES, number, 0, 0, 0, custom, custom, custom, 0, 0, talk.system

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rovtwin.links.mavlink.autopilot import INFO, WARNING, Autopilot
-from rovtwin.links.mavlink.commands import COMMANDS, UNSUPPORTED, Request
+from rovtwin.links.mavlink.commands import COMMANDS, FIRMWARE, UNSUPPORTED, Request
 from rovtwin.links.mavlink.guided import order_of_global, order_of_local
 from rovtwin.links.mavlink.peers import Peer
-from rovtwin.links.mavlink.pilot import Sticks, axes_of_channels, axes_of_sticks
+from rovtwin.links.mavlink.pilot import EXTENDED_SINCE, Sticks, axes_of_channels, axes_of_sticks
 from rovtwin.links.mavlink.telemetry import STREAMS, Scene
 from rovtwin.links.mavlink.wire import is_addressed, number
 
@@ -26,6 +26,7 @@ class Conversation:
         system, component: Its own address.
         clock: Real time [s].
         everybody: Sends a message to all peers.
+        firmware: Major and minor version of the ArduSub whose behaviour this is.
         ignored: Messages that nobody here understands, by type: counted, not answered.
     """
 
@@ -35,6 +36,7 @@ class Conversation:
     component: int
     clock: Callable[[], float]
     everybody: Callable[[Any], None]
+    firmware: tuple[int, int] = FIRMWARE
     ignored: dict[str, int] = field(default_factory=dict)
     strangers: set[int] = field(default_factory=set)
 
@@ -75,7 +77,9 @@ def _manual_control(talk: Conversation, message: Any, peer: Peer) -> bool:
     if message.target != talk.system:
         return False
     sticks = Sticks(message.x, message.y, message.z, message.r, message.s, message.t, message.enabled_extensions)
-    return talk.steer(message, axes_of_sticks(sticks, talk.autopilot.parameters["JS_GAIN_DEFAULT"]))
+    parameters, extended = talk.autopilot.parameters, talk.firmware >= EXTENDED_SINCE
+    axes = axes_of_sticks(sticks, parameters["JS_GAIN_DEFAULT"], parameters["JS_THR_GAIN"], extended)
+    return talk.steer(message, axes)
 
 
 def _rc_override(talk: Conversation, message: Any, peer: Peer) -> bool:

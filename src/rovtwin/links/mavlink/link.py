@@ -1,5 +1,6 @@
 """MavlinkLink: a vehicle with ArduSub behind `core.link.Link`, flown by the axes of MANUAL_CONTROL."""
 
+import logging
 import math
 import threading
 import time
@@ -17,9 +18,11 @@ from rovtwin.links.mavlink.boot_clock import BootClock, Order
 from rovtwin.links.mavlink.line import Line
 from rovtwin.links.mavlink.mixing import clean_axes
 from rovtwin.links.mavlink.modes import MANUAL
-from rovtwin.links.mavlink.pilot import sticks_of_axes
 from rovtwin.links.mavlink.readings import Readings, text_of
-from rovtwin.links.mavlink.wire import dialect, number
+from rovtwin.links.mavlink.steering import GAIN, THROTTLE, Steering
+from rovtwin.links.mavlink.wire import dialect
+
+logger = logging.getLogger(__name__)
 
 SEND_EVERY = 0.04  # MANUAL_CONTROL, as ground stations send it [s]
 HEARTBEAT = 1.0  # [s]
@@ -34,6 +37,7 @@ STALE_MODE = 3.0  # the vehicle's mode is what its last heartbeat said; older th
 ARMED_FLAG, CUSTOM_MODE = 128, 1
 GROUND_STATION, INVALID = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 SET_INTERVAL, ARM_DISARM, SET_MODE = 511, 400, 176
+REQUEST_MESSAGE, REQUEST_CAPABILITIES, VERSION_ID = 512, 520, 148
 # Hertz that the vehicle is asked for.
 RATES = {
     **{"ATTITUDE": 50.0, "RAW_IMU": 50.0, "SCALED_PRESSURE2": 20.0, "LOCAL_POSITION_NED": 10.0},
@@ -62,6 +66,7 @@ class MavlinkLink(Link):
         system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
         target: The vehicle's system id, or None for the first that is heard.
         gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None believes what the vehicle says.
+        firmware: Major and minor version of its ArduSub; None believes what the vehicle says.
         time_limit: For the first heartbeat, and for each answer while arming [s], which takes 8 s at most.
         baud: Of a serial port.
 
@@ -81,6 +86,7 @@ class MavlinkLink(Link):
         system: int = 255,
         target: int | None = None,
         gain: float | None = None,
+        firmware: tuple[int, int] | None = None,
         time_limit: float = 5.0,
         baud: int = 115200,
     ):
@@ -89,7 +95,7 @@ class MavlinkLink(Link):
         self._clock, self._readings = clock, readings or Readings()
         self._rates = RATES | dict(rates or {})
         self._dialect = dialect()
-        self._time_limit, self._gain, self._gain_given = time_limit, gain, gain is not None
+        self._time_limit, self._steering = time_limit, Steering(gain, firmware)
         self._queue: deque[Measurement] = deque(maxlen=BACKLOG)
         self._boot, self._order = BootClock(speed_of(clock)), Order(speed_of(clock))
         self._lock = threading.Lock()
@@ -129,7 +135,12 @@ class MavlinkLink(Link):
     @property
     def gain(self) -> float | None:
         """Share of full thrust that full stick gives, or None while it is not known."""
-        return self._gain
+        return self._steering.gain
+
+    @property
+    def firmware(self) -> tuple[int, int] | None:
+        """Major and minor version of the vehicle's ArduSub, or None while it is not known."""
+        return self._steering.firmware
 
     def arm(self) -> None:
         """Set mode MANUAL and arm; returns when the vehicle says that it is so, after 8 s at most.
@@ -142,7 +153,7 @@ class MavlinkLink(Link):
         """
         end = time.monotonic() + ARMING
         self._check_usable()
-        self._learn_gain(end)
+        self._learn_sticks(end)
         self._command(SET_MODE, "mode MANUAL", end, CUSTOM_MODE, MANUAL.number)
         self._until(lambda: self._mode == MANUAL.number, "it is in mode MANUAL", end)
         with self._lock:
@@ -275,7 +286,7 @@ class MavlinkLink(Link):
     def _send_sticks(self, axes: np.ndarray) -> None:
         if self._target is None:
             return
-        s = sticks_of_axes(axes, self._gain or 1.0)
+        s = self._steering.sticks(axes)
         message = self._dialect.MAVLink_manual_control_message
         self._line.send(message(self._target, s.x, s.y, s.z, s.r, 0, 0, s.enabled_extensions, s.s, s.t))
 
@@ -303,10 +314,22 @@ class MavlinkLink(Link):
             if rate > 0.0:
                 self._send_command(SET_INTERVAL, float(ids[name]), 1e6 / rate)
 
-    def _learn_gain(self, end: float) -> None:
-        if self._gain is None:
-            self._line.send(self._dialect.MAVLink_param_request_read_message(self._target, 1, b"JS_GAIN_DEFAULT", -1))
-            self._until(lambda: self._gain is not None, "it tells JS_GAIN_DEFAULT (or give `gain`)", end)
+    def _learn_sticks(self, end: float) -> None:
+        """What the vehicle makes of sticks; what they cannot ask of it is logged."""
+        limit = min(end, time.monotonic() + self._time_limit)
+        read = self._dialect.MAVLink_param_request_read_message
+        while self._steering.unknown and time.monotonic() < limit:
+            self._check_usable()
+            for name in (THROTTLE, GAIN):
+                self._line.send(read(self._target, 1, name.encode(), -1))
+            self._send_command(REQUEST_MESSAGE, float(VERSION_ID))
+            self._send_command(REQUEST_CAPABILITIES, 1.0)  # how versions before 4 are asked
+            self._wait(lambda: not self._steering.unknown, min(AGAIN, max(0.0, limit - time.monotonic())))
+        self._check_usable()
+        if self._steering.unknown:
+            raise LinkTimeout(f"mavlink: {self._line.url}: {self._steering.unknown}")
+        for limit_of_sticks in self._steering.limits():
+            logger.warning("mavlink: %s: %s", self._line.url, limit_of_sticks)
 
     def _command(self, command: int, what: str, end: float, *values: float) -> None:
         self._acks.pop(command, None)
@@ -351,8 +374,8 @@ class MavlinkLink(Link):
             self._acks[message.command] = message.result
         elif kind == "STATUSTEXT":
             self._texts.append(text_of(message))
-        elif kind in ("NAMED_VALUE_FLOAT", "PARAM_VALUE"):
-            self._told_gain(message)
+        elif message.get_srcComponent() == 1:
+            self._steering.take(kind, message)
         for sensor, values, boot in self._readings.of(message, arrival):
             t = arrival if boot is None else self._boot.host_time(boot, arrival)
             if self._order.forward(sensor, t, arrival):
@@ -369,12 +392,3 @@ class MavlinkLink(Link):
             self._mode_at = time.monotonic()
             if not self._vehicle_armed and time.monotonic() - self._disarm_since > DISARMING_LEAST:
                 self._disarm_until = -math.inf
-
-    def _told_gain(self, message: Any) -> None:
-        name = message.name if message.get_type() == "NAMED_VALUE_FLOAT" else message.param_id
-        value = number(message.value if message.get_type() == "NAMED_VALUE_FLOAT" else message.param_value)
-        text = name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)
-        # Buttons of a ground station change the gain in flight: PilotGain tells of it.
-        if text in ("PilotGain", "JS_GAIN_DEFAULT") and not self._gain_given and 0.05 <= value <= 1.0:
-            if text == "PilotGain" or self._gain is None:
-                self._gain = value

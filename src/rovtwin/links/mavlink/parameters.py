@@ -32,6 +32,7 @@ class Parameters:
             Parameter("SYSID_MYGCS", 255, INT16, 1, 255),
             Parameter("FRAME_CONFIG", 2, INT8, 2, 2),  # vectored, six degrees of freedom
             Parameter("JS_GAIN_DEFAULT", gain, REAL32, 0.1, 1.0),
+            Parameter("JS_THR_GAIN", 1.0, REAL32, 0.5, 4.0),  # more of it for the throttle
             # 0 nothing, 1 neutral, 2 disarm. BlueROV2s are shipped with 2; 0 is not offered here.
             Parameter("FS_PILOT_INPUT", 2, INT8, 1, 2),
             Parameter("FS_PILOT_TIMEOUT", 3.0, REAL32, 0.1, 10.0),

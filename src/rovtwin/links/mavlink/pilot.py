@@ -13,7 +13,8 @@ import numpy as np
 FULL = 1000.0  # of a stick of MANUAL_CONTROL
 ABSENT = 0x7FFF  # a stick that is not there
 NEUTRAL_Z = 500  # z runs from 0 (down) to 1000 (up)
-PITCH_BIT, ROLL_BIT = 1, 2  # of enabled_extensions: s and t count
+PITCH_BIT, ROLL_BIT = 1, 2  # of enabled_extensions: that s and t are meant
+EXTENDED_SINCE = (4, 5)  # ArduSub that takes s and t; those before leave them unread
 NEUTRAL_PWM, HALF_PWM = 1500.0, 400.0  # RC channels run from 1100 to 1900 us
 LOW_PWM, HIGH_PWM = 1100, 1900
 # RC channel (from 1) -> axis and sign; ArduSub's order: pitch, roll, throttle, yaw, forward, lateral.
@@ -34,29 +35,48 @@ class Sticks:
     enabled_extensions: int = 0
 
 
-def axes_of_sticks(sticks: Sticks, gain: float = 1.0) -> np.ndarray | None:
-    """Axes, shape (6,), or None where a stick is not one: beyond +-1000, z outside 0 to 1000.
+def pulses_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True) -> np.ndarray | None:
+    """Pulses of RC channels 1 to 6 [us], shape (6,), that ArduSub makes of sticks; None where a stick is not one.
 
-    INT16_MAX is MAVLink's way to say that an axis is not there; it counts as let go.
+    x, y, z and r go by the pilot's gain. s and t are microseconds as they are, whatever the gain and
+    enabled_extensions say, in versions that take them (`extended`). Channels are whole microseconds, rounded down
+    (ArduSub/joystick.cpp; a BlueROV2's telemetry has the same to the microsecond).
+
+    INT16_MAX is MAVLink's way to say that an axis is not there; it counts as let go. Beyond +-1000, and z outside 0
+    to 1000, a stick is none.
     """
-    raw = np.array([sticks.x, sticks.y, sticks.z, 0, 0, sticks.r], dtype=float)
-    if sticks.enabled_extensions & ROLL_BIT:
-        raw[3] = sticks.t
-    if sticks.enabled_extensions & PITCH_BIT:
-        raw[4] = sticks.s
+    raw = np.array([sticks.s, sticks.t, sticks.z, sticks.r, sticks.x, sticks.y], dtype=float)
     absent = raw == ABSENT
-    raw[2] = (NEUTRAL_Z - raw[2]) * 2.0
-    raw[absent] = 0.0
-    return None if np.any(np.abs(raw) > FULL) else gain * raw / FULL
+    raw[absent] = np.where(np.arange(6) == 2, NEUTRAL_Z, 0.0)[absent]
+    if np.any(np.abs(raw) > FULL) or raw[2] < 0.0:
+        return None
+    scale = 2.0 * HALF_PWM / FULL * gain * throttle
+    up = np.floor(NEUTRAL_PWM - NEUTRAL_Z * scale) + raw[2] * scale
+    others = NEUTRAL_PWM + HALF_PWM / FULL * gain * raw[3:]
+    turns = NEUTRAL_PWM + (raw[:2] if extended else 0.0 * raw[:2])
+    return np.clip(np.floor(np.array([*turns, up, *others]) + 1e-6), LOW_PWM, HIGH_PWM)
 
 
-def sticks_of_axes(axes: np.ndarray, gain: float = 1.0) -> Sticks:
-    """MANUAL_CONTROL for axes, shape (6,); the inverse of `axes_of_sticks` within a stick's step, clipped to full."""
-    x, y, down, roll, pitch, yaw = (
-        int(value) for value in np.round(np.clip(np.asarray(axes, dtype=float) / gain, -1.0, 1.0) * FULL)
-    )
-    bits = (PITCH_BIT if pitch else 0) | (ROLL_BIT if roll else 0)
-    return Sticks(x, y, NEUTRAL_Z - round(down / 2), yaw, pitch, roll, bits)
+def axes_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True) -> np.ndarray | None:
+    """Axes, shape (6,), or None where a stick is not one, see `pulses_of_sticks`."""
+    pulses = pulses_of_sticks(sticks, gain, throttle, extended)
+    return None if pulses is None else axes_of_channels([int(pulse) for pulse in pulses], np.zeros(6))
+
+
+def sticks_of_axes(axes: np.ndarray, gain: float, throttle: float = 1.0, extended: bool = True) -> Sticks:
+    """MANUAL_CONTROL for axes, shape (6,); the inverse of `axes_of_sticks` within a microsecond, clipped to full.
+
+    Args:
+        axes: Surge to yaw; without `extended` roll and pitch stay still.
+        gain: Of the pilot, JS_GAIN_DEFAULT or PilotGain.
+        throttle: JS_THR_GAIN.
+        extended: Whether the vehicle takes s and t.
+    """
+    ahead, right, down, roll, pitch, yaw = np.clip(np.asarray(axes, dtype=float), -1.0, 1.0)
+    x, y, r = (round(float(np.clip(axis / gain, -1.0, 1.0)) * FULL) for axis in (ahead, right, yaw))
+    z = NEUTRAL_Z - round(float(np.clip(down / (gain * throttle), -1.0, 1.0)) * NEUTRAL_Z)
+    s, t = (round(float(axis) * HALF_PWM) if extended else 0 for axis in (pitch, roll))
+    return Sticks(x, y, z, r, s, t, (PITCH_BIT if s else 0) | (ROLL_BIT if t else 0))
 
 
 def axes_of_channels(channels: Sequence[int], before: np.ndarray) -> np.ndarray | None:

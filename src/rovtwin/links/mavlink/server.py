@@ -10,6 +10,7 @@ from typing import Any
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
 from rovtwin.links.mavlink.autopilot import WARNING, Autopilot
+from rovtwin.links.mavlink.commands import FIRMWARE
 from rovtwin.links.mavlink.conversation import Conversation
 from rovtwin.links.mavlink.mixing import Mixer
 from rovtwin.links.mavlink.modes import GUIDED, MANUAL
@@ -45,7 +46,8 @@ class MavlinkServer(Server):
         datum: Origin of n on the map.
         mixer: From `mixing.mixer(thrusters)`: axes are then what ArduSub makes of them at the thrusters, linear in
             the command; None takes them as shares of the largest force.
-        gain: JS_GAIN_DEFAULT. ArduSub ships with 0.5; 1 lets full stick be full thrust.
+        gain: JS_GAIN_DEFAULT, 0.5 as ArduSub ships; 1 lets full stick be full thrust.
+        firmware: Major and minor version of the ArduSub that it is; before 4.5 sticks cannot roll and pitch.
         fastest: Velocity ahead, to the right, down [m/s] and turn rate [rad/s] of a full share in a held direction;
             GUIDED divides velocity set-points by it.
         rates: Telemetry at first, messages by name [Hz, in the vehicle's time]; added to `telemetry.RATES`.
@@ -61,7 +63,8 @@ class MavlinkServer(Server):
     system: int = 1
     datum: Datum = field(default_factory=Datum)
     mixer: Mixer | None = None
-    gain: float = 1.0
+    gain: float = 0.5
+    firmware: tuple[int, int] = FIRMWARE
     fastest: tuple[float, float, float, float] = (1.0, 1.0, 0.5, 1.0)
     rates: Mapping[str, float] = field(default_factory=dict)
     density: float = 1025.0
@@ -120,7 +123,9 @@ class Session:
         )
         parameters = Parameters(server.system, server.gain, server.density)
         self.autopilot = Autopilot(parameters, self._say, server.mixer, server.fastest, server.drone)
-        self.talk = Conversation(self.autopilot, scene, server.system, 1, time.monotonic, self._everybody)
+        self.talk = Conversation(
+            self.autopilot, scene, server.system, 1, time.monotonic, self._everybody, server.firmware
+        )
         self._wished_armed = False
         self._leak_said = -LEAK_REPEAT
         self._datagrams = Decoder()
