@@ -45,10 +45,12 @@ def test_thrust_beside_cg_tips_it_too():
 
 def test_a_stick_of_mavlink_is_linear_in_the_command():
     model, largest = model_and_largest("bluerov2")
-    mixed = stick_of([MavlinkServer(mixer=mixer(model.thrusters))])
+    mixed = stick_of([MavlinkServer(mixer=mixer(model.thrusters), gain=1.0)])
     by_command, by_force = (next(tipping(model, largest, given)) for given in (mixed, linear))
     assert by_command.share > by_force.share + 0.05 and mixed(0, 1.0) == pytest.approx(1.0)
     assert mixed(0, by_command.share) == pytest.approx(by_force.share, abs=0.02)
+    as_shipped = stick_of([MavlinkServer(mixer=mixer(model.thrusters))])
+    assert as_shipped(0, 1.0) == pytest.approx(mixed(0, 0.5)), "full stick is half the command at ArduSub's gain"
 
 
 def test_the_command_names_the_vehicle_its_link_and_its_instruments():

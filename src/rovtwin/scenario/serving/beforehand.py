@@ -54,7 +54,7 @@ def tipping(model: Model, largest: np.ndarray, given: Given = linear) -> Iterato
             force = float(largest[axis]) * given(axis, float(share))
             speed = steady_speed(model, axis, force)
             moment = arm * force
-            leans = moment > np.tan(LEANS) * max(float(rights[angle]), 0.0) and moment > 0.0
+            leans = moment > np.sin(LEANS) * max(float(rights[angle]), 0.0) and moment > 0.0
             if force > 0.0 and np.isfinite(speed) and (leans or speed > level):
                 yield Tips(axis, float(share), speed, leans)
                 break
@@ -75,11 +75,11 @@ def warnings(model: Model, largest: Mapping[str, np.ndarray], given: Given = lin
 
 
 def stick_of(servers: Sequence[Server]) -> Given:
-    """What a stick gives by the protocol that steers: by MAVLink axes are mixed and linear in the command."""
-    mixer: Any = next((mixer for one in servers if (mixer := getattr(one, "mixer", None)) is not None), None)
-    if mixer is None:
+    """What a stick gives by the protocol that steers: by MAVLink axes are linear in the command, times the gain."""
+    one: Any = next((one for one in servers if getattr(one, "mixer", None) is not None), None)
+    if one is None:
         return linear
-    return lambda axis, share: float(np.abs(mixer.motion(share * np.eye(6)[axis])[axis]))
+    return lambda axis, share: float(np.abs(one.mixer.motion(one.gain * share * np.eye(6)[axis])[axis]))
 
 
 def command_line(what: str, is_vehicle: bool, servers: Sequence[Server]) -> str:
