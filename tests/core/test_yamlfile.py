@@ -1,9 +1,13 @@
 """YAML that is no mistake of a user's but would fill the memory, and aliases that are fine."""
 
+import math
+import os
+from pathlib import Path
+
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.core.yamlfile import MOST_YAML, parse_yaml, read_yaml
 
 LAUGHS = "\n".join(["a0: &a0 [x, x, x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10))])
 MERGED = "\n".join(
@@ -25,3 +29,63 @@ def test_aliases_are_what_they_repeat():
         "b": {"x": 1},
         "c": {"x": 1, "y": 2},
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("012", 12),
+        ("-7", -7),
+        ("0o17", 15),
+        ("0x1F", 31),
+        ("1e-3", 1e-3),
+        (".5", 0.5),
+        ("1.", 1.0),
+        ("1:30:00", "1:30:00"),
+        ("1:30.5", "1:30.5"),
+        ("1_000", "1_000"),
+        ("0b11", "0b11"),
+        ("no", "no"),
+        ("2021-06-01", "2021-06-01"),
+    ],
+)
+def test_numbers_are_those_of_yaml_1_2(text, value):
+    found = parse_yaml(f"a: {text}", "f")["a"]
+    assert found == value and type(found) is type(value)
+
+
+def test_a_number_of_thousands_of_digits_is_refused():
+    with pytest.raises(ConfigError, match="line 1, column 4: found a number of 5000 digits, expected fewer than 20"):
+        parse_yaml("a: " + "9" * 5000, "f")
+
+
+@pytest.mark.parametrize("text", ["1e308", "-1.0e16", "1e999"])
+def test_a_number_that_no_quantity_has_is_refused(text):
+    with pytest.raises(ConfigError, match=rf"line 1, column 4: found {text}, expected a number below 1e\+15"):
+        parse_yaml(f"a: {text}", "f")
+    assert parse_yaml("a: .inf", "f")["a"] == math.inf
+
+
+def test_a_file_of_something_else_is_not_repeated_in_a_message(tmp_path):
+    secret = tmp_path / "passwd"
+    secret.write_text("root:x:0:0:root\n" * 50)
+    with pytest.raises(ConfigError) as refused:
+        read_yaml(secret)
+    assert "root" not in str(refused.value) and "expected keys and values" in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "large", "folder"])
+def test_what_is_no_file_of_a_vehicle_is_not_read(tmp_path, kind):
+    path = tmp_path / "vehicle.yaml"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path = Path("/dev/zero")
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        with open(path, "wb") as stream:
+            stream.truncate(MOST_YAML + 1)  # sparse: takes no room
+    expected = {"pipe": "a pipe or a device", "device": "a pipe or a device", "folder": "folder", "large": "10 MB"}
+    with pytest.raises(ConfigError, match=expected[kind]):
+        read_yaml(path)

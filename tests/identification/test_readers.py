@@ -1,6 +1,8 @@
 """Readers: the same motion written in different formats, units and frames comes back as the same Record."""
 
+import io
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -280,6 +282,15 @@ def test_bad_maps_say_what_is_wrong(tmp_path, vehicle, command, case):
         read_record(tmp_path / "x.npz", vehicle, spec(**good | changes))
 
 
+def _npz_of(count: int) -> bytes:
+    """A file whose one array says that it has so many numbers, and has none."""
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}".ljust(117) + "\n"
+    array, file = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode(), io.BytesIO()
+    with zipfile.ZipFile(file, "w") as packed:
+        packed.writestr("a.npy", array)
+    return file.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -288,6 +299,9 @@ def test_bad_maps_say_what_is_wrong(tmp_path, vehicle, command, case):
         ("empty.csv", b"", "found 0 lines"),
         ("numbers.csv", b"1,2\n3,4\n5,6\n", "expected a header"),
         ("broken.npz", b"PK nothing", "cannot be read as npz"),
+        ("cut.npz", b"PK\x03\x04 and no more", "cannot be read as npz"),
+        ("huge.npz", _npz_of(10**12), "cannot be read as npz"),
+        ("cell.csv", b"t,p\n0,1\n1," + b"9" * 300_000 + b"\n", "is no table of numbers"),
         ("broken.mcap", b"nothing", "."),
     ],
 )

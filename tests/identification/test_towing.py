@@ -184,6 +184,7 @@ def test_files_read_back(tmp_path: Path) -> None:
         ("t,speed\n0,1\n", "no column 'force'"),
         ("t,speed [mm/s],force\n0,1,1\n", "not in m/s"),
         ("t,speed,force\n0,1,x\n", "line 2"),
+        ("t,speed,force\n0,1," + "9" * 300_000 + "\n1,1,1\n", "no table of numbers"),
         ("t,speed,velocity,force\n0,1,1,1\n", "keep one"),
         ("t,speed,force\n" + "0,1,1\n" * 30, "does not increase"),
         ("t,speed,force\n0,1,1\n1,1,1\n", "at least 20"),

@@ -80,6 +80,15 @@ def test_a_vehicle_cannot_hold_itself(tmp_path):
         load_vehicle(tmp_path / "one.yaml")
 
 
+def test_part_files_that_multiply_are_refused(tmp_path):
+    """Each of 24 files names the next one twice: 17 million bodies."""
+    for k in range(24):
+        parts = "" if k == 23 else f"parts: [{{name: a, part: v{k + 1}.yaml}}, {{name: b, part: v{k + 1}.yaml}}]"
+        (tmp_path / f"v{k}.yaml").write_text(f"name: v{k}\ndescription: d\nmass: 1\n{parts}\n")
+    with pytest.raises(ConfigError, match="comes to 255 bodies with those of its part files, expected 200 at most"):
+        load_vehicle(tmp_path / "v0.yaml")
+
+
 def test_the_same_part_twice_is_no_cycle():
     assert vehicle(parts=[{"name": n, "part": "uhi"} for n in "ab"]).assembly.solid.mass == pytest.approx(8.0)
 

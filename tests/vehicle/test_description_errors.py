@@ -210,6 +210,7 @@ def test_mistakes_in_a_part_file_name_that_file(tmp_path):
         ("PWM,Voltage,Force\n1500,16,0\n1100,16,-4\n1900,16,5\n", "PWM must increase"),
         ("PWM,Voltage,Force\n1200,16,-4\n1500,16,0\n1900,16,5\n", "PWM from 1200 to 1900, expected 1100 to 1900"),
         ("PWM,Voltage,Force\n1100,16,-4\n", "found 2 lines"),
+        ("PWM,Voltage,Force\n1100,16," + "9" * 300_000 + "\n", "is no table of numbers"),
         ("PWM,Voltage,Force\n1100,16,-4\n1500,16,nan\n1900,16,5\n", "not finite"),
         ("PWM,Voltage,Force\n1100,0,-4\n1500,0,0\n1900,0,5\n", "found a voltage of 0 V, expected more than 0"),
     ],

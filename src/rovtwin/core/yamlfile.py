@@ -11,6 +11,7 @@ import yaml
 from yaml.composer import ComposerError
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import read_text
 
 
 def near(name: object, names: Iterable[str]) -> str:
@@ -22,11 +23,15 @@ def near(name: object, names: Iterable[str]) -> str:
     return f" Known: {', '.join(known)}." if known else ""
 
 
+MOST_YAML = 10_000_000  # bytes; a vehicle has some 10,000
+MOST_DIGITS = 20  # of a whole number: nanoseconds since 1970 have 19
+MOST_NUMBER = 1e15  # no quantity of a vehicle or a sea is as large, and squares of it are still numbers
+LONGEST = 60  # characters of a text that a message repeats
 MOST = 1_000_000  # values in a file, those counted again that an alias repeats
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as people expect it: 1e-3 is a number, `no` and `2021-06-01` are strings, a key may be given once."""
+    """YAML 1.2: 1e-3 is a number, 012 is 12, `no`, `1:30` and `2021-06-01` are strings; a key may be given once."""
 
     def get_single_node(self) -> yaml.Node | None:
         node = super().get_single_node()
@@ -47,19 +52,40 @@ def _size(node: yaml.Node, known: dict[int, float]) -> float:
 
 
 _Loader.yaml_implicit_resolvers = {
-    first: [(tag, rule) for tag, rule in rules if not tag.endswith((":bool", ":float", ":timestamp"))]
+    first: [(tag, rule) for tag, rule in rules if not tag.endswith((":bool", ":int", ":float", ":timestamp"))]
     for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
 _Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), "tTfF")
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(
-        r"""^(?:[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9_]+)(?:[eE][-+]?[0-9]+)?
-        |[-+]?[0-9][0-9_]*[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
+        r"""^(?:[-+]?(?:[0-9]+\.[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?
+        |[-+]?[0-9]+[eE][-+]?[0-9]+|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$""",
         re.X,
     ),
     "-+0123456789.",
 )
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:int", re.compile(r"^(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$"), "-+0123456789"
+)
+
+
+def _whole(loader: _Loader, node: yaml.ScalarNode) -> int:
+    text = str(node.value)
+    if len(text) > MOST_DIGITS:
+        said = f"found a number of {len(text)} digits, expected fewer than {MOST_DIGITS}"
+        raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+    base = {"0o": 8, "0x": 16}.get(text[:2], 10)
+    return int(text if base == 10 else text[2:], base)
+
+
+def _real(loader: _Loader, node: yaml.ScalarNode) -> float:
+    value = loader.construct_yaml_float(node)
+    if math.isfinite(value) and abs(value) > MOST_NUMBER or math.isinf(value) and "inf" not in node.value.lower():
+        said = f"found {node.value[:LONGEST]}, expected a number below {MOST_NUMBER:g}"
+        raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+    return value
 
 
 def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
@@ -79,6 +105,8 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
 
 
 _Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
+_Loader.add_constructor("tag:yaml.org,2002:int", _whole)
+_Loader.add_constructor("tag:yaml.org,2002:float", _real)
 
 
 def read_yaml(path: str | Path) -> dict[str, Any]:
@@ -90,7 +118,7 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, MOST_YAML)
     except FileNotFoundError:
         raise ConfigError(_missing_file(path)) from None
     except IsADirectoryError:
@@ -117,13 +145,14 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     if data is None:
         raise ConfigError(f"{where}: is empty, expected keys and values")
     if not isinstance(data, dict):
-        raise ConfigError(f"{where}: found {said_kind(data)}, expected keys and values such as 'name: my_vehicle'")
+        found = "text" if isinstance(data, str) else said_kind(data)  # what it says is nobody's business
+        raise ConfigError(f"{where}: found {found}, expected keys and values such as 'name: my_vehicle'")
     return data
 
 
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
     problem = error.problem or "not YAML"
-    if any(own in problem for own in ("given twice", "must be a word", "expected fewer")):
+    if any(own in problem for own in ("given twice", "must be a word", "expected fewer", "expected a number below")):
         return problem
     hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
     context = f" {error.context}" if error.context else ""
@@ -144,6 +173,8 @@ def said_kind(value: Any) -> str:
         return "a mapping"
     if isinstance(value, list):
         return f"a list of {counted(len(value))}"
+    if isinstance(value, str) and len(value) > LONGEST:
+        return repr(f"{value[:LONGEST]}..")
     return "nothing" if value is None else repr(value)
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from rovtwin.core import files as given
 from rovtwin.core.config import Number, Strict, parse
 from rovtwin.core.datum import FARTHEST, Datum, check_coordinates, said
 from rovtwin.core.errors import ConfigError
@@ -84,7 +85,7 @@ def _read_json(path: Path) -> dict[str, Any]:
     if not path.is_file():
         read_yaml(path)  # says what is wrong with the path
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        data = json.loads(given.read_text(path))
     except json.JSONDecodeError as error:
         raise ConfigError(f"{path.name}: line {error.lineno}, column {error.colno}: not JSON ({error.msg})") from None
     except (UnicodeDecodeError, RecursionError, ValueError):

@@ -15,6 +15,7 @@ from rovtwin.vehicle.thrust_curve import read_bollard_csv, read_points
 LIBRARY = Path(__file__).parent / "library"
 DEVICES = LIBRARY / "devices"
 SUFFIXES = (".yaml", ".yml")
+MOST_BODIES = 200  # in a vehicle, those of part files counted
 
 
 def list_library() -> list[str]:
@@ -110,9 +111,18 @@ def _from_file(part: Part, path: Path, chain: tuple[Path, ...], here: str) -> Pa
             f"{path.name}: {here}.part: {target.name} was identified as a whole, which does not carry over to a part. "
             f"Use the vehicle that it was made from, and run: rovtwin identify NEW --prior {target.name} -o NEW_FILE"
         )
+    if (count := _bodies(inner)) > MOST_BODIES:
+        raise ConfigError(
+            f"{path.name}: {here}.part: {target.name} comes to {count} bodies with those of its part files, expected "
+            f"{MOST_BODIES} at most: does each of them name the next one several times?"
+        )
     own = {key: getattr(inner, key) for key in Body.model_fields}
     said = {key: getattr(part, key) for key in ("description", "source", "sources") if key in part.model_fields_set}
     return Part.model_construct(**(own | said), name=part.name, part=None, pose=part.pose, keeps_names=part.keeps_names)
+
+
+def _bodies(body: Any) -> int:
+    return 1 + sum(_bodies(part) for part in body.parts)
 
 
 def _with_names_kept(body: Body, parts: list[Part]) -> list[Part]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core import files as given
 from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
 
@@ -18,7 +19,10 @@ def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
     Columns PWM [us] (1100 to 1900 is command -1 to 1), Voltage [V] and Force [kgf], found by name.
     """
     text = _text(path)
-    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    try:
+        rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise ConfigError(f"{path}: is no table of numbers ({error})") from None
     if len(rows) < 4:
         raise ConfigError(f"{path}: found {len(rows)} lines, expected a header and at least 3 points")
     header = [cell.split("(")[0].strip().lower() for cell in rows[0]]
@@ -48,12 +52,14 @@ def read_bollard_csv(path: Path) -> tuple[float, np.ndarray]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return given.read_text(path)
     except FileNotFoundError:
         known = [p.name for p in path.parent.glob(f"*{path.suffix}")] if path.parent.is_dir() else []
         raise ConfigError(f"{path}: no such file.{near(path.name, known)}") from None
-    except (OSError, UnicodeDecodeError):
-        raise ConfigError(f"{path}: cannot be read as text") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not text") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from None
 
 
 def read_points(path: Path) -> tuple[float, np.ndarray]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
+from rovtwin.core import files as given
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.correlated import correlated
 from rovtwin.vehicle.thrust_curve import KGF, read_bollard_csv
@@ -173,7 +174,7 @@ def read_thrust(path: str | Path) -> tuple[float | None, np.ndarray]:
     """
     path = Path(path)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = given.read_text(path).splitlines()
     except (OSError, UnicodeDecodeError):
         return read_bollard_csv(path)  # whose errors say what is wrong with the file
     head = lines[0].lower() if lines else ""

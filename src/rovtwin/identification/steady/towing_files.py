@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core import files as given
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
 
@@ -79,21 +80,26 @@ def _read(path: Path) -> list[TowRun]:
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Header, and rows with their line numbers."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = given.read_text(path)
     except FileNotFoundError:
         known = [p.name for p in path.parent.glob("*.csv")] if path.parent.is_dir() else []
         raise IdentificationError(f"{path}: no such file.{near(path.name, known)}") from None
-    except (OSError, UnicodeDecodeError):
-        raise IdentificationError(f"{path}: cannot be read as text, expected CSV") from None
+    except UnicodeDecodeError:
+        raise IdentificationError(f"{path}: is not text, expected CSV") from None
+    except OSError as error:
+        raise IdentificationError(f"{path}: cannot be read ({error.strerror})") from None
     lines = text.splitlines()
     first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
     delimiter = max(",;\t", key=first.count)
-    rows = [
-        (number, row)
-        for number, line in enumerate(lines, start=1)
-        if line.strip() and not line.startswith("#")
-        for row in csv.reader([line], delimiter=delimiter)
-    ]
+    try:
+        rows = [
+            (number, row)
+            for number, line in enumerate(lines, start=1)
+            if line.strip() and not line.startswith("#")
+            for row in csv.reader([line], delimiter=delimiter)
+        ]
+    except csv.Error as error:
+        raise IdentificationError(f"{path}: is no table of numbers ({error})") from None
     if len(rows) < 2:
         raise IdentificationError(f"{path}: found {len(rows)} lines, expected a header t,speed,force and readings")
     return [cell.strip() for cell in rows[0][1]], rows[1:]

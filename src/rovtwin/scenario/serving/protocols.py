@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import yaml
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import read_yaml
 from rovtwin.gnc.onboard import RATE
 from rovtwin.links.server import Server
 from rovtwin.scenario.composition import vehicle_of, water_density
@@ -67,10 +67,10 @@ def is_vehicle(what: str) -> bool:
     if what in list_library():
         return True
     try:
-        data = yaml.safe_load(Path(what).read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        data = read_yaml(what)
+    except ConfigError:
         return False
-    return isinstance(data, dict) and not {"mission", "test", "world", "vehicle"} & data.keys()
+    return not {"mission", "test", "world", "vehicle"} & data.keys()
 
 
 def own_protocol(scenario: Scenario) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import SignalSpec
 from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
@@ -26,7 +27,7 @@ def read_blueye(path: Path) -> Raw:
 
     logging.getLogger("blueye.sdk.logs").setLevel(logging.CRITICAL)  # a cut log ends where it ends
     try:
-        content = path.read_bytes()
+        content = given.read_bytes(path)
     except OSError as error:
         raise IdentificationError(f"{path}: cannot be read ({error.strerror})") from None
     rows: dict[str, list[dict[str, float]]] = {}

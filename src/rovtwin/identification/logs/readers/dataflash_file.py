@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
 
 HEADER, FMT = b"\xa3\x95", 128
@@ -69,7 +70,7 @@ def read_messages(path: Path) -> tuple[dict[str, Message], int, int]:
         IdentificationError: The file cannot be opened, or has no messages.
     """
     try:
-        data = path.read_bytes()
+        data = given.read_bytes(path)
     except OSError as error:
         raise IdentificationError(f"{path}: cannot be read ({error.strerror})") from None
     formats, places = _scan(data)

@@ -1,10 +1,12 @@
 """CSV and npz: columns that the user names."""
 
 import csv
+import zipfile
 from pathlib import Path
 
 import numpy as np
 
+from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
 from rovtwin.identification.logs.readers.clocks import clocks
@@ -20,7 +22,13 @@ def read_csv(path: Path, thrusters: list[str]) -> Raw:
     Columns named as the components of `SIGNALS` (phi, theta, psi; p, q, r; u, v, w; north, east, down; depth), as the
     vehicle's thrusters, and `t` or `time` need no map; nor do they in capitals (`P`, `Time`).
     """
-    text = read_text(path)
+    try:
+        return _parse_csv(path, read_text(path), thrusters)
+    except csv.Error as error:
+        raise IdentificationError(f"{path}: is no table of numbers ({error})") from None
+
+
+def _parse_csv(path: Path, text: str, thrusters: list[str]) -> Raw:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 3:
         raise IdentificationError(f"{path}: found {len(lines)} lines, expected a header and readings")
@@ -68,7 +76,7 @@ def _number(cell: str) -> float | None:
 def read_text(path: Path) -> str:
     """The text of a file; an IdentificationError where there is none."""
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return given.read_text(path, given.MOST_LOG)
     except UnicodeDecodeError:
         raise IdentificationError(f"{path}: is not text; give the right format") from None
     except OSError as error:
@@ -81,9 +89,9 @@ def read_npz(path: Path) -> Raw:
     Arrays of times beside them are found by their names, see `clocks`.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(given.checked(path, given.MOST_LOG), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, EOFError, KeyError) as error:
+    except (OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile) as error:
         raise IdentificationError(f"{path}: cannot be read as npz ({error})") from None
     columns, notes = {}, []
     for name, array in arrays.items():
