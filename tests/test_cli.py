@@ -1,13 +1,17 @@
 """The command line as a user meets it: help, JSON, exit codes, and every kind of bad input as a table."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 from tests.campaign.identified import identified_vehicle
 
 import rovtwin.cli
@@ -407,6 +411,26 @@ def test_check_says_when_a_vehicle_is_of_no_use_in_the_water(tmp_path, capsys):
 def test_bad_input_with_json_is_an_object_too(capsys):
     code, out, err = run(capsys, "fly", "lawnmower_clam", "--json")
     assert code == 2 and "no such scenario" in json.loads(out)["error"] and "no such scenario" in err
+
+
+def _commands(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    yield words, command
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from _commands(inner, (*words, name))
+
+
+def test_help_of_every_command_keeps_its_units(capsys, monkeypatch):
+    """Rich takes `[m]` for a mark of its own and leaves it out."""
+    monkeypatch.setenv("COLUMNS", "240")
+    named = 0
+    for words, command in _commands(typer.main.get_command(rovtwin.cli.app)):
+        texts = [getattr(parameter, "help", None) or "" for parameter in command.params]
+        units = re.findall(r"\[[^\]]*\]", " ".join(texts))
+        if units:
+            code, out, _ = run(capsys, *words, "--help")
+            named += len(units)
+            assert code == 0 and all(unit in out for unit in units), words
+    assert named > 30
 
 
 def test_help_loads_nothing_that_computes():

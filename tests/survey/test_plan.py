@@ -23,6 +23,7 @@ def area(outline, *holes):
 
 SQUARE = area([(0, 0), (12, 0), (12, 9), (0, 9)])
 U = area([(0, 0), (15, 0), (15, 5), (5, 5), (5, 10), (15, 10), (15, 15), (0, 15)])
+ROUND = area([(5.0 * np.cos(a), 5.0 * np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)])
 RING = area([(0, 0), (14, -2), (15, 12), (1, 11)], [(5, 4), (9, 3), (10, 7), (6, 8)])
 
 
@@ -157,6 +158,8 @@ def test_times_follow_from_speed_acceleration_and_turns():
         (lambda: Swath(1.0, -0.1), "overlap: found -0.1"),
         (lambda: plan_survey(SQUARE, Swath(20.0), PACE, CLEARANCE), "wider than the whole area of 12 x 9 m"),
         (lambda: plan_survey(SQUARE, SWATH, PACE, 6.0, inside=True), "nowhere in it"),
+        (lambda: plan_survey(SQUARE, Swath(1e-4), PACE, CLEARANCE), "swath: 0.0001 m takes some 131,250 lines"),
+        (lambda: plan_survey(ROUND, SWATH, PACE, CLEARANCE), "area: found outlines of 4,001 corners, expected at most"),
     ],
 )
 def test_what_cannot_be_is_named(make, said):

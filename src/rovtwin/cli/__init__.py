@@ -1,6 +1,8 @@
 """The command line: `rovtwin --help`. Numerics are imported inside the commands, so that help answers at once."""
 
+import re
 import sys
+from typing import Any
 
 import typer
 
@@ -84,10 +86,28 @@ def _common(version: bool = typer.Option(False, "--version", callback=_version, 
     pass
 
 
+_BRACKET = re.compile(r"(?<!\\)\[(?!/?bold\])")
+_WITHIN = re.compile(r"(?<!\n)\n(?!\s|- )")  # the end of a line that is not the end of a paragraph
+
+
+def readable(command: Any) -> Any:
+    """The command with help as it was written: `[m/s]` is a unit, and paragraphs fill the screen's width.
+
+    Rich takes all brackets but escaped ones for its own marks, and keeps the lines of a docstring.
+    """
+    command.help = _WITHIN.sub(" ", _BRACKET.sub(r"\\[", command.help or ""))
+    for parameter in command.params:
+        if isinstance(text := getattr(parameter, "help", None), str):
+            parameter.help = _BRACKET.sub(r"\\[", text)
+    for inner in getattr(command, "commands", {}).values():
+        readable(inner)
+    return command
+
+
 def main() -> None:
     """Entry point: what the user can mend is one message and exit code 2, never a traceback."""
     try:
-        app()
+        readable(typer.main.get_command(app))()
     except RovtwinError as error:
         report_error(error, as_json="--json" in sys.argv)
         sys.exit(2)

@@ -14,6 +14,7 @@ from rovtwin.survey.room import Room, Swath, room_of
 from rovtwin.survey.route import Network, Path, cell_forms, lap_forms, route
 
 STEP = 5.0  # between headings that are tried, besides those of the area's edges [deg]
+MOST_LINES, MOST_CORNERS = 2000, 2000
 EDGES = 12  # of the area's longest edges, whose headings are tried
 Progress = Callable[[float], None]
 
@@ -98,6 +99,22 @@ class SurveyPlan:
         return np.linalg.norm(np.diff(self.path.points, axis=0), axis=1)
 
 
+def _require_size(area: Any, swath: Swath) -> None:
+    """Raises ConfigError where the way would take hours to find, or no memory has room for what sees what."""
+    corners = len(shapely_library().get_coordinates(area))
+    if corners > MOST_CORNERS:
+        raise ConfigError(
+            f"area: found outlines of {corners:,} corners, expected at most {MOST_CORNERS:,}: simplify them, as GIS "
+            f"programs do; {0.1 * swath.width:.2g} m is little beside the swath"
+        )
+    lines = float(area.minimum_rotated_rectangle.length) / 4.0 / swath.spacing
+    if lines > MOST_LINES:
+        raise ConfigError(
+            f"swath: {swath.width:g} m takes some {lines:,.0f} lines over this area, expected at most {MOST_LINES:,}: "
+            "is it in metres? Else divide the area"
+        )
+
+
 def plan_survey(
     area: Any,
     swath: Swath,
@@ -121,8 +138,10 @@ def plan_survey(
         progress: Told how far it is, 0 to 1.
 
     Raises:
-        ConfigError: Nothing of the area can be seen, or the swath is wider than all of it.
+        ConfigError: Nothing of the area can be seen, the swath is wider than all of it, or there would be too
+            many lines or corners.
     """
+    _require_size(area, swath)
     lead_in, lead_out = pace.lead_in, pace.lead_out + acceptance
     room = room_of(area, swath, clearance, max(lead_in, lead_out), inside)
     ways = Network(room)
