@@ -1,5 +1,7 @@
 """Thrusters that are lost are found, and only those; what cannot be told is not claimed."""
 
+from itertools import combinations
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.gnc.ability import FINE, HEAVE_LOST, UNABLE, Ability
+from rovtwin.gnc.allocation import AllocationInput
+from rovtwin.gnc.priority_allocation import PriorityAllocation
 from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.dynamics import State, plant_step
@@ -56,8 +60,8 @@ def believed(share=(1,) * 6, push=np.zeros(6), plant=MODEL):
     return np.asarray(flown(plant, as_array(share), as_array(push), COMMANDS))
 
 
-def without(*lost, left=0.0):
-    share = np.ones(6)
+def without(*lost, left=0.0, count=6):
+    share = np.ones(count)
     share[list(lost)] = left
     return share
 
@@ -202,3 +206,35 @@ def test_one_of_a_fore_and_an_aft_vertical_thruster_brings_the_vehicle_up_and_co
         left = as_array(1.0 - np.eye(6)[number])
         assert int(ability.judged(left)) == UNABLE
         assert ability.axes(left)[4] == 0.0 and np.asarray(ability.axes(left))[[0, 1, 2, 5]].all()
+
+
+def test_two_of_three_vertical_thrusters_push_no_moment_through_the_horizontal_ones():
+    """They have one moment beside heave. For the other, horizontal ones 2 cm below CO once gave 50 N the wrong way."""
+    azimuths = np.deg2rad([-35.0, 35.0, 35.0, -35.0])
+    places = [(-0.38, -0.26), (-0.38, 0.26), (0.38, -0.26), (0.38, 0.26)]
+    level = [
+        [np.cos(a), np.sin(a), 0, -0.02 * np.sin(a), 0.02 * np.cos(a), x * np.sin(a) - y * np.cos(a)]
+        for a, (x, y) in zip(azimuths, places, strict=True)
+    ]
+    upright = [[0, 0, 1, y, -x, 0] for x, y in [(0.28, 0.0), (-0.2, -0.2), (-0.2, 0.2)]]
+    model = thirty_kg(T=np.array([*level, *upright]).T)
+    ability, allocation = Ability.of(model), PriorityAllocation.of(model, slew=np.inf, start=0.0, stop=0.0)
+    assert ability.axes(as_array(np.ones(7))).all()
+    left = as_array(without(5, count=7))
+    axes = np.asarray(ability.axes(left))
+    assert not axes[3:5].any() and axes[[0, 1, 2, 5]].all()
+    tau = axes * np.array([-10.0, -8.0, -2.0, 1.0, 1.0, 0.5])
+    _, allocated = allocation.step(allocation.init(None, None), AllocationInput(as_array(tau), left, axes), 0.1)
+    np.testing.assert_allclose(np.asarray(allocated.made)[[0, 1, 2, 5]], tau[[0, 1, 2, 5]], atol=0.01)
+
+
+def test_two_opposite_corners_of_four_vertical_thrusters_leave_roll_and_pitch_to_the_righting_moment():
+    ability = Ability.of(load_vehicle("bluerov2_heavy").model())
+    names = load_vehicle("bluerov2_heavy").thruster_names
+    upright = [k for k, name in enumerate(names) if "vertical" in name]
+    assert len(upright) == 4
+    found = {
+        tuple(bool(x) for x in np.asarray(ability.axes(as_array(without(*pair, count=8))))[3:5])
+        for pair in combinations(upright, 2)
+    }
+    assert (True, True) not in found and (False, False) in found

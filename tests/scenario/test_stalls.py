@@ -131,6 +131,22 @@ def test_what_left_its_course_or_depth_says_how_far_and_what_was_asked(model):
         assert ("3 of 11.5 N in heave on average" in said) == (rule == "off depth")
 
 
+def test_thrusters_that_gave_another_force_are_named(model):
+    """2 N ahead were asked for; they gave 1 N astern, of which nobody with a real vehicle knows."""
+    t = np.arange(10 * SECONDS + 1) / 10
+    mode, tau = np.tile([GO, 0, 0, 1.0], (len(t), 1)), np.zeros((len(t), 6))
+    mode[1000:, 1], tau[:, 0] = REASONS.index("off course"), 2.0
+    eta = flown(0.0, 0.0).eta
+    eta[:, 0] = -0.1 * t
+    force = np.linalg.pinv(np.asarray(model.thrusters.configuration)) @ [-1.0, 0, 0, 0, 0, 0]
+    run = flown(0.0, 0.0, eta=eta, eta_hat=eta, setpoint=flown(0.0, 0.0).eta, tau=tau, mode=mode)
+    simulated = dataclasses.replace(run, thrust=np.tile(force, (len(t), 1)), control_dt=0.1)
+    assert "asked for 2 of 22 N in surge (they gave 1 the other way) on average" in strayed(simulated, model)
+    assert "asked for 2 of 22 N in surge on average" in strayed(
+        dataclasses.replace(run, thrust=np.zeros((2, 1))), model
+    )
+
+
 TIME = np.arange(10 * SECONDS + 1) / 10
 ARRIVES = np.minimum(0.02 * TIME, 3.0)  # 150 s to the north of 3 m
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.config import read_yaml
-from rovtwin.vehicle import list_devices, list_library, load_vehicle, vehicle_from_dict
+from rovtwin.vehicle import list_devices, list_library, load_vehicle, render, summary, vehicle_from_dict
 from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.extent import bounding_box
 from rovtwin.vehicle.files import DEVICES
@@ -75,3 +75,4 @@ def test_every_device_can_be_bolted_on(name):
     assert after.hotel_load == pytest.approx(before.hotel_load + drawn)
     assert after.capacity_wh == before.capacity_wh + (266 if name == "battery_pod" else 0)
     assert len(after.feeds) == 6
+    assert render(summary(loaded)), "vehicle show"

@@ -4,12 +4,14 @@ from itertools import combinations
 
 import equinox as eqx
 import numpy as np
+from scipy.linalg import null_space
 
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.gnc.attainable import Remaining, remaining
 from rovtwin.gnc.heave_feedback import TILTS
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.reach import RANK_TOLERANCE, configuration_about_cg
+from rovtwin.vehicle.thrusters import Thrusters, force_limits
 from rovtwin.vehicle.trim import hang
 
 FINE, UNABLE, HEAVE_LOST = range(3)
@@ -17,6 +19,7 @@ FINE, UNABLE, HEAVE_LOST = range(3)
 LEAST = 0.2  # of a sound vehicle's wrench along surge, sway, heave and yaw, either way, that has to be left
 AT_ONCE = 2  # thrusters lost together that the table knows; more are too many
 HEAVE, PITCH = 2, 4
+ANGLES = (3, 4)
 UPRIGHT = (0, 1, 2, 5)  # axes of a vehicle that its restoring moment keeps level
 
 
@@ -48,14 +51,17 @@ class Ability(eqx.Module):
         enough = np.asarray((left.either >= LEAST * sound) | (sound <= 0.0))
         # Roll and pitch right themselves.
         able = enough[:, UPRIGHT].all(axis=1)
+        apart = _apart(model.thrusters, lost)
+        # Each of them alone trades the other: two vertical thrusters that are left have one moment beside heave.
+        upright = enough[:, ANGLES] & (apart[:, None] | ~enough[:, ANGLES].all(axis=1, keepdims=True))
         # A vehicle that needed its pitch control and pitches by every push up or down swings: it had better come up.
-        doubtful = able & ~enough[:, PITCH]
+        gone = np.stack([enough[:, 3] & ~apart & enough[:, PITCH], ~upright[:, 1]], axis=1)
         most = np.asarray(left.either[:, HEAVE])
-        able &= ~np.array([doubt and _pitches(model, *row) for doubt, *row in zip(doubtful, lost, most, strict=True)])
+        able &= ~np.array([_tilts(model, *row).any() for row in zip(gone, lost, most, strict=True)])
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
         heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])
         share = as_array(heave / max(heave.sum(), 1e-12))
-        return cls(share, as_array(lost), jnp.asarray(verdict), jnp.asarray(enough[:, 3:5]))
+        return cls(share, as_array(lost), jnp.asarray(verdict), jnp.asarray(upright))
 
     def judged(self, health: Array) -> Array:
         """FINE, UNABLE or HEAVE_LOST, int, for a health of 1 or 0 of each thruster, shape (n,)."""
@@ -67,18 +73,48 @@ class Ability(eqx.Module):
     def axes(self, health: Array) -> Array:
         """0 along roll and pitch where what is left cannot push alone: nothing may be asked for; else 1, shape (6,).
 
-        A fore and an aft thruster control depth and pitch; one of them alone would trade the one for the other.
+        A fore and an aft thruster control depth and pitch; one of them alone would trade the one for the other. So
+        would a fore and a starboard one with roll and pitch, and what they lack for both the allocation would make with
+        thrusters a little below CO, which throw the vehicle sideways. The righting moment has to do.
         """
         known = jnp.all(self.lost == (health < 0.5), axis=1)
         upright = jnp.any(known[:, None] & self.upright, axis=0)
         return jnp.ones(6).at[3:5].set(jnp.where(upright, 1.0, 0.0))
 
 
-def _pitches(model: Model, lost: np.ndarray, heave: float) -> bool:
-    """Whether full heave thrust [N] of what is left pitches the vehicle by more than TILTS; `lost` has shape (n,)."""
+def _apart(thrusters: Thrusters, lost: np.ndarray) -> np.ndarray:
+    """Whether roll and pitch can each be pushed without the other and without force or yaw, shape (k,), bool.
+
+    True, too, of a vehicle that never could. Forces that make no surge, sway, heave and yaw are a subspace; the smaller
+    singular value of their moments is what is left of the two apart, and LEAST of a sound vehicle's is enough.
+    """
+    largest = np.max(np.abs(np.stack([np.asarray(limit) for limit in force_limits(thrusters)])), axis=0)
+    T = np.asarray(thrusters.configuration) * largest
+    span = np.linalg.norm(T[list(ANGLES)], axis=1)
+    if not span.all():
+        return np.ones(len(lost), dtype=bool)
+
+    def both(health: np.ndarray) -> float:
+        left = T * health
+        moments = left[list(ANGLES)] / span[:, None] @ null_space(left[list(UPRIGHT)], rcond=RANK_TOLERANCE)
+        return float(np.linalg.svd(moments, compute_uv=False)[-1]) if moments.shape[1] >= 2 else 0.0
+
+    sound = both(np.ones(thrusters.count))
+    return np.array([both(1.0 - row) >= LEAST * sound for row in lost])
+
+
+def _tilts(model: Model, gone: np.ndarray, lost: np.ndarray, heave: float) -> np.ndarray:
+    """Whether full heave thrust of what is left tilts the vehicle by more than TILTS, in roll and pitch, shape (2,).
+
+    Args:
+        model: The vehicle.
+        gone: In which of them nothing holds it any more, shape (2,), bool.
+        lost: 1 of thrusters that are lost, shape (n,).
+        heave: Most that is left of it [N].
+    """
     T = configuration_about_cg(model) * (1.0 - lost)
-    moment = heave * float(T[PITCH] @ np.linalg.pinv(T[list(UPRIGHT)], rcond=RANK_TOLERANCE)[:, HEAVE])
-    return bool(abs(moment) > np.tan(TILTS) * max(float(hang(model).stiffness[1]), 0.0))
+    moments = heave * T[list(ANGLES)] @ np.linalg.pinv(T[list(UPRIGHT)], rcond=RANK_TOLERANCE)[:, HEAVE]
+    return gone & (np.abs(moments) > np.tan(TILTS) * np.maximum(np.asarray(hang(model).stiffness), 0.0))
 
 
 _remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))

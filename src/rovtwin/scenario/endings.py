@@ -18,6 +18,7 @@ from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.trim import stability
 
 TIPPING, SHORT = 5.0, 30.0  # what ends a run has its effect within this time [s]
+AMISS = 0.25  # share of a force by which what was given is another one
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 _CHECK = "check its thrusters one by one (dead, reversed, fouled), and its tether"
@@ -94,12 +95,32 @@ def _since(flown: Flown, rows: np.ndarray, distance: np.ndarray) -> str:
 
 
 def _of_thrusters(flown: Flown, rows: np.ndarray, model: Model, axes: tuple[int, ...]) -> str:
-    """What was asked of these axes on average, of what they have."""
+    """What was asked of these axes on average, of what they have, and what they gave where that is another force."""
     if flown.tau is None:
         return ""
-    limits, asked = Limits.of(model), np.abs(flown.tau[rows].mean(axis=0))
-    has = [f"{asked[i]:.2g} of {limits.both_ways(i):.3g} N in {AXES[i]}" for i in axes if limits.can(i)]
+    limits, asked, gave = Limits.of(model), flown.tau[rows].mean(axis=0), _gave(flown, rows, model)
+    has = [
+        f"{abs(asked[i]):.2g} of {limits.both_ways(i):.3g} N in {AXES[i]}{_short_of(asked[i], gave[i])}"
+        for i in axes
+        if limits.can(i)
+    ]
     return f"; asked for {', '.join(has)} on average" if has else ""
+
+
+def _gave(flown: Flown, rows: np.ndarray, model: Model) -> np.ndarray:
+    """Mean wrench of the thrusters in these samples, b at CO, shape (6,); NaN where nobody kept their forces."""
+    t = flown.t[0] + flown.control_dt * np.arange(len(flown.thrust))
+    ticks = (t >= flown.t[rows][0]) & (t <= flown.t[rows][-1])
+    if not ticks.any() or flown.thrust.shape[1] != model.thrusters.count:  # of a real vehicle
+        return np.full(6, np.nan)
+    return np.asarray(model.thrusters.configuration) @ flown.thrust[ticks].mean(axis=0)
+
+
+def _short_of(asked: float, gave: float) -> str:
+    """That thrusters gave another force than was asked for, by more than a fourth."""
+    if not abs(gave - asked) > AMISS * abs(asked):
+        return ""
+    return f" (they gave {abs(gave):.2g}{' the other way' if gave * asked < 0.0 else ''})"
 
 
 def tipped(flown: Flown, model: Model) -> str:

@@ -290,7 +290,9 @@ def _instruments(found: dict[str, Any]) -> Group:
     """How well sensors measure."""
 
     def said(value: Any) -> str:
-        return ", ".join(_g(v) for v in value) if isinstance(value, list) else _g(value)
+        if isinstance(value, str):
+            return value
+        return ", ".join(said(v) for v in value) if isinstance(value, list) else _g(value)
 
     rows = []
     for one in found["instruments"]:
