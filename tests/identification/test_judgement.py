@@ -29,7 +29,7 @@ from rovtwin.identification.judgement.contradictions import (
 )
 from rovtwin.identification.judgement.gain import about_gain, gain_by_shape
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
-from rovtwin.identification.judgement.remarks import about_narrow, about_water
+from rovtwin.identification.judgement.remarks import about_alike, about_narrow, about_water
 from rovtwin.identification.judgement.validation import pushed_axes
 from rovtwin.identification.judgement.verdict import _in_words, up_to_scale, verdicts
 from rovtwin.identification.logs.evidence_file import read_evidence
@@ -279,6 +279,25 @@ def test_what_lies_outside_the_prior_is_named_with_both_values(surge):
     assert f"against {base:.3g} kg ({base * np.exp(-0.784):.3g} to {base * np.exp(0.784):.3g})" in said
     assert "added_mass.sway" in said and "yaw" not in said
     assert about_prior(parameters, prior, 0.5 * theta, C) == []
+
+
+def test_an_interval_that_reaches_back_to_the_prior_contradicts_nothing(surge):
+    parameters, prior, theta, C = surge
+    wide = C.copy()
+    wide[1, 1] = 0.5**2
+    (said,) = about_prior(parameters, prior, theta, wide)
+    assert "added_mass.surge" in said and "added_mass.sway" not in said
+
+
+def test_thrusters_taken_as_alike_are_named_where_the_model_lacks_something():
+    vehicle = load_vehicle("double_blueye")
+    parameters = choose(catalogue(vehicle), ["thrusters.*.force_ahead", "added_mass.surge"])
+    white, coloured = ({"gyro[0]": SimpleNamespace(inflation=inflation)} for inflation in (1.2, 8.0))
+    assert about_alike(parameters, vehicle.thruster_names, white) == []
+    (said,) = about_alike(parameters, vehicle.thruster_names, coloured)
+    assert "surge: port.surge, starboard.surge" in said and "rovtwin watch" in said and "options.groups" in said
+    alone = choose(catalogue(vehicle), ["added_mass.surge"])
+    assert about_alike(alone, vehicle.thruster_names, coloured) == []
 
 
 def test_a_narrow_estimate_outside_its_prior_is_contradicted_and_a_wide_one_is_not(surge):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.flow import ABORTED, DIVE, GO, HOLD, PAUSED, REASONS, TURN
-from rovtwin.scenario.decisions import without_headway
+from rovtwin.scenario.decisions import badly_placed, without_headway
 from rovtwin.scenario.endings import fell_short, left_depth, strayed, tipped, why_ended
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.limits import Limits
@@ -129,6 +129,19 @@ def test_what_left_its_course_or_depth_says_how_far_and_what_was_asked(model):
         assert why_ended(run, model, rule) == said
         assert ("2 of 22 N in surge on average" in said) == (rule == "off course")
         assert ("3 of 11.5 N in heave on average" in said) == (rule == "off depth")
+
+
+def test_a_flight_without_positions_says_how_well_it_knew_where_it_was(scenario, model):
+    """Known to 0.1 m (1.96 times 0.05 m); from 60 to 80 s as far as 1.96 m; the filter's first seconds do not count."""
+    covariance = np.tile(np.eye(12) * 0.05**2, (len(TIME), 1, 1))
+    covariance[:50, :2, :2] *= 100.0
+    lost = (TIME > 60.0) & (TIME < 80.0)
+    covariance[lost, 0, 0] = (0.05 * (TIME[lost] - 59.0)) ** 2
+    (told,) = badly_placed(flown(ARRIVES, 0.0, covariance=covariance), scenario)
+    # Beyond the acceptance of 0.2 m from a standard deviation of 0.102 m on.
+    assert told["t"] == pytest.approx(61.1, abs=0.15)
+    assert told["what"] == "until 80 s the position is known to 2 m at worst" and "acceptance 0.2 m" in told["cause"]
+    assert badly_placed(flown(ARRIVES, 0.0), scenario) == []
 
 
 def test_thrusters_that_gave_another_force_are_named(model):

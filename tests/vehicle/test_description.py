@@ -514,6 +514,15 @@ def test_uncontrollable_directions_that_are_no_axis():
         ),
         (
             {
+                "thrusters": [
+                    thruster(name=f"h{a % 360}", position=[x, y, 0], direction={"azimuth_deg": a})
+                    for a, x, y in ((35, -0.14, -0.1), (-35, -0.14, 0.1), (-36, 0.14, -0.1), (36, 0.14, 0.1))
+                ]
+            },
+            "4 horizontal thrusters make 0.06 N m in yaw, for they push nearly through CG: is the sign of an azimuth",
+        ),
+        (
+            {
                 "restoring": {"net_buoyancy": 0.0, "metacentric_height": 0.02},
                 "thrusters": [thruster(direction=[0, 0, 1], position=[-0.05, 0, 0])],
             },

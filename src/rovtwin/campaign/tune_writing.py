@@ -70,6 +70,8 @@ def sentences(tuned: Tuned) -> tuple[str, list[str]]:
         head = f"Better than hand-tuned: the cost falls by {-100 * mean / base:.1f} % on {n} held-out plants"
     elif tuned.section == tuned.search_start:
         head = "The hand-tuned values stay: nothing that was tried was better on the choosing plants"
+    elif low > 0.0:
+        head = f"Worse than hand-tuned: the cost rises by {100 * mean / base:.1f} % on {n} held-out plants: keep those"
     else:
         head = f"Not shown to be better than hand-tuned on {n} held-out plants: keep the hand-tuned values"
     won = int(np.sum(held.cost_after < held.cost_before))

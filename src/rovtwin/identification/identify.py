@@ -31,6 +31,7 @@ from rovtwin.identification.judgement.gain import about_gain
 from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
 from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
 from rovtwin.identification.judgement.remarks import (
+    about_alike,
     about_inflow,
     about_mounting,
     about_parts,
@@ -178,7 +179,7 @@ def identify(
     )
     findings += about_solution(
         parameters, start, solution, residuals, fitted, held_out, anchors, any(r.ballast for r in records)
-    )
+    ) + about_alike(parameters, vehicle.thruster_names, residuals)
     return Identification(
         vehicle, parameters, start, theta, C, verdicts(start, solution, against), blind, findings, summary, solution,
         fitted, held_out, residuals, problem, time.perf_counter() - begin, tested,

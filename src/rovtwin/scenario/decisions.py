@@ -6,12 +6,15 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.flow import ABORTED, HELD, PAUSED, PHASES, PILOTED, REASONS, RETURNED, RETURNING, SURFACED, SURFACING
+from rovtwin.core.quantity import plain
 from rovtwin.scenario.headings import reason_for, unmet_headings
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.score import Flown
 from rovtwin.scenario.stalls import cause, stalls
 from rovtwin.vehicle import Model
 
+COARSER = 1.5  # times the usual standard deviation of a position, from which on it is told
+BRIEF, SETTLING = 3.0, 10.0  # a stretch that is not told, also one that begins while the filter settles [s]
 _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 
@@ -22,6 +25,7 @@ def decisions(flown: Flown, thrusters: Sequence[str], scenario: Scenario, model:
         found += losses(flown.t, flown.health, thrusters)
     if scenario.waypoints:
         found += without_headway(flown, scenario, model)
+        found += badly_placed(flown, scenario)
         found += [_one(one.t, one.what, reason_for(one, model)) for one in unmet_headings(flown, scenario)]
     return sorted(found, key=lambda one: one["t"])
 
@@ -36,6 +40,22 @@ def without_headway(flown: Flown, scenario: Scenario, model: Model) -> list[dict
         )
         for stall in stalls(flown, scenario, model)
     ]
+
+
+def badly_placed(flown: Flown, scenario: Scenario) -> list[dict[str, Any]]:
+    """Stretches in which the filter knew the position far worse than usual, and than the way-point's acceptance."""
+    std = np.sqrt(np.max(np.diagonal(flown.covariance, axis1=1, axis2=2)[:, :2], axis=1))
+    accepted = np.array([w.acceptance or 0.0 for w in scenario.waypoints])
+    accepted = accepted[np.clip(flown.mode[:, 2].astype(int), 0, len(accepted) - 1)]
+    half = 1.96 * std
+    edges = np.flatnonzero(np.diff((std > COARSER * np.quantile(std, 0.2)) & (half > accepted), prepend=False))
+    found = []
+    for a, b in zip(edges[::2], np.append(edges, len(std))[1::2], strict=True):
+        if flown.t[b - 1] - flown.t[a] > BRIEF and flown.t[a] - flown.t[0] > SETTLING:
+            what = f"until {flown.t[b - 1]:.0f} s the position is known to {plain(float(half[a:b].max()))} m at worst"
+            cause = f"readings of a position are missing or bad (acceptance {accepted[a]:g} m)"
+            found.append(_one(float(flown.t[a]), what, cause))
+    return found
 
 
 def courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:

@@ -12,9 +12,18 @@ from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.hydrodynamics import Solid
 from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.overlap import overlaps
-from rovtwin.vehicle.reach import BY_PRODUCT, YAW, pure_force_limits, rank, size, uncontrollable_directions
+from rovtwin.vehicle.reach import (
+    BY_PRODUCT,
+    YAW,
+    configuration_about_cg,
+    pure_force_limits,
+    rank,
+    size,
+    uncontrollable_directions,
+)
 from rovtwin.vehicle.schema import Thruster
 from rovtwin.vehicle.slips import doubted_units, slips
+from rovtwin.vehicle.thrusters import force_limits
 from rovtwin.vehicle.trim import SPEED_LIMIT, by_products, hang, reach, stability, steady_speed, tilt_of_thrust
 from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
 
@@ -22,6 +31,8 @@ _UNNOTICED = 1e-6  # net buoyancy as a share of the weight
 _TILTING = 5.0  # roll or pitch by thrust that is worth a word [deg]
 _PURE = 0.85  # share of an axis's thrust without a moment, below which that is worth a word
 _SPINNING = 2.0  # speed of the vehicle's ends in a turn over its speed ahead; 1.7 at most in the library
+_SEVERAL = 3  # horizontal thrusters
+_IDLE = 0.05  # mean lever of their forces over the vehicle's size; of three or more 0.16 at least in the library
 _UPRIGHT = 20.0  # [deg]; a trim beyond it is more than lopsided
 _DOWNWARD = 0.5  # cosine of the angle to the vertical, below which an echo of the floor is no altitude
 SYMBOLS = ("X", "Y", "Z", "K", "M", "N")
@@ -209,12 +220,26 @@ def _about_turning(model: Model) -> Iterator[str]:
                 f"of {plain(most, 3)} N in {axis} {plain(left, 3)} N neither turn the vehicle nor push it another way: "
                 f"it keeps up less than what 'vehicle show' says of {axis} alone"
             )
+    yield from _about_yaw(model, min(-alone[YAW, 0], alone[YAW, 1]))
     rate, ahead = (steady_speed(model, i, alone[i, 1]) for i in (YAW, 0))
     if rate * size(model) > _SPINNING * ahead > 0.0:
         turn = f"{np.degrees(rate):.0f} deg/s" if np.isfinite(rate) else "a rate without end"
         yield (
             f"full thrust in yaw turns it at {turn}: its ends would go more than {_SPINNING:.0f} times as fast as it "
             "goes ahead. Frame and thrusters without a shape have no drag: give them one, or state quadratic_damping"
+        )
+
+
+def _about_yaw(model: Model, most: float) -> Iterator[str]:
+    """Horizontal thrusters that could turn the vehicle from where they sit, and hardly do."""
+    T = np.asarray(configuration_about_cg(model))
+    force = np.min(np.abs(np.stack([np.asarray(limit) for limit in force_limits(model.thrusters)])), axis=0)
+    turning = np.abs(T[YAW]) * force
+    lying = np.hypot(T[0], T[1]) > np.abs(T[2])
+    if lying.sum() >= _SEVERAL and 0.0 < turning[lying].sum() < _IDLE * size(model) * force[lying].sum():
+        yield (
+            f"{lying.sum()} horizontal thrusters make {plain(most, 2)} N m in yaw, for they push nearly through CG: is "
+            "the sign of an azimuth or of a y wrong?"
         )
 
 

@@ -71,12 +71,16 @@ def contradicted(
 
 
 def about_prior(parameters: Parameters, prior: Gaussian, theta: np.ndarray, covariance: np.ndarray) -> list[str]:
-    """What came out beyond what was known before, both values with their 95 % intervals."""
+    """What came out beyond what was known before, both values with their 95 % intervals.
+
+    One whose own interval reaches back to the value of before contradicts nothing.
+    """
     allowed = no_dead_band(parameters, prior, theta)
-    rows = [i for i in outside_prior(prior, theta) if i not in allowed]
+    std, before = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(prior.covariance))
+    apart = np.abs(theta - prior.mean) > _Z * std
+    rows = [i for i in outside_prior(prior, theta) if i not in allowed and apart[i]]
     if not rows:
         return []
-    std, before = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(prior.covariance))
     named = [
         f"{parameters.names[i]} {_valued(parameters.free[i], theta[i], std[i])} against "
         f"{_valued(parameters.free[i], prior.mean[i], before[i])}"

@@ -176,7 +176,7 @@ def about_solution(
             "inertia of a rigid body whose centre of gravity is off CO: that trusts couplings of added mass and drag "
             "that are not estimated; do not rely on it, add a bollard pull (anchors) or a test with known ballast"
         )
-    coloured = [name for name, r in residuals.items() if r.inflation > 3]
+    coloured = _coloured(residuals)
     if coloured:
         worst = max(residuals[name].inflation for name in coloured)
         said.append(
@@ -187,6 +187,23 @@ def about_solution(
     said += about_narrow(parameters, solution.covariance)
     said += _about_validation(fitted, held_out)
     return said
+
+
+def _coloured(residuals: Mapping[str, Residuals]) -> list[str]:
+    """Signals whose residuals are far from white: the model lacks something that the vehicle does."""
+    return [name for name, r in residuals.items() if r.inflation > 3]
+
+
+def about_alike(parameters: Parameters, names: Sequence[str], residuals: Mapping[str, Residuals]) -> list[str]:
+    """That thrusters were taken as alike where the model lacks something: a weak one among them hides so."""
+    groups = {group: rows for group, rows in parameters.groups.items() if len(rows) > 1}
+    if not groups or not _coloured(residuals) or not any(name.startswith("thrusters.") for name in parameters.names):
+        return []
+    named = "; ".join(f"{group}: {', '.join(names[i] for i in rows)}" for group, rows in groups.items())
+    return [
+        f"thrusters of a group were taken as alike ({named}), so that a weak one among them passes for something else: "
+        "rovtwin watch says whether there is one, and options.groups of an evidence file gives each its own curve"
+    ]
 
 
 def _about_widths(solution: Solution) -> list[str]:
