@@ -31,6 +31,7 @@ class Counts:
         strangers: Packets of others while the firmware was there.
         late: Packets with a number from before, of no use any more.
         lost: Numbers that never came.
+        under_way: Packets of a firmware that had begun before these physics.
         garbage: Datagrams that were no packet.
     """
 
@@ -40,6 +41,7 @@ class Counts:
     strangers: int = 0
     late: int = 0
     lost: int = 0
+    under_way: int = 0
     garbage: int = 0
 
 
@@ -48,13 +50,15 @@ class Lockstep:
 
     The firmware waits for each answer (it asks again after a second or so), so time goes as fast as both can. Who sends
     first is the firmware until it is silent for CHANGE seconds; others are not answered. A new firmware, or one that
-    counts from the beginning again, is a reset.
+    counts from the beginning again, is a reset. A firmware that is already under way flies a vehicle that these physics
+    do not know, as after a crash of this process: it gets no answer, and so waits, until it is started anew.
 
     Args:
         advance: The physics.
         reset: Puts the physics back to their beginning; called before the first step after a reset, not at first.
         address: Host to bind.
         port: UDP port to bind; 0 for a free one, see `port`.
+        say: Takes what a user should know.
 
     Raises:
         LinkError: The address cannot be bound.
@@ -66,8 +70,9 @@ class Lockstep:
         reset: Callable[[], None] = lambda: None,
         address: str = "127.0.0.1",
         port: int = PORT,
+        say: Callable[[str], None] = lambda text: None,
     ):
-        self._advance, self._reset = advance, reset
+        self._advance, self._reset, self._say = advance, reset, say
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((address, port))
@@ -121,12 +126,24 @@ class Lockstep:
         if not self._is_firmware(sender):
             self.counts.strangers += 1
             return False
+        if self._count < 0 and servos.count > LATE:
+            self._refuse(servos.count, sender)
+            return False
         if 0 < self._count - servos.count <= LATE and servos.count > 0:
             self.counts.late += 1
             return False
         moved = self._step(servos.count, servos.pwm, 1.0 / servos.rate)
         self._reply(sender)
         return moved
+
+    def _refuse(self, count: int, sender: tuple[str, int]) -> None:
+        """A new firmware counts from 0 until it is answered (ArduPilot, SIM_JSON.cpp): this one flew before."""
+        if not self.counts.under_way:
+            self._say(
+                f"ardusub-json: the firmware at {sender[0]}:{sender[1]} is at its frame {count}, expected 0: it flies a "
+                "vehicle that this process does not know. It gets no answer: start it anew, too"
+            )
+        self.counts.under_way += 1
 
     def _is_firmware(self, sender: tuple[str, int]) -> bool:
         now = time.monotonic()

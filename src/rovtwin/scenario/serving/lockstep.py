@@ -106,7 +106,7 @@ def serve_firmware(
     """
     physics = FirmwarePhysics(scenario)
     lockstep = Lockstep(
-        physics.advance, physics.reset, where.hosts[0] if where.hosts else "127.0.0.1", where.port or PORT
+        physics.advance, physics.reset, where.hosts[0] if where.hosts else "127.0.0.1", where.port or PORT, say
     )
     say(f"ardusub-json: waits at udp {lockstep.addresses[0]}:{lockstep.port} for ArduSub's simulation")
     shown, began = 0.0, time.monotonic()
