@@ -140,8 +140,8 @@ class Lockstep:
         """A new firmware counts from 0 until it is answered (ArduPilot, SIM_JSON.cpp): this one flew before."""
         if not self.counts.under_way:
             self._say(
-                f"ardusub-json: the firmware at {sender[0]}:{sender[1]} is at its frame {count}, expected 0: it flies a "
-                "vehicle that this process does not know. It gets no answer: start it anew, too"
+                f"ardusub-json: the firmware at {sender[0]}:{sender[1]} is at its frame {count}, expected 0: it flies "
+                "a vehicle that this process does not know. It gets no answer: start it anew, too"
             )
         self.counts.under_way += 1
 
