@@ -359,7 +359,6 @@ BAD = [
     (("render", "pool", "--view", "third-person", "--seed", "3"), "--seed: nothing would come of it"),
     (("score", "square", "--vehicle", "bluerov2", "--set", "vehicle=minerva"), "--vehicle bluerov2: nothing would"),
     (("serve", "bluerov2_heavy", "--protocol", "ardusub-json", "--speed", "2"), "give its --speedup"),
-    (("serve", "bluerov2_heavy", "--protocol", "ardusub-json", "--log", "x.mcap"), "ArduSub writes its own"),
     (("evidence", "thrust", "x.csv", "--full", "20"), "--full: nothing would come of it: without --speeds"),
     (("evidence", "panel", "minerva", "--scale", "0.001"), "--scale: nothing would come of it: minerva is a vehicle"),
     (("identify", "bluerov2", "--prior", "bluerov2", "--track", "aruco"), "--track: nothing would come of it"),

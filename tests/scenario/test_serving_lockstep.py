@@ -8,11 +8,13 @@ import time
 
 import numpy as np
 import pytest
+from tests.links.mavlink_vehicle import free_port
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.log import Log
 from rovtwin.links.ardusub_json.lockstep import Lockstep
-from rovtwin.scenario.serving.lockstep import FirmwarePhysics
-from rovtwin.scenario.serving.protocols import world_for
+from rovtwin.scenario.serving.lockstep import FirmwarePhysics, serve_firmware
+from rovtwin.scenario.serving.protocols import Where, world_for
 
 NEUTRAL, RATE, FRAMES = 1500, 1200, 1200
 
@@ -71,6 +73,39 @@ def test_the_firmwares_dive_turn_and_surge(firmware):
         told = firmware.frame([NEUTRAL + 60 * y for y in yaw])
     assert told["imu"]["gyro"][2] > 0.05
     assert told["position"][2] == pytest.approx(0.5, abs=0.3)
+
+
+def test_the_truth_is_logged(tmp_path):
+    """What came back to the firmware is in the log, 50 times a simulated second."""
+    path, told = tmp_path / "truth.mcap", []
+    where = Where(["127.0.0.1"], free_port())
+
+    def fly(text: str) -> None:
+        if "waits at udp" in text:
+            threading.Thread(target=frames, daemon=True).start()
+
+    def frames() -> None:
+        firmware = Firmware(where.port)
+        for _ in range(600):
+            told.append(firmware.frame([NEUTRAL + 100] * 2 + [NEUTRAL - 100] * 2 + [NEUTRAL] * 4))
+
+    served = serve_firmware(world_for("bluerov2_heavy", [], None), where, 0.49, fly, log=path)
+    log = Log.read(path)
+    truth = log["truth/eta"]
+    assert served == pytest.approx(0.49, abs=0.01) and len(truth) == 24 and set(log["truth/command"].values[0]) != {0.0}
+    assert np.diff(truth.t) == pytest.approx(0.02, abs=1e-3)
+    seen = {round(one["timestamp"], 6): one for one in told}
+    for t, eta in zip(truth.t, truth.values, strict=True):
+        np.testing.assert_allclose(eta[:3], seen[round(float(t), 6)]["position"], atol=1e-6)
+
+
+def test_the_logs_time_goes_on_where_a_firmware_begins_anew(physics):
+    physics.reset()
+    before = physics.now
+    for _ in range(12):
+        physics.advance((NEUTRAL,) * 8, 1.0 / RATE)
+    physics.reset()
+    assert physics.time == 0.0 and physics.now == pytest.approx(before + 0.01)
 
 
 def test_as_fast_as_real_time(physics):

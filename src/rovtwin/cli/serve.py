@@ -46,7 +46,7 @@ def serve(
     duration: Duration = None,
     seed: Seed = None,
     overrides: Overrides = None,
-    log: Annotated[Path | None, typer.Option(help="Write the truth to a new MCAP file; not of ardusub-json.")] = None,
+    log: Annotated[Path | None, typer.Option(help="Write the truth to a new MCAP file.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Let the twin stand in for the vehicle: it speaks the vehicle's own protocol until Ctrl-C.
@@ -65,13 +65,12 @@ def serve(
 
     if protocol == [FIRMWARE]:
         refuse_idle({"--speed": speed != 1.0}, f"with {FIRMWARE} ArduSub keeps the time: give its --speedup")
-        refuse_idle({"--log": log is not None}, f"{FIRMWARE} keeps no log: ArduSub writes its own (logs/*.BIN)")
     scenario, ballast = trimmed(world_for(what, overrides or (), seed))
     screen = console(as_json)
     if ballast:
         screen.print(ballast, markup=False, soft_wrap=True)
     if protocol == [FIRMWARE]:
-        _lockstep(scenario, address or [], port, expose, duration, as_json)
+        _lockstep(scenario, address or [], port, expose, duration, log, as_json)
     names = known(protocol or [own_protocol(scenario)])
     places = places_of(names, address or [], port)
     _warn([host for place in places.values() for host in place.hosts], expose, screen)
@@ -115,13 +114,20 @@ def replay(
 
 
 def _lockstep(
-    scenario: "Scenario", address: list[str], port: int | None, expose: bool, duration: float | None, as_json: bool
+    scenario: "Scenario",
+    address: list[str],
+    port: int | None,
+    expose: bool,
+    duration: float | None,
+    log: Path | None,
+    as_json: bool,
 ) -> None:
     import math
 
     from rovtwin.scenario.serving.lockstep import serve_firmware
     from rovtwin.scenario.serving.protocols import Where, places_of
 
+    _require_new(log)
     screen = console(as_json)
     where = places_of([FIRMWARE], address, port).get(FIRMWARE, Where())
     _warn(where.hosts, expose, screen)
@@ -134,10 +140,16 @@ def _lockstep(
             most,
             lambda text: screen.print(text, markup=False, soft_wrap=True),
             lambda t: bar.update(task, completed=t),
+            log,
         )
     if as_json:
-        emit({"served_s": served})
+        emit({"served_s": served, "log": str(log) if log else None})
     raise typer.Exit(DONE)
+
+
+def _require_new(log: Path | None) -> None:
+    if log is not None and log.exists():
+        raise ConfigError(exists_already(f"--log {log}"))
 
 
 def _warn(hosts: list[str], expose: bool, screen: Console) -> None:
@@ -160,8 +172,7 @@ def _serve(
 
     from rovtwin.scenario.serving.serve import serve as serve_it
 
-    if log is not None and log.exists():
-        raise ConfigError(exists_already(f"--log {log}"))
+    _require_new(log)
     told: list[str] = []
 
     def said(text: str) -> None:

@@ -5,13 +5,15 @@ The firmware makes its sensors' errors itself, so it gets the truth; it also kee
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
-from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.links.ardusub_json.lockstep import PORT, Lockstep
 from rovtwin.links.ardusub_json.motors import BLUEROV2_HEAVY
@@ -20,10 +22,12 @@ from rovtwin.scenario.composition import compose
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.serving.protocols import Where
+from rovtwin.scenario.serving.truth_log import truth_log
 from rovtwin.vehicle import measurement
 from rovtwin.vehicle.dynamics import State, acceleration, inflow_of, plant_step
 
 USUAL = 1.0 / 1200.0  # the firmware's step [s]
+LOGGED = 0.02  # [s]
 RATES = 4  # steps of different length that are compiled
 
 
@@ -31,9 +35,14 @@ class FirmwarePhysics:
     """The plant, stepped by a firmware's outputs.
 
     Attributes:
-        time: Of the physics [s].
+        dt: Between two rows of a log of the truth [s].
+        time: Of the physics, since the firmware began [s].
+        now: Of the log [s]: it goes on where a firmware is started anew.
+        thrusters: Their names.
         state: Of the plant.
     """
+
+    dt = LOGGED
 
     def __init__(self, scenario: Scenario):
         """Composes and compiles.
@@ -42,8 +51,8 @@ class FirmwarePhysics:
             ConfigError: ArduSub's motors are not this vehicle's.
         """
         composed = compose(scenario)
-        self._names = list(composed.vehicle.thruster_names)
-        if missing := [name for name in self._names if name not in BLUEROV2_HEAVY.names]:
+        self.thrusters = list(composed.vehicle.thruster_names)
+        if missing := [name for name in self.thrusters if name not in BLUEROV2_HEAVY.names]:
             raise ConfigError(
                 f"--protocol ardusub-json: {composed.vehicle.name} has a thruster {missing[0]!r}, expected those of "
                 f"bluerov2_heavy ({', '.join(BLUEROV2_HEAVY.names)}), which ArduSub's frame drives"
@@ -67,12 +76,20 @@ class FirmwarePhysics:
         self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)
         self._parameters = (twin.model, twin.world)
         self._rates = [USUAL]
+        self.now, self._command = 0.0, np.zeros(len(self.thrusters))
         self.reset()
-        self._step(*self._parameters, self._memory, as_array(np.zeros(len(self._names))), USUAL)
+        self._step(*self._parameters, self._memory, as_array(np.zeros(len(self.thrusters))), USUAL)
 
     @property
     def state(self) -> State:
         return self._memory[1]
+
+    @property
+    def truth(self) -> dict[str, np.ndarray]:
+        """True eta, nu, shapes (6,), force [N] and command of each thruster, shapes (n,), after the last step."""
+        state = self.state
+        eta = np.concatenate([state.position, euler_from_quaternion(state.attitude)])
+        return {"eta": eta, "nu": np.array(state.nu), "thrust": np.array(state.thrust), "command": self._command}
 
     def reset(self) -> None:
         """Back to the beginning."""
@@ -84,9 +101,10 @@ class FirmwarePhysics:
             dt = self._rates[-1]  # each rate is compiled: a firmware has one, and a stranger shall not have a thousand
         elif dt not in self._rates:
             self._rates.append(dt)
-        u = BLUEROV2_HEAVY.commands(pwm, self._names)
-        self._memory, told = self._step(*self._parameters, self._memory, as_array(u), dt)
+        self._command = BLUEROV2_HEAVY.commands(pwm, self.thrusters)
+        self._memory, told = self._step(*self._parameters, self._memory, as_array(self._command), dt)
         self.time += dt
+        self.now += dt
         gyro, force, position, velocity, quaternion = np.split(np.asarray(told), [3, 6, 9, 12])
         return Told(self.time, gyro, force, position, velocity, quaternion)
 
@@ -97,8 +115,11 @@ def serve_firmware(
     duration: float,
     say: Callable[[str], None],
     progress: Callable[[float], None] = lambda t: None,
+    log: Path | None = None,
 ) -> float:
     """Answer a firmware until Ctrl-C or for so many simulated seconds; the simulated time [s].
+
+    `log` is a new MCAP file for the truth, 50 rows a simulated second.
 
     Raises:
         ConfigError: ArduSub's motors are not this vehicle's.
@@ -111,9 +132,11 @@ def serve_firmware(
     say(f"ardusub-json: waits at udp {lockstep.addresses[0]}:{lockstep.port} for ArduSub's simulation")
     shown, began = 0.0, time.monotonic()
     try:
-        with Interrupt() as interrupt:
+        with Interrupt() as interrupt, truth_log(log, physics) if log else nullcontext() as write:
             while not interrupt.asked and physics.time < duration:
-                lockstep.serve_one()
+                before = physics.now
+                if lockstep.serve_one() and write and int(physics.now / LOGGED) > int(before / LOGGED):
+                    write.take(physics)
                 if not lockstep.counts.steps and time.monotonic() - began > duration:
                     break  # nobody came
                 if physics.time - shown > 1.0:

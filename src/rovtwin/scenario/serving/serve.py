@@ -7,18 +7,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
-from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
-from rovtwin.core.log import Channel, LogWriter
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.apart import Protocols
 from rovtwin.links.server import Server
 from rovtwin.links.wish import Wish
-from rovtwin.scenario.channels import ETA, ETA_UNITS, NU, NU_UNITS
 from rovtwin.scenario.interrupt import Interrupt
 from rovtwin.scenario.pace import SLIP, Pace
+from rovtwin.scenario.serving.truth_log import truth_log
 
 PROGRESS = 1.0  # between two looks from outside [s]
 
@@ -67,7 +63,7 @@ def serve(
     pace = Pace()
     with ExitStack() as stack:
         interrupt = stack.enter_context(Interrupt())
-        write = stack.enter_context(_truth_log(log, vehicle)) if log else None
+        write = stack.enter_context(truth_log(log, vehicle)) if log else None
         protocols = stack.enter_context(Protocols(servers, vehicle.drones, speed))
         stack.enter_context(urgent(speed <= 1.0))
         settle()
@@ -87,48 +83,3 @@ def serve(
                 shown = due
                 progress(vehicle.now, pace)
     return pace
-
-
-class _TruthLog:
-    """The truth of a served twin, period by period."""
-
-    def __init__(self, writer: LogWriter):
-        self._writer = writer
-        self._rows: dict[str, list[np.ndarray]] = {}
-        self._times: list[float] = []
-
-    def take(self, vehicle: Advancing) -> None:
-        self._times.append(vehicle.now)
-        for name, values in vehicle.truth.items():  # type: ignore[attr-defined]  (only twins are logged)
-            self._rows.setdefault(name, []).append(np.array(values))
-        if len(self._times) >= 50:
-            self.flush()
-
-    def flush(self) -> None:
-        for name, rows in self._rows.items():
-            self._writer.write_many(f"truth/{name}", np.array(self._times), np.stack(rows))
-        self._rows, self._times = {}, []
-
-    def __enter__(self) -> "_TruthLog":
-        self._writer.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._times:
-            self.flush()
-        self._writer.__exit__(*error)  # type: ignore[arg-type]  (handed on as they came)
-
-
-def _truth_log(path: Path, vehicle: Advancing) -> _TruthLog:
-    thrusters = tuple(getattr(vehicle, "thrusters", ()))
-    if not thrusters:
-        raise LinkError(f"{path}: a replayed vehicle has no truth to log")
-    rate = 1.0 / vehicle.dt
-    channels = [
-        Channel("truth/eta", ETA, ETA_UNITS, "n", description="true pose of CO", rate=rate),
-        Channel("truth/nu", NU, NU_UNITS, "b", description="true velocity over ground", rate=rate),
-        Channel("truth/thrust", thrusters, "N", "b", description="true force of each thruster", rate=rate),
-        Channel("truth/command", thrusters, "1", "", description="normalised command of each thruster", rate=rate),
-    ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return _TruthLog(LogWriter(path, channels, {"name": "served"}))
