@@ -16,6 +16,7 @@ import rovtwin.cli
 from rovtwin.identification.checks import against_model
 from rovtwin.identification.checks.among_signals import check_motion, pairs
 from rovtwin.identification.checks.check import check_commands, check_record
+from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.readers import read_tests
@@ -421,3 +422,13 @@ def test_a_lag_of_one_axis_is_no_clock(monkeypatch):
     assert late(1.4, 1.4, 1.5) == pytest.approx(1.4)
     assert late(1.0, 2.0) == 0.0, "they disagree, and one has no end within the search"
     assert late(2.0, 2.0) == 0.0
+
+
+def test_thrusters_are_named_where_their_names_are_known():
+    """Those of a vehicle are in its file's order, and nobody counts them."""
+    said = "commands of thrusters 1 and 2 are swapped, or thruster 3 pushes the other way"
+    finding = Finding("error", "swapped", "thrusters 1, 2", said, "")
+    named = finding.named(["port", "starboard", "aft"])
+    assert named.where == "thrusters port, starboard"
+    assert named.message == "commands of thrusters port and starboard are swapped, or thruster aft pushes the other way"
+    assert finding.named(()) == finding

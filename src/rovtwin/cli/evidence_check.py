@@ -62,7 +62,7 @@ def _checked(files: list[Path], name: str | None, as_json: bool) -> Checked:
     with console(as_json).status("checking") as status:
         for whole, use in _wholes(tests):
             status.update(f"checking {whole.name}")
-            rows.append((whole, use, check_record(whole, model)))
+            rows.append((whole, use, check_record(whole, model, vehicle.thruster_names)))
     return rows
 
 

@@ -126,7 +126,7 @@ def looked_over(screen: Console, vehicle: Any, logs: Logs, trust: Sequence[str] 
     for record in wholes.values():
         for note in record.notes:
             screen.print(f"{record.name}: {note}", style="dim", markup=False)
-        found = check_record(record, model)
+        found = check_record(record, model, vehicle.thruster_names)
         for f in found:
             if f.severity == "warning":
                 screen.print(f"{record.name}: {f.where}: {f.message} {f.fix}", style="yellow", markup=False)

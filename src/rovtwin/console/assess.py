@@ -72,7 +72,7 @@ class Assessor:
     def quality(self, records: Sequence[Record], final: bool) -> dict[str, Any]:
         """Rates and gaps of the signals, what the checks of `rovtwin evidence check` find, axes not pushed so far."""
         judged = [record for record in records if record.duration > JUDGED]
-        found = [check_record(record, self._model) for record in judged]
+        found = [check_record(record, self._model, self._tested.vehicle.thruster_names) for record in judged]
         every = [finding for findings in found for finding in findings]
         kept = [f for f in every if f.what != "unexcited" and (final or f.what not in NOT_YET)]
         once = {(f.what, f.where): f for f in sorted(kept, key=lambda f: -RANK[f.severity])}

@@ -5,6 +5,8 @@ with what the thrusters push (`against_model`), places with where they push (`ho
 identified yet must raise no alarm: only patterns and factors of a slip of units count, never sizes.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rovtwin.identification.checks.against_model import check_response
@@ -24,12 +26,13 @@ RARE = 0.15  # [s]; commands that are read less often are judged against how fas
 AXIS_NAMES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
-def check_record(record: Record, model: Model) -> list[Finding]:
+def check_record(record: Record, model: Model, thrusters: Sequence[str] = ()) -> list[Finding]:
     """Everything that is wrong with a record, errors first.
 
     Args:
         record: One test.
         model: Of the vehicle that flew it, not necessarily identified; how its thrusters act on it counts.
+        thrusters: Their names; without them thrusters are numbered from 1.
     """
     found = [*check_commands(record, model), *check_readings(record)]
     if record.duration < SHORTEST:
@@ -43,7 +46,7 @@ def check_record(record: Record, model: Model) -> list[Finding]:
         if not any(f.severity == "error" for f in found):
             found += check_horizontal(model, motion)
     once = {(f.what, f.where): f for f in reversed(found)}
-    return sorted(once.values(), key=lambda f: RANK[f.severity])
+    return sorted((one.named(thrusters) for one in once.values()), key=lambda f: RANK[f.severity])
 
 
 def check_commands(record: Record, model: Model) -> list[Finding]:

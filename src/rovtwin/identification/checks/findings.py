@@ -1,6 +1,8 @@
 """What is wrong with a record, in words: what every check of logs returns."""
 
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 Severity = Literal["error", "warning", "note"]
@@ -25,6 +27,17 @@ class Finding:
     where: str
     message: str
     fix: str
+
+    def named(self, thrusters: Sequence[str]) -> "Finding":
+        """With names in place of the numbers of thrusters."""
+
+        def name(found: re.Match[str]) -> str:
+            return re.sub(r"\d+", lambda number: thrusters[int(number[0]) - 1], found[2])
+
+        def put(text: str) -> str:
+            return re.sub(r"\b(thrusters?) (\d+(?:(?:, | and )\d+)?)\b", lambda m: f"{m[1]} {name(m)}", text)
+
+        return replace(self, where=put(self.where), message=put(self.message)) if thrusters else self
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.message} {self.fix}"
