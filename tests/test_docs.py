@@ -62,7 +62,10 @@ def test_the_commands_of_the_readme_run(tmp_path, monkeypatch, capsys):
             words += ["--set", f"duration={2 if '--realtime' in words else 12}"]
             words += ["--no-report"] if words[1] == "fly" else []
         runs = sorted(Path("runs").glob("*")) if Path("runs").exists() else []
-        words = [word.replace("runs/<run>", str(runs[-1])) if runs else word for word in words]
+        if runs:  # `watch` compares the first flight of the lawn-mower with the last one
+            calm = [run for run in runs if run.name.endswith("lawnmower_calm")]
+            run = calm[0] if words[1] == "watch" else runs[-1]
+            words = [w.replace("runs/<run>", str(run)).replace("runs/<later>", str(calm[-1])) for w in words]
         monkeypatch.setattr(sys, "argv", words)
         with pytest.raises(SystemExit) as stopped:
             rovtwin.cli.main()
