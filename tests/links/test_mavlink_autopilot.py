@@ -78,6 +78,17 @@ def test_the_gain_of_a_pilot_is_not_that_of_s_and_t(sticks, channel, pulse):
     np.testing.assert_array_equal(before, np.full(6, 1500.0) if channel < 3 else expected, "ArduSub before 4.5")
 
 
+@pytest.mark.parametrize("throttle", [1.0, 3.0])
+def test_sticks_that_are_let_go_push_nothing_at_any_gain(throttle):
+    """A gain comes as a number of single precision; the base of the throttle is a whole number."""
+    for gain in np.arange(10, 101, dtype=np.float32) / np.float32(100.0):
+        pulses = pulses_of_sticks(Sticks(), float(gain), throttle)
+        scale = np.float32(0.8 * float(gain) * throttle)  # as joystick.cpp has it
+        expected = int(np.float32(500) * scale + np.float32(int(np.float32(1500) - np.float32(500) * scale)))
+        assert pulses[2] == expected and list(np.delete(pulses, 2)) == [1500.0] * 5
+    assert pulses_of_sticks(Sticks(), float(np.float32(0.3)))[2] == 1500.0
+
+
 def test_throttle_has_a_gain_of_its_own():
     assert pulses_of_sticks(Sticks(z=750), 0.5, throttle=1.5)[2] == 1650.0
     axes = np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.0])

@@ -3,6 +3,7 @@
 import threading
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from tests.links.serving import serving
 from rovtwin.core.errors import LinkError, LinkTimeout
 from rovtwin.core.flow import Command
 from rovtwin.links.mavlink.boot_clock import BootClock, Order
+from rovtwin.links.mavlink.commands import COMMANDS
+from rovtwin.links.mavlink.conversation import ANSWERS
 from rovtwin.links.mavlink.link import MavlinkLink
 from rovtwin.links.mavlink.mixing import mixer
 from rovtwin.links.mavlink.modes import MODES
@@ -100,22 +103,65 @@ def test_rolls_and_pitches_as_the_version_does(firmware, turned, caplog):
         link.arm()
         assert link.firmware == firmware
         link.send(Command(np.array([0.1, 0.0, 0.0, 0.3, -0.2, 0.0])))
-        assert soon(lambda: any(last_motion(served)))
-        np.testing.assert_allclose(last_motion(served), [0.1, 0, 0, *turned, 0], atol=1 / 399)
+        expected = [0.1, 0, 0, *turned, 0]
+        assert soon(lambda: np.allclose(last_motion(served), expected, atol=1 / 399)), last_motion(served)
     assert "the pilot's gain is 0.5: no more than that share" in caplog.text
     assert ("ArduSub 4.1 does not roll and pitch" in caplog.text) == (firmware == (4, 1))
 
 
-def test_a_version_that_is_not_said_arms_nothing(monkeypatch):
-    monkeypatch.setattr(Steering, "take", lambda self, kind, message: None)
-    with linked(gain=0.5, time_limit=2.0) as (served, link):
+@pytest.mark.parametrize("silent", [512, 520])
+def test_the_version_is_asked_for_in_either_way(silent, monkeypatch):
+    monkeypatch.delitem(COMMANDS, silent)
+    with linked() as (_served, link):
+        link.arm()
+        assert link.firmware == (4, 5)
+
+
+def test_a_vehicle_that_does_not_say_what_its_sticks_do_is_not_armed(monkeypatch):
+    for number in (512, 520):
+        monkeypatch.delitem(COMMANDS, number)
+    with linked(time_limit=2.0) as (served, link):
         with pytest.raises(LinkTimeout, match="AUTOPILOT_VERSION .or give `firmware`"):
             link.arm()
         assert not served.wishes
-    with linked(time_limit=2.0, firmware=(4, 5)) as (served, link):
-        with pytest.raises(LinkTimeout, match="JS_GAIN_DEFAULT"):
+    monkeypatch.delitem(ANSWERS, "PARAM_REQUEST_READ")
+    with linked(time_limit=2.0, gain=0.5, firmware=(4, 5)) as (served, link):
+        with pytest.raises(LinkTimeout, match="JS_THR_GAIN .or give `throttle_gain`"):
             link.arm()
         assert not served.wishes
+
+
+def test_throttle_has_a_gain_of_its_own(monkeypatch):
+    """Twice as much up and down: 0.2 down are 0.2, also where the first answers get lost."""
+    answers, lost = ANSWERS["PARAM_REQUEST_READ"], iter(range(3))
+    monkeypatch.setitem(
+        ANSWERS, "PARAM_REQUEST_READ", lambda *asked: answers(*asked) if next(lost, None) is None else None
+    )
+    with linked(axes=np.eye(6)) as (served, link):
+        link._line.send(link._dialect.MAVLink_param_set_message(1, 1, b"JS_THR_GAIN", 2.0, 9))
+        link.arm()
+        link.send(Command(np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])))
+        assert soon(lambda: abs(last_motion(served)[2] - 0.2) < 1 / 399), last_motion(served)
+
+
+def test_the_gain_in_force_counts_and_its_changes_are_said():
+    steering = Steering(None, 1.0, (4, 5))
+
+    def told(name, value):
+        return steering.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=name, value=value))
+
+    steering.take("PARAM_VALUE", SimpleNamespace(param_id="JS_GAIN_DEFAULT", param_value=0.1))
+    assert steering.gain == 0.1 and "does not say the gain in force" in " ".join(steering.limits())
+    assert told("PilotGain", 0.5) == "" and steering.gain == 0.5, "the firmware does not go below JS_GAIN_MIN"
+    assert told("PilotGain", 0.75) == "the pilot's gain is 0.75 now, 0.5 before" and steering.gain == 0.75
+    assert "down" in steering.limits()[0] and len(steering.limits()) == 1
+    given = Steering(1.0, 2.0, (4, 5))
+    said = [given.take("NAMED_VALUE_FLOAT", SimpleNamespace(name=b"PilotGain", value=0.5)) for _ in range(2)]
+    assert said == ["it says that the pilot's gain is 0.5; 1, which was given, counts", ""] and given.gain == 1.0
+    assert given.limits() == [] and "down" not in Steering(0.5, 2.0, (4, 5)).limits()[0]
+    unsaid = Steering(0.5, 1.0, None)
+    unsaid.take("AUTOPILOT_VERSION", SimpleNamespace(flight_sw_version=0))
+    assert unsaid.firmware is None, "0 is no version"
 
 
 def test_wrench_arrives_at_the_vehicle():

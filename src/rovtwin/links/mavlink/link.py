@@ -38,6 +38,7 @@ ARMED_FLAG, CUSTOM_MODE = 128, 1
 GROUND_STATION, INVALID = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 SET_INTERVAL, ARM_DISARM, SET_MODE = 511, 400, 176
 REQUEST_MESSAGE, REQUEST_CAPABILITIES, VERSION_ID = 512, 520, 148
+GAIN_COMES = 1.5  # longest wait for the gain in force, which the twin says once a second and ArduSub twice [s]
 # Hertz that the vehicle is asked for.
 RATES = {
     **{"ATTITUDE": 50.0, "RAW_IMU": 50.0, "SCALED_PRESSURE2": 20.0, "LOCAL_POSITION_NED": 10.0},
@@ -66,6 +67,7 @@ class MavlinkLink(Link):
         system: Our MAVLink system id: the vehicle's SYSID_MYGCS.
         target: The vehicle's system id, or None for the first that is heard.
         gain: What full stick is of full thrust (JS_GAIN_DEFAULT); None believes what the vehicle says.
+        throttle_gain: The same up and down (JS_THR_GAIN); None believes what the vehicle says.
         firmware: Major and minor version of its ArduSub; None believes what the vehicle says.
         time_limit: For the first heartbeat, and for each answer while arming [s], which takes 8 s at most.
         baud: Of a serial port.
@@ -86,6 +88,7 @@ class MavlinkLink(Link):
         system: int = 255,
         target: int | None = None,
         gain: float | None = None,
+        throttle_gain: float | None = None,
         firmware: tuple[int, int] | None = None,
         time_limit: float = 5.0,
         baud: int = 115200,
@@ -95,7 +98,7 @@ class MavlinkLink(Link):
         self._clock, self._readings = clock, readings or Readings()
         self._rates = RATES | dict(rates or {})
         self._dialect = dialect()
-        self._time_limit, self._steering = time_limit, Steering(gain, firmware)
+        self._time_limit, self._steering = time_limit, Steering(gain, throttle_gain, firmware)
         self._queue: deque[Measurement] = deque(maxlen=BACKLOG)
         self._boot, self._order = BootClock(speed_of(clock)), Order(speed_of(clock))
         self._lock = threading.Lock()
@@ -315,7 +318,10 @@ class MavlinkLink(Link):
                 self._send_command(SET_INTERVAL, float(ids[name]), 1e6 / rate)
 
     def _learn_sticks(self, end: float) -> None:
-        """What the vehicle makes of sticks; what they cannot ask of it is logged."""
+        """What the vehicle makes of sticks; what they cannot ask of it is logged.
+
+        The gain in force comes by itself; where it does not in time, the one that the vehicle starts with is taken.
+        """
         limit = min(end, time.monotonic() + self._time_limit)
         read = self._dialect.MAVLink_param_request_read_message
         while self._steering.unknown and time.monotonic() < limit:
@@ -325,6 +331,7 @@ class MavlinkLink(Link):
             self._send_command(REQUEST_MESSAGE, float(VERSION_ID))
             self._send_command(REQUEST_CAPABILITIES, 1.0)  # how versions before 4 are asked
             self._wait(lambda: not self._steering.unknown, min(AGAIN, max(0.0, limit - time.monotonic())))
+        self._wait(lambda: self._steering.in_force, min(GAIN_COMES, max(0.0, end - time.monotonic())))
         self._check_usable()
         if self._steering.unknown:
             raise LinkTimeout(f"mavlink: {self._line.url}: {self._steering.unknown}")
@@ -375,7 +382,8 @@ class MavlinkLink(Link):
         elif kind == "STATUSTEXT":
             self._texts.append(text_of(message))
         elif message.get_srcComponent() == 1:
-            self._steering.take(kind, message)
+            if said := self._steering.take(kind, message):
+                logger.warning("mavlink: %s: %s", self._line.url, said)
         for sensor, values, boot in self._readings.of(message, arrival):
             t = arrival if boot is None else self._boot.host_time(boot, arrival)
             if self._order.forward(sensor, t, arrival):

@@ -39,22 +39,23 @@ def pulses_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extende
     """Pulses of RC channels 1 to 6 [us], shape (6,), that ArduSub makes of sticks; None where a stick is not one.
 
     x, y, z and r go by the pilot's gain. s and t are microseconds as they are, whatever the gain and
-    enabled_extensions say, in versions that take them (`extended`). Channels are whole microseconds, rounded down
-    (ArduSub/joystick.cpp; a BlueROV2's telemetry has the same to the microsecond).
+    enabled_extensions say, in versions that take them (`extended`). Channels are whole microseconds, rounded down, of
+    numbers of single precision (ArduSub/joystick.cpp; a BlueROV2's telemetry has the same to the microsecond).
 
     INT16_MAX is MAVLink's way to say that an axis is not there; it counts as let go. Beyond +-1000, and z outside 0
-    to 1000, a stick is none.
+    to 1000, a stick is none. ArduSub knows neither: it takes what comes and cuts the pulse to 1100 to 1900 us.
     """
     raw = np.array([sticks.s, sticks.t, sticks.z, sticks.r, sticks.x, sticks.y], dtype=float)
     absent = raw == ABSENT
     raw[absent] = np.where(np.arange(6) == 2, NEUTRAL_Z, 0.0)[absent]
     if np.any(np.abs(raw) > FULL) or raw[2] < 0.0:
         return None
-    scale = 2.0 * HALF_PWM / FULL * gain * throttle
-    up = np.floor(NEUTRAL_PWM - NEUTRAL_Z * scale) + raw[2] * scale
-    others = NEUTRAL_PWM + HALF_PWM / FULL * gain * raw[3:]
+    single, gain, throttle = np.float32, float(np.float32(gain)), float(np.float32(throttle))
+    scale = single(2.0 * HALF_PWM / FULL * gain * throttle)
+    up = single(raw[2]) * scale + np.floor(single(NEUTRAL_PWM) - single(NEUTRAL_Z) * scale)
+    others = raw[3:].astype(single) * single(HALF_PWM / FULL * gain) + single(NEUTRAL_PWM)
     turns = NEUTRAL_PWM + (raw[:2] if extended else 0.0 * raw[:2])
-    return np.clip(np.floor(np.array([*turns, up, *others]) + 1e-6), LOW_PWM, HIGH_PWM)
+    return np.clip(np.floor(np.array([*turns, up, *others], dtype=float)), LOW_PWM, HIGH_PWM)
 
 
 def axes_of_sticks(sticks: Sticks, gain: float, throttle: float = 1.0, extended: bool = True) -> np.ndarray | None:
