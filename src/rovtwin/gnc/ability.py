@@ -55,9 +55,9 @@ class Ability(eqx.Module):
         # Each of them alone trades the other: two vertical thrusters that are left have one moment beside heave.
         upright = enough[:, ANGLES] & (apart[:, None] | ~enough[:, ANGLES].all(axis=1, keepdims=True))
         # A vehicle that needed its pitch control and pitches by every push up or down swings: it had better come up.
-        gone = np.stack([enough[:, 3] & ~apart & enough[:, PITCH], ~upright[:, 1]], axis=1)
+        doubtful = able & ~upright[:, 1]
         most = np.asarray(left.either[:, HEAVE])
-        able &= ~np.array([_tilts(model, *row).any() for row in zip(gone, lost, most, strict=True)])
+        able &= ~np.array([doubt and _pitches(model, *row) for doubt, *row in zip(doubtful, lost, most, strict=True)])
         verdict = np.where(able, FINE, np.where(enough[:, HEAVE], UNABLE, HEAVE_LOST))
         heave = np.abs(np.asarray(model.thrusters.configuration)[HEAVE])
         share = as_array(heave / max(heave.sum(), 1e-12))
@@ -103,18 +103,11 @@ def _apart(thrusters: Thrusters, lost: np.ndarray) -> np.ndarray:
     return np.array([both(1.0 - row) >= LEAST * sound for row in lost])
 
 
-def _tilts(model: Model, gone: np.ndarray, lost: np.ndarray, heave: float) -> np.ndarray:
-    """Whether full heave thrust of what is left tilts the vehicle by more than TILTS, in roll and pitch, shape (2,).
-
-    Args:
-        model: The vehicle.
-        gone: In which of them nothing holds it any more, shape (2,), bool.
-        lost: 1 of thrusters that are lost, shape (n,).
-        heave: Most that is left of it [N].
-    """
+def _pitches(model: Model, lost: np.ndarray, heave: float) -> bool:
+    """Whether full heave thrust [N] of what is left pitches the vehicle by more than TILTS; `lost` has shape (n,)."""
     T = configuration_about_cg(model) * (1.0 - lost)
-    moments = heave * T[list(ANGLES)] @ np.linalg.pinv(T[list(UPRIGHT)], rcond=RANK_TOLERANCE)[:, HEAVE]
-    return gone & (np.abs(moments) > np.tan(TILTS) * np.maximum(np.asarray(hang(model).stiffness), 0.0))
+    moment = heave * float(T[PITCH] @ np.linalg.pinv(T[list(UPRIGHT)], rcond=RANK_TOLERANCE)[:, HEAVE])
+    return bool(abs(moment) > np.tan(TILTS) * max(float(hang(model).stiffness[1]), 0.0))
 
 
 _remaining = jax.jit(jax.vmap(remaining, in_axes=(None, 0)))

@@ -13,8 +13,8 @@ from rovtwin.scenario.score import Flown
 from rovtwin.scenario.stalls import cause, stalls
 from rovtwin.vehicle import Model
 
-COARSER = 1.5  # times the usual standard deviation of a position, from which on it is told
-BRIEF, SETTLING = 3.0, 10.0  # a stretch that is not told, also one that begins while the filter settles [s]
+COARSER = 1.5  # times the best standard deviation of a position so far, from which on it is told
+BRIEF, SETTLING = 3.0, 20.0  # a stretch that is not told, and the time in which the filter settles [s]
 _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 
@@ -43,15 +43,21 @@ def without_headway(flown: Flown, scenario: Scenario, model: Model) -> list[dict
 
 
 def badly_placed(flown: Flown, scenario: Scenario) -> list[dict[str, Any]]:
-    """Stretches in which the filter knew the position far worse than usual, and than the way-point's acceptance."""
-    std = np.sqrt(np.max(np.diagonal(flown.covariance, axis1=1, axis2=2)[:, :2], axis=1))
+    """Stretches in which the filter knew the position far worse than at its best before, and than the acceptance.
+
+    Its first seconds do not count: it starts from a place that it takes as known, and settles.
+    """
+    variance = np.max(np.diagonal(flown.covariance, axis1=1, axis2=2)[:, :2], axis=1)
+    std = np.sqrt(np.nan_to_num(variance, nan=np.inf))
+    settled = flown.t - flown.t[0] > SETTLING
     accepted = np.array([w.acceptance or 0.0 for w in scenario.waypoints])
     accepted = accepted[np.clip(flown.mode[:, 2].astype(int), 0, len(accepted) - 1)]
-    half = 1.96 * std
-    edges = np.flatnonzero(np.diff((std > COARSER * np.quantile(std, 0.2)) & (half > accepted), prepend=False))
+    best, half = np.minimum.accumulate(np.where(settled, std, np.inf)), 1.96 * std
+    bad = settled & (std > COARSER * best) & (half > np.maximum(accepted, 1e-9))
+    edges = np.flatnonzero(np.diff(bad, prepend=False))
     found = []
     for a, b in zip(edges[::2], np.append(edges, len(std))[1::2], strict=True):
-        if flown.t[b - 1] - flown.t[a] > BRIEF and flown.t[a] - flown.t[0] > SETTLING:
+        if flown.t[b - 1] - flown.t[a] > BRIEF:
             what = f"until {flown.t[b - 1]:.0f} s the position is known to {plain(float(half[a:b].max()))} m at worst"
             cause = f"readings of a position are missing or bad (acceptance {accepted[a]:g} m)"
             found.append(_one(float(flown.t[a]), what, cause))
