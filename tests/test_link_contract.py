@@ -125,7 +125,7 @@ def mavlink_rig() -> Rig:
 
     axes = [0, 1, 5]
     off = dict.fromkeys(RATES, 0.0)
-    server = endpoint(tcp_port=None, rates=off)
+    server = endpoint(tcp_port=None, rates=off, gain=1.0)
     vehicle = serving(server)
     served = vehicle.__enter__()
     assert soon(lambda: bool(served.said))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import MOST_YAML, parse_yaml, read_yaml
+from rovtwin.core.yamlfile import MOST_YAML, dump_yaml, parse_yaml, read_yaml
 
 LAUGHS = "\n".join(["a0: &a0 [x, x, x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10))])
 MERGED = "\n".join(
@@ -54,8 +54,34 @@ def test_numbers_are_those_of_yaml_1_2(text, value):
     assert found == value and type(found) is type(value)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["08", "089", "-08", "0o17", "1e16", "1e3", "012", "1:30", "no", "true", "2021-06-01", "0x1F", "", "a: b", "~"],
+)
+def test_text_comes_back_as_text(text):
+    assert parse_yaml(dump_yaml({"name": text, "list": [text]}), "f") == {"name": text, "list": [text]}
+
+
+def test_numbers_come_back_as_numbers():
+    data = {"a": 12, "b": -0.5, "c": 1e-9, "d": 1e14, "e": True, "f": None, "g": 10**18, "h": [1, 2.5]}
+    assert parse_yaml(dump_yaml(data), "f") == data
+
+
+@pytest.mark.parametrize("text", ["!!int abc", "!!float ''", "!!timestamp x", "!!bool maybe", "!!int [1]"])
+def test_a_tag_that_is_not_true_is_named(text):
+    with pytest.raises(ConfigError, match="not what its tag|expected a scalar|could not determine"):
+        parse_yaml(f"a: {text}", "f")
+
+
+@pytest.mark.parametrize("text", ["10000000000000000000", "0xFFFFFFFFFFFFFFFFFF", "-10000000000000000000"])
+def test_a_whole_number_beyond_any_clock_is_refused(text):
+    with pytest.raises(ConfigError, match="digits, expected at most 19"):
+        parse_yaml(f"a: {text}", "f")
+    assert parse_yaml("a: -1788000000000000000", "f")["a"] == -1788000000000000000
+
+
 def test_a_number_of_thousands_of_digits_is_refused():
-    with pytest.raises(ConfigError, match="line 1, column 4: found a number of 5000 digits, expected fewer than 20"):
+    with pytest.raises(ConfigError, match="line 1, column 4: found a number of 5000 digits, expected at most 19"):
         parse_yaml("a: " + "9" * 5000, "f")
 
 

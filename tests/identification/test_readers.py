@@ -282,6 +282,15 @@ def test_bad_maps_say_what_is_wrong(tmp_path, vehicle, command, case):
         read_record(tmp_path / "x.npz", vehicle, spec(**good | changes))
 
 
+def _packed(size: int) -> bytes:
+    """A zip whose directory says that its one file has so many bytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as packed:
+        packed.writestr("a.npy", b"x" * 100)
+        packed.infolist()[0].file_size = size
+    return file.getvalue()
+
+
 def _npz_of(count: int) -> bytes:
     """A file whose one array says that it has so many numbers, and has none."""
     header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}".ljust(117) + "\n"
@@ -301,6 +310,8 @@ def _npz_of(count: int) -> bytes:
         ("broken.npz", b"PK nothing", "cannot be read as npz"),
         ("cut.npz", b"PK\x03\x04 and no more", "cannot be read as npz"),
         ("huge.npz", _npz_of(10**12), "cannot be read as npz"),
+        ("cut_head.npz", _npz_of(10**3)[:70], "cannot be read as npz"),
+        ("bomb.npz", _packed(5_000_000_000), "holds 5,000 MB, expected at most 4,000 MB"),
         ("cell.csv", b"t,p\n0,1\n1," + b"9" * 300_000 + b"\n", "is no table of numbers"),
         ("broken.mcap", b"nothing", "."),
     ],

@@ -519,7 +519,7 @@ def test_uncontrollable_directions_that_are_no_axis():
                     for a, x, y in ((35, -0.14, -0.1), (-35, -0.14, 0.1), (-36, 0.14, -0.1), (36, 0.14, 0.1))
                 ]
             },
-            "4 horizontal thrusters make 0.06 N m in yaw, for they push nearly through CG: is the sign of an azimuth",
+            "4 horizontal thrusters make 0.06 N m in yaw, for they push nearly through CG: have their azimuths",
         ),
         (
             {

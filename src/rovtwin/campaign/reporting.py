@@ -5,14 +5,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rovtwin import __version__
 from rovtwin.campaign.distributions import Choice
 from rovtwin.campaign.rows import SCORES
 from rovtwin.campaign.run import Session
 from rovtwin.campaign.summary import column, failures, numbers_varied, rank_correlation, share_interval, wall_time
 from rovtwin.core.numerics import jax
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.report.campaign import CampaignResult, write_campaign_report
 
 
@@ -47,7 +46,7 @@ def result_of(session: Session) -> CampaignResult:
             ("Machine of the last session", platform.platform()),
             ("Master seed", str(campaign.seed)),
         ],
-        campaign=yaml.safe_dump(campaign.model_dump(mode="json"), sort_keys=False, width=120),
+        campaign=dump_yaml(campaign.model_dump(mode="json")),
     )
 
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import yaml
 
 from rovtwin import __version__
 from rovtwin.campaign.rows import table_schema
 from rovtwin.campaign.schema import Campaign
 from rovtwin.core.config import read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import dump_yaml
 
 FREE = ("samples", "name", "description", "scatter")  # may change from one session to the next: no draw depends on them
 
@@ -136,7 +136,7 @@ def require_same(folder: Path, campaign: Campaign) -> None:
 
 def _keep_campaign(folder: Path, campaign: Campaign) -> None:
     """Write the campaign's file."""
-    text = yaml.safe_dump(campaign.model_dump(mode="json") | {"made_with": __version__}, sort_keys=False, width=120)
+    text = dump_yaml(campaign.model_dump(mode="json") | {"made_with": __version__})
     beside = folder / ".campaign.yaml.writing"
     beside.write_text(text, encoding="utf-8")
     beside.replace(folder / "campaign.yaml")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rovtwin import __version__
 from rovtwin.campaign.tune_cost import FAILED, TERMS
@@ -14,6 +13,7 @@ from rovtwin.campaign.tune_flights import failures
 from rovtwin.campaign.tune_parameters import Space, value_of
 from rovtwin.campaign.tune_result import Tuned, terms_table
 from rovtwin.core.numerics import jax
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.report.tuning import Moved, TuningResult, write_tuning_report
 from rovtwin.report.verdict import Verdict
 from rovtwin.scenario.composition import vehicle_of
@@ -44,8 +44,8 @@ def noted(tuned: Tuned) -> ModelBasedSection:
 def file_text(tuned: Tuned) -> str:
     """`autopilot.yaml`: the section, complete, and how it was made."""
     data = noted(tuned).model_dump(mode="json", exclude_none=True)
-    return f"# Made by: {_command()}\n# Fly it: rovtwin fly SCENARIO --set autopilot=THIS_FILE\n" + yaml.safe_dump(
-        data, sort_keys=False, width=120, allow_unicode=True
+    return f"# Made by: {_command()}\n# Fly it: rovtwin fly SCENARIO --set autopilot=THIS_FILE\n" + dump_yaml(
+        data, allow_unicode=True
     )
 
 

@@ -31,9 +31,8 @@ def calibrate(
 
     Example: [bold]rovtwin calibrate images/*.png --board 9x6 --square 25mm -o camera.yaml[/bold]
     """
-    import yaml
-
     from rovtwin.core.quantity import LENGTH, positive
+    from rovtwin.core.yamlfile import dump_yaml
     from rovtwin.positioning.calibration import calibrate
     from rovtwin.positioning.camera_file import as_data
 
@@ -41,7 +40,7 @@ def calibrate(
     result = calibrate(images, _board(board), positive(square, LENGTH, "--square"))
     source = f"{len(result.used)} pictures of a chessboard {board}, {square}; {result.rms:.3f} px rms"
     data = as_data(name, result.lens, source)
-    out.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    out.write_text(dump_yaml(data, default_flow_style=None), encoding="utf-8")
     if picture is not None:
         _draw(result, picture)
     values = [

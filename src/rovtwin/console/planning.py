@@ -3,11 +3,9 @@
 import math
 from typing import Any
 
-import yaml
-
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
-from rovtwin.core.yamlfile import parse_yaml
+from rovtwin.core.yamlfile import dump_yaml, parse_yaml
 from rovtwin.scenario.schema import MissionSection, Waypoint
 
 MOST = 512
@@ -92,7 +90,7 @@ class Draft:
     def as_yaml(self, name: str = "mission") -> str:
         """A mission file."""
         data = {"name": name, "waypoints": [waypoint_of(row) for row in self.rows]}
-        return yaml.safe_dump(data, sort_keys=False)
+        return dump_yaml(data)
 
     def length(self) -> float:
         """From the first to the last [m]."""

@@ -8,8 +8,9 @@ import os
 import stat
 from pathlib import Path
 
-MOST_TEXT = 50_000_000  # bytes of a file of text, and of a mesh
+MOST_TEXT = 50_000_000  # bytes of a file of text
 MOST_LOG = 4_000_000_000  # bytes of a log that is read at once
+MOST_STREAMED = 10**15  # bytes of one that is read piece by piece
 
 
 def checked(path: str | Path, most: int = MOST_TEXT) -> Path:

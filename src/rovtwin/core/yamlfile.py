@@ -24,7 +24,7 @@ def near(name: object, names: Iterable[str]) -> str:
 
 
 MOST_YAML = 10_000_000  # bytes; a vehicle has some 10,000
-MOST_DIGITS = 20  # of a whole number: nanoseconds since 1970 have 19
+MOST_DIGITS = 19  # of a whole number: as many as nanoseconds since 1970 have
 MOST_NUMBER = 1e15  # no quantity of a vehicle or a sea is as large, and squares of it are still numbers
 LONGEST = 60  # characters of a text that a message repeats
 MOST = 1_000_000  # values in a file, those counted again that an alias repeats
@@ -72,12 +72,13 @@ _Loader.add_implicit_resolver(
 
 
 def _whole(loader: _Loader, node: yaml.ScalarNode) -> int:
-    text = str(node.value)
-    if len(text) > MOST_DIGITS:
-        said = f"found a number of {len(text)} digits, expected fewer than {MOST_DIGITS}"
+    text = str(loader.construct_scalar(node))
+    digits, base = text.lstrip("+-"), {"0o": 8, "0x": 16}.get(text[:2], 10)
+    value = int(text if base == 10 else text[2:], base) if len(digits) <= LONGEST else None
+    if value is None or abs(value) >= 10**MOST_DIGITS:
+        said = f"found a number of {len(digits)} digits, expected at most {MOST_DIGITS}"
         raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
-    base = {"0o": 8, "0x": 16}.get(text[:2], 10)
-    return int(text if base == 10 else text[2:], base)
+    return value
 
 
 def _real(loader: _Loader, node: yaml.ScalarNode) -> float:
@@ -107,6 +108,21 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict:
 _Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
 _Loader.add_constructor("tag:yaml.org,2002:int", _whole)
 _Loader.add_constructor("tag:yaml.org,2002:float", _real)
+
+
+class Dumper(yaml.SafeDumper):
+    """Text that a reader of YAML 1.1 or of 1.2 would take for something else is quoted: '08', '1:30', 'no'."""
+
+
+Dumper.yaml_implicit_resolvers = {
+    first: [*yaml.SafeDumper.yaml_implicit_resolvers.get(first, ()), *_Loader.yaml_implicit_resolvers.get(first, ())]
+    for first in {*yaml.SafeDumper.yaml_implicit_resolvers, *_Loader.yaml_implicit_resolvers}
+}
+
+
+def dump_yaml(data: Any, **style: Any) -> str:
+    """YAML text, in the order of the data, that `parse_yaml` reads back as the same; `style` as of `yaml.dump`."""
+    return yaml.dump(data, Dumper=Dumper, **({"sort_keys": False, "width": 120} | style))
 
 
 def read_yaml(path: str | Path) -> dict[str, Any]:
@@ -142,6 +158,8 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
         raise ConfigError(f"{where}: not YAML ({str(error).splitlines()[0]})") from None
     except RecursionError:
         raise ConfigError(f"{where}: nested too deeply to be meant") from None
+    except (ValueError, IndexError, KeyError, AttributeError):  # of PyYAML, where a tag is not true
+        raise ConfigError(f"{where}: a value is not what its tag (such as !!int) says; leave the tag out") from None
     if data is None:
         raise ConfigError(f"{where}: is empty, expected keys and values")
     if not isinstance(data, dict):
@@ -150,9 +168,12 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     return data
 
 
+_OWN = ("given twice", "must be a word", "expected fewer", "expected at most", "expected a number below")
+
+
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
     problem = error.problem or "not YAML"
-    if any(own in problem for own in ("given twice", "must be a word", "expected fewer", "expected a number below")):
+    if any(own in problem for own in _OWN):
         return problem
     hint = " (indent with spaces, not tabs)" if r"'\t'" in problem else ""
     context = f" {error.context}" if error.context else ""

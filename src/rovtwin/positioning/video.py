@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import read_text
 from rovtwin.core.log.pictures import read_pictures
 from rovtwin.core.vision import opencv
 
@@ -145,8 +146,10 @@ class Video:
         """File and time of each frame, or None where there is no such table."""
         if not path.is_file():
             return None
-        with open(path, newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream))
+        try:
+            rows = list(csv.DictReader(read_text(path).splitlines()))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise ConfigError(f"{path}: is no table of file and time ({error})") from None
         wanted = ("file", "t") if self.path.is_dir() else ("t",)
         out = []
         for number, row in enumerate(rows, start=2):

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.simulation.camera.sensor import CameraSection
 from rovtwin.simulation.scene import is_scene_file, load_scene
 from rovtwin.vehicle.files import with_meshes
@@ -59,7 +58,7 @@ def _copy_scene(name: str, target: Path) -> None:
     copies = _copied([mesh["file"] for mesh in meshes], target.parent / within)
     for mesh in meshes:
         mesh["file"] = f"{within}/{copies[mesh['file']]}"
-    target.write_text(yaml.safe_dump(data, sort_keys=False, width=120), encoding="utf-8")
+    target.write_text(dump_yaml(data), encoding="utf-8")
 
 
 def _copied(files: Sequence[str], folder: Path) -> dict[str, str]:

@@ -19,6 +19,7 @@ from rovtwin.vehicle.trim import stability
 
 TIPPING, SHORT = 5.0, 30.0  # what ends a run has its effect within this time [s]
 AMISS = 0.25  # share of a force by which what was given is another one
+LITTLE = 0.02  # of the largest force
 LIMIT = 0.9  # share of a limit from which thrust counts as used up
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 _CHECK = "check its thrusters one by one (dead, reversed, fouled), and its tether"
@@ -99,11 +100,10 @@ def _of_thrusters(flown: Flown, rows: np.ndarray, model: Model, axes: tuple[int,
     if flown.tau is None:
         return ""
     limits, asked, gave = Limits.of(model), flown.tau[rows].mean(axis=0), _gave(flown, rows, model)
-    has = [
-        f"{abs(asked[i]):.2g} of {limits.both_ways(i):.3g} N in {AXES[i]}{_short_of(asked[i], gave[i])}"
-        for i in axes
-        if limits.can(i)
-    ]
+    has = []
+    for i in (axis for axis in axes if limits.can(axis)):
+        most = limits.both_ways(i)
+        has.append(f"{abs(asked[i]):.2g} of {most:.3g} N in {AXES[i]}{_short_of(asked[i], gave[i], most)}")
     return f"; asked for {', '.join(has)} on average" if has else ""
 
 
@@ -116,9 +116,9 @@ def _gave(flown: Flown, rows: np.ndarray, model: Model) -> np.ndarray:
     return np.asarray(model.thrusters.configuration) @ flown.thrust[ticks].mean(axis=0)
 
 
-def _short_of(asked: float, gave: float) -> str:
-    """That thrusters gave another force than was asked for, by more than a fourth."""
-    if not abs(gave - asked) > AMISS * abs(asked):
+def _short_of(asked: float, gave: float, limit: float) -> str:
+    """That thrusters gave another force than was asked for, by more than a fourth and by more than a little."""
+    if not abs(gave - asked) > max(AMISS * abs(asked), LITTLE * limit):
         return ""
     return f" (they gave {abs(gave):.2g}{' the other way' if gave * asked < 0.0 else ''})"
 

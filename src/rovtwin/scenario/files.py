@@ -6,11 +6,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS, kind_of
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.scenario.belongings import found_beside
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 
@@ -217,4 +216,4 @@ def _check_path(path: list[str], where: str) -> None:
 
 def dump_scenario(scenario: Scenario) -> str:
     """The complete scenario as YAML, ready to be flown again."""
-    return yaml.safe_dump(scenario.model_dump(mode="json"), sort_keys=False, width=120)
+    return dump_yaml(scenario.model_dump(mode="json"))

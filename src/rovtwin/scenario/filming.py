@@ -9,13 +9,13 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-import yaml
 from PIL import Image
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.log.pictures import PictureWriter
 from rovtwin.core.numerics import jax
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.positioning.camera_file import as_data
 from rovtwin.scenario.loop import Record
 from rovtwin.scenario.schema import Scenario
@@ -148,7 +148,7 @@ class _Film:
 
 
 def _write_yaml(path: Path, data: dict[str, Any]) -> None:
-    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
+    path.write_text(dump_yaml(data, default_flow_style=None), encoding="utf-8")
 
 
 def jpeg(picture: np.ndarray) -> bytes:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.report.survey import SurveyPicture, draw_survey
 from rovtwin.scenario.compose_sensors import measures
@@ -285,7 +285,7 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
     data = {"name": survey.scenario.name, "vehicle": survey.scenario.vehicle}
     # A speed that happens to be the schema's default is still what was asked for: left out, it would be the vehicle's.
     data |= survey.scenario.model_dump(mode="json", exclude_unset=True)
-    body = yaml.safe_dump(data, sort_keys=False, width=120, default_flow_style=None)
+    body = dump_yaml(data, default_flow_style=None)
     try:
         path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
     except OSError as error:

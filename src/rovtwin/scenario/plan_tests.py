@@ -13,11 +13,11 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-import yaml
 from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.gnc.trial import mixing
@@ -98,7 +98,7 @@ def write_plan(plan: Plan, path: pathlib.Path) -> None:
     ]
     data = {"name": plan.scenario.name, "vehicle": plan.scenario.vehicle}
     data |= plan.scenario.model_dump(mode="json", exclude_defaults=True)
-    body = yaml.safe_dump(data, sort_keys=False, width=120, default_flow_style=None)
+    body = dump_yaml(data, default_flow_style=None)
     try:
         path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
     except OSError as error:

@@ -14,7 +14,7 @@ from rovtwin.survey.room import Room, Swath, room_of
 from rovtwin.survey.route import Network, Path, cell_forms, lap_forms, route
 
 STEP = 5.0  # between headings that are tried, besides those of the area's edges [deg]
-MOST_LINES, MOST_CORNERS = 2000, 2000
+MOST_LINES, MOST_CORNERS = 10_000, 2000
 EDGES = 12  # of the area's longest edges, whose headings are tried
 Progress = Callable[[float], None]
 
@@ -107,7 +107,7 @@ def _require_size(area: Any, swath: Swath) -> None:
             f"area: found outlines of {corners:,} corners, expected at most {MOST_CORNERS:,}: simplify them, as GIS "
             f"programs do; {0.1 * swath.width:.2g} m is little beside the swath"
         )
-    lines = float(area.minimum_rotated_rectangle.length) / 4.0 / swath.spacing
+    lines = float(area.area) ** 0.5 / swath.spacing  # of a square as large: a corridor takes few, long ones
     if lines > MOST_LINES:
         raise ConfigError(
             f"swath: {swath.width:g} m takes some {lines:,.0f} lines over this area, expected at most {MOST_LINES:,}: "

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rovtwin.core.errors import ConfigError, exists_already
+from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.vehicle import files
 from rovtwin.vehicle.ballast import FOAM, LEAD, Piece, Stock, Wish, pieces_for, places_around
 from rovtwin.vehicle.extent import around_thrusters, bounding_box
@@ -244,6 +244,6 @@ def _require_new(out: Path) -> None:
 
 def _write(data: dict[str, Any], out: Path, command: str) -> None:
     made = f"# Made by `{command}`.\n" if command else ""
-    text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    text = dump_yaml(data, default_flow_style=None, allow_unicode=True)
     with out.open("x", encoding="utf-8") as file:  # "x": also where somebody else made it meanwhile
         file.write(made + text)

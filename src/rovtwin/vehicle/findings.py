@@ -238,8 +238,8 @@ def _about_yaw(model: Model, most: float) -> Iterator[str]:
     lying = np.hypot(T[0], T[1]) > np.abs(T[2])
     if lying.sum() >= _SEVERAL and 0.0 < turning[lying].sum() < _IDLE * size(model) * force[lying].sum():
         yield (
-            f"{lying.sum()} horizontal thrusters make {plain(most, 2)} N m in yaw, for they push nearly through CG: is "
-            "the sign of an azimuth or of a y wrong?"
+            f"{lying.sum()} horizontal thrusters make {plain(most, 2)} N m in yaw, for they push nearly through CG: "
+            "have their azimuths, or their y, the wrong sign?"
         )
 
 

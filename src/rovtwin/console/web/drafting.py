@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from rovtwin.console.planning import MOST, rows_of, square, waypoint_of
 from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
+from rovtwin.core.yamlfile import dump_yaml
 
 if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub
@@ -165,10 +165,10 @@ def _lawnmower(
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "area.yaml"
-        file.write_text(yaml.safe_dump({"outline": area}), encoding="utf-8")
+        file.write_text(dump_yaml({"outline": area}), encoding="utf-8")
         if isinstance(vehicle, dict):
             described, vehicle = vehicle, str(Path(folder) / "vehicle.yaml")
-            Path(vehicle).write_text(yaml.safe_dump(described), encoding="utf-8")
+            Path(vehicle).write_text(dump_yaml(described), encoding="utf-8")
         swath = Swath(spacing, 0.0)
         survey = lay_out(SurveyRequest(file, swath, vehicle=vehicle, depth=depth, speed=speed, inside=inside))
     if survey.scenario.mission is None:

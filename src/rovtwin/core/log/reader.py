@@ -12,6 +12,7 @@ from mcap.opcode import Opcode
 from numpy.typing import ArrayLike
 
 from rovtwin.core.errors import LogError
+from rovtwin.core.files import MOST_STREAMED, checked
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
@@ -187,7 +188,7 @@ def open_mcap(path: Path) -> Iterator[BinaryIO]:
         LogError: It doesn't, or can't be read.
     """
     try:
-        with open(path, "rb") as stream:
+        with open(checked(path, MOST_STREAMED), "rb") as stream:
             _check_start(stream.read(16), path)
             yield stream
     except FileNotFoundError as error:

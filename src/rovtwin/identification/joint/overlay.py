@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from rovtwin.core.yamlfile import Dumper
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import Parameters
 from rovtwin.vehicle import Vehicle
@@ -104,7 +105,7 @@ def _rows(matrix: Any) -> list[list[float]]:
     return [[_short(x) for x in row] for row in np.asarray(matrix)]
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(Dumper):
     """Lists of numbers on one line: a matrix reads as a matrix."""
 
 

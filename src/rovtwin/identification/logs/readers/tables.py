@@ -1,7 +1,10 @@
 """CSV and npz: columns that the user names."""
 
 import csv
+import errno
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -83,15 +86,31 @@ def read_text(path: Path) -> str:
         raise IdentificationError(f"{path}: cannot be read ({error.strerror})") from None
 
 
+# Of a zip that is cut, damaged, encrypted or packed in another way, and of headers in it.
+_BROKEN = (
+    *(OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error, tokenize.TokenError),
+    *(NotImplementedError, RuntimeError, SyntaxError),
+)
+
+
+def _require_room(path: Path) -> None:
+    """Raises OSError where what is packed has no room: a few bytes may stand for many."""
+    with zipfile.ZipFile(path) as packed:
+        size = sum(one.file_size for one in packed.infolist())
+    if size > given.MOST_LOG:
+        raise OSError(errno.EFBIG, f"it holds {size / 1e6:,.0f} MB, expected at most {given.MOST_LOG / 1e6:,.0f} MB")
+
+
 def read_npz(path: Path) -> Raw:
     """Arrays of an npz file, one table each; an array of one dimension is one column. Columns have numbers only.
 
     Arrays of times beside them are found by their names, see `clocks`.
     """
     try:
-        with np.load(given.checked(path, given.MOST_LOG), allow_pickle=False) as file:
+        _require_room(given.checked(path, given.MOST_LOG))
+        with np.load(path, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile) as error:
+    except _BROKEN as error:
         raise IdentificationError(f"{path}: cannot be read as npz ({error})") from None
     columns, notes = {}, []
     for name, array in arrays.items():
