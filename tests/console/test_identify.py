@@ -110,7 +110,7 @@ def test_error_counts_once_two_looks_found_it(growing, monkeypatch):
     from rovtwin.identification.checks.findings import Finding
 
     alarm = Finding("error", "clock", "commands", "late.", "Write it.")
-    monkeypatch.setattr(assess, "check_record", lambda record, model: [alarm])
+    monkeypatch.setattr(assess, "check_record", lambda record, model, thrusters: [alarm])
     monkeypatch.setattr(assess, "JUDGED", 1.0)
     assessor = Assessor(Subject(load_vehicle(VEHICLE), 84.0, 2))
     records = assessor.records(growing, final=False)

@@ -217,7 +217,8 @@ def _other_vehicle(vehicle: Vehicle, log: Path) -> list[str]:
     flown = vehicle_of(load_scenario(beside))
     if fingerprint(flown.file) == fingerprint(vehicle.file):
         return []
-    return [f"was flown with another description, {flown.name}; it is compared with {vehicle.name} all the same"]
+    was, now = (f"{one.name} of {one.assembly.solid.mass:.4g} kg" for one in (flown, vehicle))
+    return [f"was flown with another description, {was}; it is compared with {now} all the same"]
 
 
 def _words(names: Sequence[str]) -> str:
