@@ -99,15 +99,18 @@ class Bench:
 
 
 def check(bench: Bench) -> tuple[str, str]:
+    """Read and judged."""
     code, data, message = bench.run("vehicle", "check", bench.vehicle, "--json")
     return ("yes", data["verdict"]) if code == 0 else ("FAILED", _last(message))
 
 
 def show(bench: Bench) -> tuple[str, str]:
+    """Shown: mass and top speed."""
     return "yes", f"{bench.shown()['mass_kg']:g} kg, {bench.top_speed():.2f} m/s"
 
 
 def ballast(bench: Bench) -> tuple[str, str]:
+    """Trimmed level, 2 N of buoyancy."""
     code, data, message = bench.run("vehicle", "ballast", bench.vehicle, "--level", "--buoyancy", "2N", "--json")
     if code == 0:
         return "yes", f"{len(data.get('pieces', []))} pieces"
@@ -116,6 +119,7 @@ def ballast(bench: Bench) -> tuple[str, str]:
 
 
 def sea(bench: Bench) -> tuple[str, str]:
+    """Whether it holds a place in a current of a third of its top speed."""
     current = f"world.current=[0,{bench.top_speed() * CURRENT_SHARE:.3f},0]"
     code, _, message = bench.run("sea", "station_keeping", *_set(f"vehicle={bench.vehicle}", current), "--json")
     warned = "Warning" in message
@@ -123,16 +127,19 @@ def sea(bench: Bench) -> tuple[str, str]:
 
 
 def plan(bench: Bench) -> tuple[str, str]:
+    """Four minutes of tests in a tank."""
     options = ["--minutes", "4", "--tank", bench.tank(), "-o", "planned.yaml", "--json"]
     code, _, message = bench.run("plan-tests", bench.vehicle, *options)
     return ("yes", bench.tank()) if code == 0 else ("FAILED" if "Traceback" in message else "refused", _last(message))
 
 
 def test(bench: Bench) -> tuple[str, str]:
+    """The plan flown in the twin."""
     return bench.flown(*bench.run("fly", "planned.yaml", "--out", "test", "--no-report", "--json"))
 
 
 def identify(bench: Bench) -> tuple[str, str]:
+    """Identified from that log."""
     options = ["-o", "identified.yaml", "--no-report", "--json"]
     code, data, message = bench.run("identify", bench.vehicle, "test/log.mcap", *options)
     if code == 0:
@@ -142,6 +149,7 @@ def identify(bench: Bench) -> tuple[str, str]:
 
 
 def compare(bench: Bench) -> tuple[str, str]:
+    """What was identified against the description."""
     if not (bench.folder / "identified.yaml").exists():
         return "ended", "there is no identified file"
     code, _, message = bench.run("compare", bench.vehicle, "identified.yaml", "--json")
@@ -149,23 +157,27 @@ def compare(bench: Bench) -> tuple[str, str]:
 
 
 def tune(bench: Bench) -> tuple[str, str]:
+    """Six evaluations, to see that it runs."""
     few = ["--budget-s", "90", "--evaluations", "6", "--plants", "2", "--held-out", "2"]
     code, _, message = bench.run("tune", "square", *_set(f"vehicle={bench.vehicle}"), *few, "--out", "tune", "--json")
     return ("yes", "better" if code == 0 else "not better") if code in (0, 1) else ("FAILED", _last(message))
 
 
 def calm(bench: Bench) -> tuple[str, str]:
+    """`square` in calm water."""
     options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--batch", "--json"]
     return bench.scored(*bench.run("score", "square", *options))
 
 
 def current(bench: Bench) -> tuple[str, str]:
+    """`square` in a current of a third of its top speed."""
     speed = f"world.current=[0,{bench.top_speed() * CURRENT_SHARE:.3f},0]"
     options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--batch", *_set(speed), "--json"]
     return bench.scored(*bench.run("score", "square", *options))
 
 
 def station(bench: Bench) -> tuple[str, str]:
+    """A place kept in that current."""
     speed = f"world.current=[0,{bench.top_speed() * CURRENT_SHARE:.3f},0]"
     place = f"mission.waypoints=[{{position: [0, 0, 3], hold_time: {STATION}}}]"
     options = ["--vehicle", bench.vehicle, "--seeds", bench.seeds, "--batch", *_set(speed, place), "--json"]
@@ -173,6 +185,7 @@ def station(bench: Bench) -> tuple[str, str]:
 
 
 def fail_safes(bench: Bench) -> tuple[str, str]:
+    """Every rule brought about in a flight."""
     wrong = []
     for rule, changes in FAIL_SAFES.items():
         settings = _set(f"vehicle={bench.vehicle}", "duration=150", "world.surface=true", *changes)
@@ -185,6 +198,7 @@ def fail_safes(bench: Bench) -> tuple[str, str]:
 
 
 def campaign(bench: Bench) -> tuple[str, str]:
+    """Three flights with currents and mismatch."""
     (bench.folder / "campaign.yaml").write_text(
         f"scenario: square\nsamples: 3\nset: {{vehicle: '{bench.vehicle}', world.mismatch: true}}\n"
         "vary:\n  world.current.velocity[1]: {distribution: uniform, low: 0, high: 0.05}\n"
@@ -269,6 +283,7 @@ def table(cells: dict) -> str:
 
 
 def main() -> None:
+    """Runs the steps and prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("vehicles", nargs="*", help="files or library names; default the whole library")
     parser.add_argument("--out", type=Path, default=Path("runs/fleet"))
