@@ -10,7 +10,8 @@ python -m docs.scripts.devices --out runs/devices --table                  # onl
   the filter in `square`, three seeds each, the vehicle ballasted.
 - identified: the bare vehicle, its truth drawn half as wide as the prior until one gets through its planned test, flies
   that with one pull on a scale of 2 %. The device is bolted on, with its ballast. What it truly changes does not come
-  from the formulas that predict it: added mass is the panel method's, drag is the formula's times log-normal factors of 1.5 with 3 % of the
+  from the formulas that predict it: added mass is the panel method's, drag is the formula's times log-normal factors
+  of 1.5 with 3 % of the
   whole, displaced volumes are off by 3 % (tests/identification/swap.py). The same test is flown again and identified
   with the prediction as prior. How many truths lie in the 95 % intervals, before and after?
 
