@@ -10,11 +10,10 @@ from pathlib import Path
 
 MOST_TEXT = 50_000_000  # bytes of a file of text
 MOST_LOG = 4_000_000_000  # bytes of a log that is read at once
-MOST_STREAMED = 10**15  # bytes of one that is read piece by piece
 
 
-def checked(path: str | Path, most: int = MOST_TEXT) -> Path:
-    """The path of an ordinary file of at most so many bytes.
+def checked(path: str | Path, most: float = MOST_TEXT) -> Path:
+    """The path of an ordinary file of at most so many bytes; inf for one that is read piece by piece.
 
     Raises:
         FileNotFoundError: There is none.

@@ -76,16 +76,16 @@ def _whole(loader: _Loader, node: yaml.ScalarNode) -> int:
     digits, base = text.lstrip("+-"), {"0o": 8, "0x": 16}.get(text[:2], 10)
     value = int(text if base == 10 else text[2:], base) if len(digits) <= LONGEST else None
     if value is None or abs(value) >= 10**MOST_DIGITS:
-        said = f"found a number of {len(digits)} digits, expected at most {MOST_DIGITS}"
-        raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+        problem = f"found a number of {len(digits)} digits, expected at most {MOST_DIGITS}"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
     return value
 
 
 def _real(loader: _Loader, node: yaml.ScalarNode) -> float:
     value = loader.construct_yaml_float(node)
     if math.isfinite(value) and abs(value) > MOST_NUMBER or math.isinf(value) and "inf" not in node.value.lower():
-        said = f"found {node.value[:LONGEST]}, expected a number below {MOST_NUMBER:g}"
-        raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+        problem = f"found {node.value[:LONGEST]}, expected a number below {MOST_NUMBER:g}"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
     return value
 
 
@@ -163,7 +163,7 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     if data is None:
         raise ConfigError(f"{where}: is empty, expected keys and values")
     if not isinstance(data, dict):
-        found = "text" if isinstance(data, str) else said_kind(data)  # what it says is nobody's business
+        found = "text" if isinstance(data, str) else said_kind(data)  # another program's file may hold a secret
         raise ConfigError(f"{where}: found {found}, expected keys and values such as 'name: my_vehicle'")
     return data
 

@@ -13,8 +13,8 @@ from rovtwin.scenario.score import Flown
 from rovtwin.scenario.stalls import cause, stalls
 from rovtwin.vehicle import Model
 
-COARSER = 1.5  # times the best standard deviation of a position so far, from which on it is told
-BRIEF, SETTLING = 3.0, 20.0  # a stretch that is not told, and the time in which the filter settles [s]
+COARSER = 1.5  # times the best standard deviation of a position so far, from which on it is bad
+BRIEF, SETTLING = 3.0, 20.0  # a stretch that does not count, and the time in which the filter settles [s]
 _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 

@@ -1,5 +1,6 @@
 """A log in memory: its channels as arrays, from a file or from arrays."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from mcap.opcode import Opcode
 from numpy.typing import ArrayLike
 
 from rovtwin.core.errors import LogError
-from rovtwin.core.files import MOST_STREAMED, checked
+from rovtwin.core.files import checked
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
@@ -188,7 +189,7 @@ def open_mcap(path: Path) -> Iterator[BinaryIO]:
         LogError: It doesn't, or can't be read.
     """
     try:
-        with open(checked(path, MOST_STREAMED), "rb") as stream:
+        with open(checked(path, math.inf), "rb") as stream:
             _check_start(stream.read(16), path)
             yield stream
     except FileNotFoundError as error:

@@ -382,8 +382,8 @@ class MavlinkLink(Link):
         elif kind == "STATUSTEXT":
             self._texts.append(text_of(message))
         elif message.get_srcComponent() == 1:
-            if said := self._steering.take(kind, message):
-                logger.warning("mavlink: %s: %s", self._line.url, said)
+            if news := self._steering.take(kind, message):
+                logger.warning("mavlink: %s: %s", self._line.url, news)
         for sensor, values, boot in self._readings.of(message, arrival):
             t = arrival if boot is None else self._boot.host_time(boot, arrival)
             if self._order.forward(sensor, t, arrival):

@@ -64,9 +64,8 @@ class Steering:
         before, known = self.gain, self.in_force
         changed = before is not None and abs(value - before) > CHANGED
         if self._given:
-            said = f"it says that the pilot's gain is {value:g}; {before:g}, which was given, counts"
-            said, self._doubted = said if changed and not self._doubted else "", self._doubted or changed
-            return said
+            first, self._doubted = changed and not self._doubted, self._doubted or changed
+            return f"it says that the pilot's gain is {value:g}; {before:g}, which was given, counts" if first else ""
         self.gain, self.in_force = value, True
         return f"the pilot's gain is {value:g} now, {before:g} before" if known and changed else ""
 

@@ -1,5 +1,7 @@
 """The truth of a served twin in an MCAP file."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +16,13 @@ class TruthLog:
     """The truth of a served twin: what it was at each `take`."""
 
     def __init__(self, writer: LogWriter):
+        """`writer` is open; see `truth_log`."""
         self._writer = writer
         self._rows: dict[str, list[np.ndarray]] = {}
         self._times: list[float] = []
 
     def take(self, vehicle: Any) -> None:
+        """What is true of the vehicle now."""
         self._times.append(vehicle.now)
         for name, values in vehicle.truth.items():
             self._rows.setdefault(name, []).append(np.array(values))
@@ -26,22 +30,15 @@ class TruthLog:
             self.flush()
 
     def flush(self) -> None:
+        """Write what was taken since the last time."""
         for name, rows in self._rows.items():
             self._writer.write_many(f"truth/{name}", np.array(self._times), np.stack(rows))
         self._rows, self._times = {}, []
 
-    def __enter__(self) -> "TruthLog":
-        self._writer.__enter__()
-        return self
 
-    def __exit__(self, *error: object) -> None:
-        if self._times:
-            self.flush()
-        self._writer.__exit__(*error)  # type: ignore[arg-type]  (handed on as they came)
-
-
-def truth_log(path: Path, vehicle: Any) -> TruthLog:
-    """A new log for a vehicle with `dt`, `thrusters`, `now` and `truth`, see `host.ServedVehicle`.
+@contextmanager
+def truth_log(path: Path, vehicle: Any) -> Iterator[TruthLog]:
+    """A new log for a vehicle with `dt`, `thrusters`, `now` and `truth`, see `host.ServedVehicle`; whole at the end.
 
     Raises:
         LinkError: A replayed vehicle, which has no truth.
@@ -57,4 +54,9 @@ def truth_log(path: Path, vehicle: Any) -> TruthLog:
         Channel("truth/command", thrusters, "1", "", description="normalised command of each thruster", rate=rate),
     ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    return TruthLog(LogWriter(path, channels, {"name": "served"}))
+    with LogWriter(path, channels, {"name": "served"}) as writer:
+        log = TruthLog(writer)
+        try:
+            yield log
+        finally:
+            log.flush()

@@ -86,11 +86,10 @@ def read_text(path: Path) -> str:
         raise IdentificationError(f"{path}: cannot be read ({error.strerror})") from None
 
 
-# Of a zip that is cut, damaged, encrypted or packed in another way, and of headers in it.
-_BROKEN = (
-    *(OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error, tokenize.TokenError),
-    *(NotImplementedError, RuntimeError, SyntaxError),
-)
+# RuntimeError: zipfile of an encrypted file, and of one that is packed by a method it does not know; TokenError: NumPy
+# of a header that is cut.
+_BROKEN = (OSError, ValueError, EOFError, KeyError, MemoryError, RuntimeError)
+_BROKEN += (zipfile.BadZipFile, zlib.error, tokenize.TokenError)
 
 
 def _require_room(path: Path) -> None:
