@@ -13,8 +13,9 @@ from rovtwin.scenario.score import Flown
 from rovtwin.scenario.stalls import cause, stalls
 from rovtwin.vehicle import Model
 
-COARSER = 1.5  # times the best standard deviation of a position so far, from which on it is bad
-BRIEF, SETTLING = 3.0, 20.0  # a stretch that does not count, and the time in which the filter settles [s]
+MOST_BAD = 3  # stretches of them that are listed: more say no more
+COARSER = 2.0  # times the best standard deviation of a position so far, from which on it is bad
+BRIEF, SETTLING = 10.0, 20.0  # a stretch that does not count, and the time in which the filter settles [s]
 _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 
@@ -61,7 +62,7 @@ def badly_placed(flown: Flown, scenario: Scenario) -> list[dict[str, Any]]:
             what = f"until {flown.t[b - 1]:.0f} s the position is known to {plain(float(half[a:b].max()))} m at worst"
             cause = f"readings of a position are missing or bad (acceptance {accepted[a]:g} m)"
             found.append(_one(float(flown.t[a]), what, cause))
-    return found
+    return found[:MOST_BAD]
 
 
 def courses(t: np.ndarray, phase: np.ndarray, reason: np.ndarray) -> list[dict[str, Any]]:
