@@ -124,14 +124,14 @@ def flown(parameters, L, command, seed, duration=DURATION, wrong=False):
 
 
 def campaigns(seeds, errors, name="double_blueye", wrong=False, inflow=False):
-    """z = (estimate - truth) / standard deviation of every parameter, shape (campaigns, n), names, and (campaigns,)
-    whether the result is not to be relied on."""
+    """Of each campaign in turn: z = (estimate - truth) / standard deviation of every parameter, shape (n,), their
+    names, and whether the result is not to be relied on."""
     vehicle = vehicle_of(name)
     everything = catalogue(vehicle)
     parameters = choose(everything, [*default_free(everything, [], inflow), "commands.delay", *MOUNTING])
     prior = default_prior(parameters, vehicle)
     L = np.linalg.cholesky(prior.covariance)
-    shooting, rows, wider, doubts = None, [], [], []
+    shooting = None
     for seed in seeds:
         truth, model, log = flown(parameters, L, commands(vehicle, seed, DURATION), seed, wrong=wrong)
         segments = cut([log], GRID)
@@ -142,17 +142,21 @@ def campaigns(seeds, errors, name="double_blueye", wrong=False, inflow=False):
         pull = {"direction": "surge", "force": full * (1 + PULL * errors[seed]), "sd": PULL * full}
         problem = Problem(shooting, prior, static_evidence(parameters, [{"bollard": pull}]))
         solution = estimate(problem)
-        doubts.append(bool(doubts_about(solution, problem, residual_analysis(problem, solution), [])))
-        std = np.sqrt(np.diag(solution.covariance))
-        rows.append((solution.unknowns.theta - truth) / std)
-        wider.append(solution.widening)
+        doubt = bool(doubts_about(solution, problem, residual_analysis(problem, solution), []))
+        z = (solution.unknowns.theta - truth) / np.sqrt(np.diag(solution.covariance))
         print(
-            f"{name} {seed}: {solution.steps} steps{', not to be relied on' if doubts[-1] else ''}, inside "
-            f"{np.mean(np.abs(rows[-1]) < 1.96):.0%}, rms z {np.sqrt(np.mean(rows[-1] ** 2)):.2f}, "
-            f"wider by {np.median(wider[-1]):.2f}",
+            f"{name} {seed}: {solution.steps} steps{', not to be relied on' if doubt else ''}, inside "
+            f"{np.mean(np.abs(z) < 1.96):.0%}, rms z {np.sqrt(np.mean(z**2)):.2f}, "
+            f"wider by {np.median(solution.widening):.2f}",
             flush=True,
         )
-    return np.array(rows), parameters.names, np.array(doubts)
+        yield z, parameters.names, doubt
+
+
+def several(*arguments):
+    """All campaigns of one process: z, shape (campaigns, n), names, and doubts, shape (campaigns,)."""
+    z, names, doubts = zip(*campaigns(*arguments), strict=True)
+    return np.array(z), names[0], np.array(doubts)
 
 
 def coverage(z, names, doubts):
@@ -178,10 +182,10 @@ def run(count, jobs=2, name="double_blueye", wrong=False, inflow=False):
     """Coverage over `count` campaigns on `jobs` processes."""
     seeds, errors = [range(job, count, jobs) for job in range(jobs)], pulls(count)
     if jobs == 1:
-        parts = [campaigns(seeds[0], errors, name, wrong, inflow)]
+        parts = [several(seeds[0], errors, name, wrong, inflow)]
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            parts = list(pool.map(campaigns, seeds, [errors] * jobs, [name] * jobs, [wrong] * jobs, [inflow] * jobs))
+            parts = list(pool.map(several, seeds, [errors] * jobs, [name] * jobs, [wrong] * jobs, [inflow] * jobs))
     z, doubts = (np.concatenate([part[i] for part in parts]) for i in (0, 2))
     return coverage(z, parts[0][1], doubts) | {"z": z.round(4).tolist(), "doubts": doubts.tolist()}
 
