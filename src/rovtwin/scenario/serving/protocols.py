@@ -187,9 +187,9 @@ def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
 
 
 def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.waterlinked.dvl_server import DvlServer
+    from rovtwin.links.waterlinked.dvl_server import WEB_PORT, DvlServer
 
-    return DvlServer(floor=scenario.world.floor, **where.options())
+    return DvlServer(floor=scenario.world.floor, web_port=WEB_PORT, **where.options())
 
 
 def _ugps(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
