@@ -111,7 +111,7 @@ class _Qtm:
             "getparameters": self._parameters,
             "getcurrentframe": self._current,
             "streamframes": self._stream,
-            "takecontrol": lambda viewer, words: _said(*self.control.take(viewer.client.name, words)),
+            "takecontrol": lambda viewer, words: _answered(*self.control.take(viewer.client.name, words)),
             "releasecontrol": lambda viewer, words: _reply(self._release(viewer.client.name)),
         }
 
@@ -166,7 +166,7 @@ class _Qtm:
     def _obey(self, viewer: _Viewer, order: str, words: list[str]) -> bytes:
         """An order to the measurement. What follows from it all clients are told, a little later."""
         before = self.control.state
-        answer = _said(*self.control.obey(viewer.client.name, order, words))
+        answer = _answered(*self.control.obey(viewer.client.name, order, words))
         self._changed(before, f"{viewer.client.name} asked for {order}")
         return answer
 
@@ -246,7 +246,7 @@ def _reply(text: str) -> bytes:
     return wire.text_packet(COMMAND, text)
 
 
-def _said(text: str, is_error: bool) -> bytes:
+def _answered(text: str, is_error: bool) -> bytes:
     return _refusal(text) if is_error else _reply(text)
 
 

@@ -160,9 +160,10 @@ def data_packet(t: float, frame: int, components: Sequence[str], place: np.ndarr
         R: Maps the body's axes to the lab's, shape (3, 3).
     """
     lost = not (np.isfinite(place).all() and np.isfinite(R).all())
-    bodies = _body(place, R, lost) | _markers(place, R, lost)
-    counts = dict.fromkeys(_COUNTED, 1) | dict.fromkeys(("3d", "3dres"), len(MARKERS))
-    counts |= dict.fromkeys(("3dnolabels", "3dnolabelsres"), 0 if lost else len(MARKERS))
+    bodies: dict[str, bytes] = _body(place, R, lost) | _markers(place, R, lost)
+    labelled, seen = len(MARKERS), 0 if lost else len(MARKERS)
+    counts: dict[str, int] = {"3d": labelled, "3dres": labelled, "3dnolabels": seen, "3dnolabelsres": seen}
+    counts |= {"6d": 1, "6dres": 1, "6deuler": 1, "6deulerres": 1}
     parts = []
     for name in components:
         content = bodies.get(name, b"")
@@ -170,9 +171,6 @@ def data_packet(t: float, frame: int, components: Sequence[str], place: np.ndarr
         parts.append(BODIES.pack(counts.get(name, 0), 0, 0) + content)
     stamp = min(max(round(1e6 * t), -(2**63)), 2**63 - 1)
     return packet(DATA, FRAME.pack(stamp, frame % 2**32, len(components)) + b"".join(parts))
-
-
-_COUNTED = ("6d", "6dres", "6deuler", "6deulerres")
 
 
 def _body(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:

@@ -150,7 +150,7 @@ def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
             "or two, as blueye_pioneer and double_blueye have them"
         )
     hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
-    return BlueyeServer(hosts, http_port=where.port or 80)
+    return BlueyeServer(hosts, http_port=where.port or 80, fastest=(RATE[0], RATE[1], RATE[2]), datum=scenario.origin)
 
 
 def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
