@@ -13,7 +13,7 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
-from rovtwin.links.crowd import MOST_CLIENTS, Client, Crowd, crowd, read_line
+from rovtwin.links.crowd import MOST_CLIENTS, Client, Crowd, crowd
 from rovtwin.links.rotations import turn_about_z
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
@@ -31,12 +31,13 @@ from rovtwin.links.waterlinked.dvl_wire import (
     figure_of_merit,
     parse_order,
     report_line,
+    split_orders,
 )
 from rovtwin.links.waterlinked.reckoning import Reckoning
 from rovtwin.links.waterlinked.web import serving_pages
 
 PORT = 16171
-WEB_PORT = 8081  # of the pages; the DVL itself has 80, which takes root to bind
+WEB_PORT = 8171  # of the pages; the DVL itself has 80, which takes root to bind
 POSITION_PERIOD = 0.2  # of dead reckoning [s]: 5 Hz
 INVALID_PERIOD = 0.25  # of reports without bottom lock [s]; the DVL's own range of rates is 2 to 15 Hz
 STALE = 0.5  # no reading for so long: bottom lock is lost [s]
@@ -82,9 +83,13 @@ class DvlServer(Server):
         dvl = _Dvl(self, station)
 
         async def serve(client: Client) -> None:
-            while (line := await read_line(client.reader)) and not client.gone:
-                if line.strip():
-                    client.send(report_line(dvl.answer(line)))
+            rest = b""
+            while (piece := await client.reader.read(LONGEST_LINE)) and not client.gone:
+                orders, rest = split_orders(rest + piece)
+                for order in orders:
+                    client.send(report_line(dvl.answer(order)))
+                if len(rest) > LONGEST_LINE:
+                    raise LinkError("line too long")
 
         where = (self.host, self.port)
         async with (
