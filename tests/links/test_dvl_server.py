@@ -259,6 +259,7 @@ def test_garbage_is_answered_and_forgotten(rig, line):
         (b'{"command":"get_config"}', ["get_config"]),  # libwaterlinked, dvl-a50: no end of line
         (b'{"command":"get_config"}{"command":"trigger_ping"}', ["get_config", "trigger_ping"]),
         (b'{"command":"get_config"}\n\n{"command":"trigger_ping"}\r\n', ["get_config", "trigger_ping"]),
+        (b'["command","get_config"]{"command":"get_config"}', ["", "get_config"]),  # dvl-a50's own mistake
         (b'hello {"command":1}\n{"command":"get_config"}', ["", "get_config"]),
     ],
 )

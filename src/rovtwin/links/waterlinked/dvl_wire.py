@@ -183,7 +183,8 @@ def split_orders(data: bytes) -> tuple[list[bytes], bytes]:
     """Whole commands, and what is left of the last one.
 
     The DVL takes a JSON object as soon as it is whole: C++ drivers (libwaterlinked, dvl-a50) send no end of line after
-    it. What is no object is a line, which ends where lines do.
+    it, and dvl-a50 sends commands without parameters as a list, which is answered as what it is. What is neither is a
+    line, which ends where lines do.
     """
     orders = []
     while data := data.lstrip():
@@ -198,10 +199,10 @@ def split_orders(data: bytes) -> tuple[list[bytes], bytes]:
 
 
 def _object_of(data: bytes) -> bytes:
-    """The JSON object that data begin with; empty where there is none, or not all of it."""
+    """The JSON object, or list, that data begin with; empty where there is none, or not all of it."""
     try:
         text = data.decode()
-        return text[: _DECODER.raw_decode(text)[1]].encode() if text.startswith("{") else b""
+        return text[: _DECODER.raw_decode(text)[1]].encode() if text.startswith(("{", "[")) else b""
     except (ValueError, RecursionError):  # also what is no UTF-8
         return b""
 
