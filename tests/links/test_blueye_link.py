@@ -19,6 +19,7 @@ from blueye.sdk import Drone
 from tests.links.blueye_vehicle import TRUTH, Feeder, wait_for, wait_for_farewells
 from tests.links.serving import Served, serving
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LinkTimeout
 from rovtwin.core.flow import Command
 from rovtwin.links.blueye.double import DoubleBlueyeLink
@@ -40,7 +41,9 @@ def proxy(monkeypatch):
 
 @contextmanager
 def vehicle(*hosts: str, drones=("",), **options) -> Iterator[Served]:
-    with serving(BlueyeServer(hosts=hosts or (PORT,), http_port=HTTP, **options), drones=drones) as served:
+    with serving(
+        BlueyeServer(hosts=hosts or (PORT,), http_port=HTTP, datum=Datum(), **options), drones=drones
+    ) as served:
         assert wait_for(lambda: served.said)
         try:
             yield served

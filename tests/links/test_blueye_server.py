@@ -15,9 +15,12 @@ import pytest
 import requests
 import zmq
 from blueye.sdk import Drone
+from blueye.sdk.logs import LogStream
+from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
 from tests.links.blueye_vehicle import Feeder, wait_for
 from tests.links.serving import Served, serving
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.protobuf import names
 from rovtwin.links.blueye.server import BlueyeServer
@@ -26,6 +29,7 @@ from rovtwin.links.server import require_loopback
 from rovtwin.links.station import Station
 
 PORT, STARBOARD = "127.0.0.4", "127.0.0.5"  # not 127.0.0.2 and .3, where tests of `rovtwin serve` may be at work
+ESTIMATE = [12.0, -7.0, 3.5, *[0.0] * 9]
 HTTP = 8780  # not 80, so that tests need no root
 
 
@@ -39,7 +43,7 @@ def proxy(monkeypatch):
 
 @pytest.fixture
 def server() -> BlueyeServer:
-    return BlueyeServer(hosts=(PORT,), http_port=HTTP)
+    return BlueyeServer(hosts=(PORT,), http_port=HTTP, datum=Datum(63.0, 10.0))
 
 
 @pytest.fixture
@@ -266,9 +270,49 @@ def test_every_request_of_the_sdk_is_answered(served, drone):
     drone.ping()
     assert drone._req_rep_client.get_overlay_parameters(2.0) is not None
     assert drone.camera.get_bitrate() == 0
-    assert drone.logs is not None and len(drone.logs) == 0
-    with pytest.raises(RuntimeError):
-        drone.mission.get_active()  # told by the version: there are no missions
+    assert len(drone.mission.get_active().instructions) == 0
+
+
+def test_mission_by_the_sdk(served, drone):
+    """Loaded and started as its examples do, a second before its first watchdog; the target moves where it leads."""
+    feeder = Feeder(served)
+    feeder.feed(0.1, estimate=ESTIMATE)
+    down = bp.Instruction(depth_set_point_command={"depth_set_point": {"depth": 9.0, "speed_to_depth": 0.5}})
+    drone.mission.load_and_run(prepare_new_mission([down], 3, "down"))
+    assert len(drone.mission.get_active().instructions) == 1
+    arm(drone, served)
+    feeder.feed(3.0, estimate=ESTIMATE)
+    assert wait_for(lambda: served.wishes[-1].target is not None and served.wishes[-1].target[2] > 3.9)
+    assert served.wishes[-1].target[:2] == (12.0, -7.0) and drone.mission.get_status().state == 3
+    feeder.feed(1.0, estimate=[*ESTIMATE[:2], 9.0, *ESTIMATE[3:]])
+    assert wait_for(lambda: drone.mission.get_status().state == bp.MissionState.MISSION_STATE_COMPLETED)
+    assert wait_for(lambda: served.wishes[-1].target is None and served.wishes[-1].hold_depth)
+
+
+def test_mission_that_is_refused_says_why(served, drone):
+    notes = []
+    drone.telemetry.add_msg_callback([bp.NotificationTel], lambda name, note: notes.append(note))
+    far = create_waypoint_instruction("far", 0.0, 0.0, 1.0)
+    with pytest.raises(RuntimeError, match="Failed to load the mission"):
+        drone.mission.load_and_run(prepare_new_mission([far]))
+    assert wait_for(lambda: len(notes) == 2)
+    assert [note.notification.level for note in notes] == [3, 3]
+    assert any("mission: instruction 1 (waypoint): " in text for text in served.said)
+
+
+def test_log_is_found_and_read_as_the_sdks_example_does(served, drone):
+    """Its records hold what telemetry had, at most once a second each, and any number of readers gets the same."""
+    Feeder(served).feed(5.0)
+    log = drone.logs[0]
+    assert log.is_dive and log.max_depth_magnitude == 3 and log.filesize > 1000
+    records = list(LogStream(log.download(write_to_file=False)))
+    depths = [(since.total_seconds(), content) for _, since, kind, content in records if kind == bp.DepthTel]
+    assert len(depths) == 5 and all(content.depth.value == 3.5 for _, content in depths)
+    assert depths[-1][0] - depths[0][0] == pytest.approx(4.0, abs=0.3)
+    assert {bp.PositionEstimateTel, bp.AttitudeTel, bp.MissionStatusTel} <= {kind for _, _, kind, _ in records}
+    assert abs(records[-1][0].timestamp() - time.time()) < 60.0
+    unknown = requests.get(f"http://{PORT}/logs/none/binlog", timeout=2)
+    assert unknown.status_code == 404
 
 
 def test_malformed_messages_are_dropped_and_the_rest_goes_on(served, drone):
@@ -308,7 +352,7 @@ def test_http_without_a_proxy_serves_who_it_is(served):
     direct = requests.Session()
     direct.trust_env = False
     found = direct.get(f"http://{PORT}:{HTTP}/diagnostics/drone_info", timeout=2).json()
-    assert found["sw_version"].startswith("3.4") and found["serial_number"] and found["hardware_id"]
+    assert found["sw_version"].startswith("4.0.5") and found["serial_number"] and found["hardware_id"]
     assert direct.get(f"http://{PORT}:{HTTP}/nonsense", timeout=2).status_code == 404
     assert direct.post(f"http://{PORT}:{HTTP}/logs", timeout=2).status_code == 405
 

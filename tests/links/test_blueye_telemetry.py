@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
 from rovtwin.links.blueye.drone import About, Drone
 from rovtwin.links.blueye.telemetry import SENSED, Telemetry
 
 
-def a_drone(name: str = "") -> Telemetry:
-    telemetry = Telemetry(Drone(name, About(), 2.0))
+def a_drone(name: str = "", datum: Datum | None = None) -> Telemetry:
+    telemetry = Telemetry(Drone(name, About(), 2.0), datum)
     for message in SENSED:
         telemetry.set_rate(message, 100.0)
     return telemetry
@@ -78,7 +79,7 @@ def test_drones_own_reading_before_the_vehicles():
 
 
 def test_position_is_the_vehicles_estimate_where_there_is_one():
-    telemetry = a_drone()
+    telemetry = a_drone(datum=Datum(63.0, 10.0))
     measured = Measurement("position", np.array([5.0, 6.0]), 0.0)
     attitude = Measurement("attitude", np.array([0.0, 0.0, 0.5]), 0.0)
     assert read(sent(telemetry, 0.0, measured, attitude), "position") == [pytest.approx([5.0, 6.0])]
@@ -89,6 +90,35 @@ def test_position_is_the_vehicles_estimate_where_there_is_one():
     assert (told.heading, told.surge_rate, told.yaw_rate) == pytest.approx((6.0, 7.0, 12.0))
     later = Measurement("position", np.array([50.0, 60.0]), 2.0)
     assert read(sent(telemetry, 2.0, later), "position") == [], "a measurement is no estimate"
+
+
+def test_position_has_its_place_on_the_map():
+    """What the SDK's NMEA example sends: 0, 0 would be a place in the Atlantic."""
+    telemetry = a_drone(datum=Datum(63.0, 10.0))
+    sent(telemetry, 0.0, Measurement("estimate", np.array([111.4, -50.0, *np.zeros(10)]), 0.0))
+    estimate = telemetry.contents.message("PositionEstimateTel").position_estimate
+    latitude, longitude, _ = Datum(63.0, 10.0).geodetic([111.4, -50.0, 0.0])
+    assert estimate.is_valid and estimate.global_position.latitude == pytest.approx(float(latitude), abs=1e-9)
+    assert estimate.global_position.longitude == pytest.approx(float(longitude), abs=1e-9)
+    assert latitude > 63.0009 and longitude < 9.9991
+
+
+def test_position_without_a_place_on_the_map_is_not_valid():
+    telemetry = a_drone()
+    sent(telemetry, 0.0, Measurement("estimate", np.arange(12.0), 0.0))
+    estimate = telemetry.contents.message("PositionEstimateTel").position_estimate
+    assert not estimate.is_valid and not estimate.HasField("global_position") and estimate.easting == 1.0
+
+
+def test_odometer_counts_the_level_way():
+    """0.3 m/s ahead and 0.4 to starboard for ten seconds, at any depth rate."""
+    telemetry = a_drone(datum=Datum())
+    for k in range(101):
+        value = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.3, 0.4, 0.9, 0.0, 0.0, 0.0])
+        sent(telemetry, 0.1 * k, Measurement("estimate", value, 0.1 * k))
+    estimate = telemetry.contents.message("PositionEstimateTel").position_estimate
+    assert estimate.odometer == pytest.approx(5.0, abs=0.06)
+    assert estimate.course_over_ground == pytest.approx(np.degrees(1.0 + np.arctan2(0.4, 0.3)), abs=1e-4)
 
 
 def test_clock_that_is_set_back_does_not_silence_the_drone():

@@ -253,6 +253,30 @@ def test_garbage_is_answered_and_forgotten(rig, line):
     assert client.ask("get_config")["success"] is True
 
 
+@pytest.mark.parametrize(
+    ("sent", "answers"),
+    [
+        (b'{"command":"get_config"}', ["get_config"]),  # libwaterlinked, dvl-a50: no end of line
+        (b'{"command":"get_config"}{"command":"trigger_ping"}', ["get_config", "trigger_ping"]),
+        (b'{"command":"get_config"}\n\n{"command":"trigger_ping"}\r\n', ["get_config", "trigger_ping"]),
+        (b'["command","get_config"]{"command":"get_config"}', ["", "get_config"]),  # dvl-a50's own mistake
+        (b'hello {"command":1}\n{"command":"get_config"}', ["", "get_config"]),
+    ],
+)
+@pytest.mark.parametrize("pieces", [1, 7])
+def test_commands_with_and_without_an_end_of_line(rig, sent, answers, pieces):
+    """As C++ drivers send them, whole or torn to pieces."""
+    _, client, _ = rig
+    client.ask("get_config")
+    size = -(-len(sent) // pieces)
+    for at in range(0, len(sent), size):
+        client.socket.sendall(sent[at : at + size])
+        time.sleep(0.005)
+    found = [client.next("response") for _ in answers]
+    assert [answer["response_to"] for answer in found] == answers
+    assert client.ask("get_config")["success"] is True
+
+
 def test_endless_line_ends_the_connection(rig):
     _, client, port = rig
     other = connect(port)

@@ -4,6 +4,7 @@ import asyncio
 import math
 import struct
 import threading
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -101,11 +102,11 @@ def test_commands(rig):
 @pytest.mark.parametrize(
     ("ask", "said"),
     [
-        (lambda c: c.take_control("secret"), "Client control disabled"),
+        (lambda c: c.take_control("secret"), "Wrong or missing password"),
         (lambda c: c.start(), "must be master"),
         (lambda c: c.load("file"), "must be master"),
         (lambda c: c.send_xml("<QTM_Settings/>"), "must be master"),
-        (lambda c: c.get_parameters(["3d"]), "not available"),
+        (lambda c: c.get_parameters(["image"]), "not available: the twin has general, 3d, 6d"),
         (lambda c: c._protocol.send_command("dance"), "Parse error"),
         (lambda c: c._protocol.send_command("streamframes often 6d"), "Parse error"),
         (lambda c: c._protocol.set_version("1.99"), "NOT supported"),
@@ -144,6 +145,120 @@ def test_six_degrees_of_freedom(rig):
         _, bodies = get()
         np.testing.assert_allclose(bodies[0][0], [1500.0, 2000.0, -3000.0], rtol=1e-6)
         np.testing.assert_allclose(np.radians(bodies[0][1]), wire.qualisys_euler(R_lab), atol=1e-6)
+
+
+def test_markers(rig):
+    """Markers of the body where its settings say that they are on it, with and without labels."""
+    served, port = rig
+
+    async def look(connection):
+        settings = ElementTree.fromstring(await connection.get_parameters(["3d", "6d"]))
+        return settings, await stream(connection, 1, components=("3d", "3dres", "3dnolabels", "3dnolabelsres", "6d"))
+
+    with Feeding(served):
+        settings, (packet,) = with_client(port, look)
+    assert [label.text for label in settings.findall("*/Label/Name")] == ["rov-1", "rov-2", "rov-3", "rov-4"]
+    assert [enabled.text for enabled in settings.findall("*/Body/Enabled")] == ["true"]
+    points = np.array([[float(p.get(axis)) for axis in "XYZ"] for p in settings.findall("*/Body/Points/Point")])
+    position, matrix = packet.get_6d()[1][0]
+    expected = np.array(position) + points @ np.array(matrix.matrix).reshape(3, 3)
+    for get in (packet.get_3d_markers, packet.get_3d_markers_residual, packet.get_3d_markers_no_label_residual):
+        header, markers = get()
+        assert header.marker_count == 4
+        np.testing.assert_allclose([marker[:3] for marker in markers], expected, atol=1e-3)
+    assert [marker.id for marker in packet.get_3d_markers_no_label()[1]] == [1, 2, 3, 4]
+
+
+def test_cameras_there_are_none(rig):
+    """2D is of cameras: a component without any, as the vendor's advanced example reads it."""
+    served, port = rig
+    with Feeding(served):
+        (packet,) = with_client(port, lambda c: stream(c, 1, components=("2d",)))
+    header, cameras = packet.get_2d_markers()
+    assert header.camera_count == 0 and cameras == []
+
+
+def test_markers_of_a_lost_body(rig):
+    served, port = rig
+
+    async def look(connection):
+        served.feed(0.0, [pose(0.0)])
+        coming = asyncio.ensure_future(connection.get_current_frame(["3d", "3dnolabels"]))
+        await asyncio.sleep(0.1)
+        for k in range(1, 4):
+            served.feed(0.2 * k, [reading("pressure", 0.2 * k, 1.0)])
+        return await coming
+
+    packet = with_client(port, look)
+    assert np.isnan(packet.get_3d_markers()[1]).all() and packet.get_3d_markers_no_label()[0].marker_count == 0
+
+
+def test_measurement_under_control(rig):
+    """What the vendor's control example asks for, with the events that it waits for."""
+    served, port = rig
+    event = qtm_rt.QRTEvent
+
+    async def drive(connection):
+        async with qtm_rt.TakeControl(connection, "password"):
+            assert await connection.get_state() == event.EventRTfromFileStarted
+            await connection.new()
+            await connection.await_event(event.EventConnected, timeout=5)
+            await connection.start()
+            await connection.await_event(event.EventCaptureStarted, timeout=5)
+            assert len(await stream(connection, 2)) == 2
+            await connection.stop()
+            await connection.await_event(event.EventCaptureStopped, timeout=5)
+            with pytest.raises(qtm_rt.QRTCommandException, match="writes no QTM files"):
+                await connection.save("Demo.qtm")
+            with pytest.raises(qtm_rt.QRTCommandException, match="cameras are calibrated"):
+                await connection.calibrate()
+            with pytest.raises(qtm_rt.QRTCommandException, match="Failed to start"):
+                await connection.start()
+            with pytest.raises(qtm_rt.QRTCommandException, match="twin's are fixed"):
+                await connection.send_xml("<QTM_Settings/>")
+        with pytest.raises(qtm_rt.QRTCommandException, match="must be master"):
+            await connection.new()
+
+    with Feeding(served):
+        with_client(port, drive)
+
+
+@pytest.mark.parametrize("leaves", [lambda c: c.disconnect(), lambda c: c.release_control()])
+def test_one_client_in_control_and_frames_when_it_leaves(rig, leaves):
+    """Another is told who rules; a measurement that was closed goes on when the one who closed it rules no more."""
+    served, port = rig
+
+    async def watch(other):
+        with_control = await qtm_rt.connect(HOST, port, timeout=5)
+        await with_control.take_control("password")
+        with pytest.raises(qtm_rt.QRTCommandException, match="current master is 127.0.0.1"):
+            await other.take_control("password")
+        await with_control.close()
+        assert await other.get_state() == qtm_rt.QRTEvent.EventConnectionClosed
+        frames = []
+        assert await other.stream_frames("allframes", ["6d"], on_packet=frames.append) == b"Ok"
+        await asyncio.sleep(0.1)
+        assert not frames, "frames of a measurement that is closed"
+        leaving = leaves(with_control)
+        if leaving is not None:
+            await leaving
+        while not frames:
+            await asyncio.sleep(0.01)
+
+    with Feeding(served):
+        with_client(port, watch)
+    assert [text for text in served.said if "no frames" in text] and [t for t in served.said if "frames again" in t]
+
+
+def test_control_can_be_disabled():
+    port = free_port()
+    with serving(QtmServer(port=port, password=None)):
+
+        async def ask(connection):
+            with pytest.raises(qtm_rt.QRTCommandException, match="Client control disabled"):
+                await connection.take_control("password")
+
+        with_client(port, ask)
 
 
 def test_lab_that_is_turned():

@@ -89,7 +89,7 @@ def test_settings_that_are_none_are_refused(xml):
 
 def test_streams():
     assert wire.parse_stream(["AllFrames", "6D", "6DEulerRes", "6d"]) == wire.Stream(("6d", "6deulerres"))
-    assert wire.parse_stream(["frequency:20", "3D", "6d"]) == wire.Stream(("6d",), rate=20)
+    assert wire.parse_stream(["frequency:20", "3D", "Image", "6d"]) == wire.Stream(("3d", "6d"), rate=20)
     assert wire.parse_stream(["FrequencyDivisor:4", "all"]) == wire.Stream(tuple(wire.COMPONENTS), every=4)
     assert wire.parse_stream(["Stop"]) is None
 

@@ -228,7 +228,7 @@ def test_garbage_ends_only_its_connection(rig, data):
 
 
 def test_half_a_request_waits_for_nobody(rig, monkeypatch):
-    monkeypatch.setattr("rovtwin.links.waterlinked.ugps_server.PATIENCE", 0.2)
+    monkeypatch.setattr("rovtwin.links.waterlinked.web.PATIENCE", 0.2)
     _, client, port = rig
     slow = connect(port)
     slow.sendall(b"GET /api/v1/about HT")

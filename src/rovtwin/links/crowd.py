@@ -151,18 +151,3 @@ def _tune(writer: asyncio.StreamWriter) -> None:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, value in KEEP_ALIVE:
             connection.setsockopt(socket.IPPROTO_TCP, option, value)
-
-
-async def read_line(reader: asyncio.StreamReader) -> bytes:
-    """The next line without its end; empty at the end of the connection.
-
-    Raises:
-        LinkError: It is longer than the reader takes.
-    """
-    try:
-        line = await reader.readuntil(b"\n")
-    except asyncio.IncompleteReadError:
-        return b""
-    except asyncio.LimitOverrunError:
-        raise LinkError("line too long") from None
-    return line

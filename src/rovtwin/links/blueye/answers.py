@@ -6,6 +6,7 @@ from typing import Any
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.contents import listed
 from rovtwin.links.blueye.drone import Drone
+from rovtwin.links.blueye.instructions import Able
 from rovtwin.links.blueye.protobuf import PACKAGE, message, parse
 from rovtwin.links.blueye.telemetry import Telemetry
 from rovtwin.links.blueye.wire import Request, parse_request, reply_name
@@ -45,8 +46,19 @@ def _reply(request: Request, drone: Drone, telemetry: Telemetry, address: str, n
         return {} if payload is None else {"battery": parse("BatteryTel", payload).battery}
     if request.name == "GetCameraParameters":
         return {"camera_parameters": {"camera": request.content.camera}}
-    # Overlays, missions, storage, thickness gauge, speed tests, motor controllers, vision: the twin has none of them.
+    if request.name == "SetMission":
+        drone.mission.load(request.content.mission, able(drone, telemetry))
+        return {}
+    if request.name == "GetMission":
+        return {} if drone.mission.message is None else {"mission": drone.mission.message}
+    # Overlays, storage, thickness gauge, speed tests, motor controllers, vision: the twin has none of them.
     return {}
+
+
+def able(drone: Drone, telemetry: Telemetry) -> Able:
+    """What the drone can do of a mission."""
+    contents = telemetry.contents
+    return Able(contents.datum, drone.can_keep_position, contents.sees_the_floor, drone.here.place)
 
 
 def _clients(drone: Drone) -> dict[str, Any]:

@@ -5,10 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
+from rovtwin.links.blueye.divelog import stamp_of
 from rovtwin.links.blueye.drone import Drone
-from rovtwin.links.blueye.protobuf import message
+from rovtwin.links.blueye.mission import Here, Note
+from rovtwin.links.blueye.protobuf import message, text
 from rovtwin.links.rotations import rotation_from_euler
 
 # What a drone may know of a station's readings
@@ -18,6 +21,7 @@ SENSORS = (
 )
 IMUS = ("CalibratedImuTel", "Imu1Tel", "Imu2Tel")
 FRESH = 0.1  # age up to which an instrument's reading goes into a message with another's [s]
+SEEN = 2.0  # age up to which an altitude counts [s]
 SUBMERGED = 0.25  # depth from which dive time counts [m], message_formats.proto
 EARTH_FIELD = np.array([13.7, 0.0, 50.1])  # near Trondheim (IGRF, 2020s), n [uT]; without declination, as our compasses
 CELL = (3.2, 4.2)  # voltage of a lithium-ion cell, empty and full [V]. Linear between, and four of them: guesses
@@ -32,9 +36,17 @@ class Contents:
     Attributes:
         latest: Its newest readings by sensor, SI, radians, FRD.
         now: The vehicle's time [s].
+        datum: Where n is on the map, or None: the position estimate is not valid then.
+        odometer: The way it has gone since this was last set to zero, level [m].
+        note: The last notification.
     """
 
-    def __init__(self, drone: Drone):
+    def __init__(self, drone: Drone, datum: Datum | None = None):
+        if datum is not None:
+            datum.geodetic([0.0, 0.0, 0.0])  # imports what maps need now: later it would hold up the other servers
+        self.datum = datum
+        self.odometer = 0.0
+        self.note: tuple[Note, float] | None = None
         self.latest: dict[str, Measurement] = {}
         self.now = 0.0
         self._drone = drone
@@ -42,7 +54,10 @@ class Contents:
         self._dvl_at = 0.0
 
     def pass_time(self, now: float) -> None:
-        """The vehicle's time moves on; dive time with it while the drone is under water."""
+        """The vehicle's time moves on; dive time with it while the drone is under water, and the odometer."""
+        estimate = self._value("estimate")
+        if estimate is not None:
+            self.odometer += math.hypot(estimate[6], estimate[7]) * min(max(0.0, now - self.now), 1.0)
         depth = self._value("pressure")
         if depth is not None and depth[0] > SUBMERGED:
             self._dive_time += max(0.0, now - self.now)
@@ -109,10 +124,16 @@ class Contents:
             heading = 0.0 if euler is None else euler[2]
         if place is None:
             return None
-        estimate: dict[str, Any] = {"northing": place[0], "easting": place[1], "heading": heading, "is_valid": True}
+        estimate: dict[str, Any] = {"northing": place[0], "easting": place[1], "heading": heading}
+        estimate |= {"odometer": self.odometer, "is_valid": self.datum is not None}
+        if self.datum is not None:
+            latitude, longitude, _ = self.datum.geodetic([place[0], place[1], 0.0])
+            estimate["global_position"] = {"latitude": float(latitude), "longitude": float(longitude)}
         if believed is not None:
             rates = {"surge_rate": believed[6], "sway_rate": believed[7], "yaw_rate": believed[11]}
+            course = heading + math.atan2(believed[7], believed[6])
             estimate |= rates | {"speed_over_ground": math.hypot(believed[6], believed[7])}
+            estimate["course_over_ground"] = math.degrees(course) % 360.0
         return message("PositionEstimateTel")(position_estimate=estimate)
 
     def _ControlForce(self) -> Any:
@@ -171,11 +192,8 @@ class Contents:
         return message("DroneInfoTel")(drone_info=content)
 
     def _DroneTime(self) -> Any:
-        def stamp(t: float) -> dict[str, Any]:
-            whole = math.floor(t)
-            return {"unix_timestamp": {"seconds": whole, "nanos": min(999_999_999, int(1e9 * (t - whole)))}}
-
-        return message("DroneTimeTel")(real_time_clock=stamp(self._drone.clock()), monotonic_clock=stamp(self.now))
+        now = {"unix_timestamp": stamp_of(self._drone.clock())}
+        return message("DroneTimeTel")(real_time_clock=now, monotonic_clock={"unix_timestamp": stamp_of(self.now)})
 
     def _DiveTime(self) -> Any:
         return message("DiveTimeTel")(dive_time={"value": int(self._dive_time)})
@@ -189,6 +207,41 @@ class Contents:
     def _WaterTemperature(self) -> Any:
         return message("WaterTemperatureTel")(temperature={"value": self._drone.about.water_temperature})
 
+    def _TiltAngle(self) -> Any:
+        return message("TiltAngleTel")(angle={"value": self._drone.mission.tilt})
+
+    def _MissionStatus(self) -> Any:
+        return message("MissionStatusTel")(mission_status=self._drone.mission.status())
+
+    def _Notification(self) -> Any:
+        """The last one; its words travel as a StringValue, which the SDK logs."""
+        if self.note is None:
+            return None
+        note, t = self.note
+        content: dict[str, Any] = {"type_": note.kind, "level": note.level, "timestamp": stamp_of(t)}
+        if note.text:
+            content["value"] = {"type_url": "type.googleapis.com/google.protobuf.StringValue", "value": text(note.text)}
+        return message("NotificationTel")(notification=content)
+
+    # Where it is
+
+    @property
+    def sees_the_floor(self) -> bool:
+        """Whether it has an altimeter that sees the floor now."""
+        found = self.latest.get("altimeter")
+        return self._value("altimeter") is not None and found is not None and self.now - found.t_valid <= SEEN
+
+    def here(self, alone: bool) -> Here:
+        """Where it is: `alone`, by the vehicle's own estimate; half of a pair knows depth and heading only."""
+        believed, depth, euler = self._value("estimate"), self._value("pressure"), self._value("attitude")
+        altitude = self._value("altimeter") if self.sees_the_floor else None
+        above = None if altitude is None else float(altitude[0])
+        if alone and believed is not None:
+            place, down, heading = (float(believed[0]), float(believed[1])), float(believed[2]), float(believed[5])
+            return Here(self.now, place, down, heading, above)
+        depth, heading = None if depth is None else float(depth[0]), None if euler is None else float(euler[2])
+        return Here(self.now, None, depth, heading, above)
+
 
 # Messages that are always the same: there is no camera, no recording and no calibration
 _FIXED: dict[str, dict[str, Any]] = {
@@ -196,7 +249,6 @@ _FIXED: dict[str, dict[str, Any]] = {
     "DataStorageSpaceTel": {"storage_space": STORAGE},
     "VideoStorageSpaceTel": {"storage_space": STORAGE},
     "RecordStateTel": {"record_state": {}},
-    "TiltAngleTel": {"angle": {"value": 0.0}},
     "TiltStabilizationTel": {"state": {"enabled": False}},
     "CalibrationStateTel": {"calibration_state": {"status": NOT_CALIBRATING}},
 }

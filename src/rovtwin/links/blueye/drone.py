@@ -6,10 +6,14 @@ from dataclasses import dataclass, field
 
 from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.clients import Clients
+from rovtwin.links.blueye.mission import RUNNING, Here, Supervisor
 from rovtwin.links.wish import Wish
 
+FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
 AFRESH = 0.5  # a pilot whose watchdog had run out lives again when it has been heard for so long [s]
+STARTS = 5.0  # so long a mission waits for thrusters: the SDK feeds its first watchdog a second after connecting [s]
+DEAD = 0.02  # a stick within this is let go, as the vehicle's own controller has it
 OBEYED = ("auto_depth", "auto_heading")  # modes that every vehicle can keep; station keeping needs positions
 
 
@@ -18,14 +22,14 @@ class About:
     """What a drone says of itself.
 
     Attributes:
-        software: Version of its software. 3.3 and later answer requests for telemetry; from 4.0.5 on the SDK expects
-            missions, which the twin does not fly, and a client that asks for them shall be told so.
+        software: Version of its software. 3.3 and later answer requests for telemetry; from 4.0.5 on the SDK asks for
+            missions.
         serial, hardware: Serial number and id of its computer; a drone of a pair gets its place added.
         water_temperature: What it says of the water [degrees Celsius]; the twin's water has none.
         features: Names, separated by commas.
     """
 
-    software: str = "3.4.0-rovtwin"
+    software: str = "4.0.5-rovtwin"
     serial: str = "ROVTWIN000"
     hardware: str = "00000000000000000000000000rovtwin"
     water_temperature: float = 8.0
@@ -40,14 +44,20 @@ class Drone:
         name: One of Station.drones.
         about: What it says of itself.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s].
+        fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].
         can_keep_position: Whether there are positions, so that station keeping can come on.
+        here: Where it is, by its own readings.
+        mission: Flies missions.
     """
 
     name: str
     about: About
     watchdog_s: float
+    fastest: tuple[float, float, float] = FASTEST
     can_keep_position: bool = False
     clients: Clients = field(default_factory=Clients)
+    here: Here = field(default_factory=lambda: Here(-math.inf))
+    mission: Supervisor = field(default_factory=Supervisor)
     motion: tuple[float, ...] = wire.STILL
     modes: set[str] = field(default_factory=set)
     lights: float = 0.0
@@ -55,12 +65,15 @@ class Drone:
     armed: bool = False
     time_offset: float = 0.0  # of its clock against the computer's, as SyncTime set it [s]
     dropped: int = 0  # messages that could not be parsed, or came from somebody who may not
+    _start_asked: float = -math.inf  # when a mission was to start before thrusters were on [s]
     _afresh: float = -math.inf  # when the pilot was heard again after its watchdog had run out [s]
 
     def still(self) -> None:
-        """No motion and no modes, until somebody asks for them again."""
+        """No motion, no modes and no mission, until somebody asks for them again."""
         self.motion = wire.STILL
         self.modes.clear()
+        self._start_asked = -math.inf
+        self.mission.abort("the pilot is gone, or another has taken control", hold=False)
 
     def obey(self, control: wire.Control, address: str, now: float) -> bool:
         """Take a control message that came from a network address; whether telemetry has something new to tell."""
@@ -76,13 +89,45 @@ class Drone:
         before = (set(self.modes), self.lights)
         if isinstance(control, wire.Motion):
             self.motion = control.share
+            if any(abs(share) > DEAD for share in control.share):
+                self.mission.pause("the pilot steers")
+                self._take_modes()
         elif isinstance(control, wire.Mode):
             self._switch(control)
         elif isinstance(control, wire.Lights):
             self.lights = control.value
         elif isinstance(control, wire.WaterDensity):
             self.density = control.value
+        elif isinstance(control, wire.MissionOrder):
+            self._order(control.name, now)
         return before != (self.modes, self.lights)
+
+    def _order(self, name: str, now: float) -> None:
+        self._start_asked = now if name == "run" and not self.armed else -math.inf
+        if name == "run" and self.armed:
+            self.mission.run(self.here, armed=True)
+        elif name == "run":
+            pass  # `_arm` starts it, or `look` gives up
+        elif name == "pause":
+            self.mission.pause()
+        else:
+            self.mission.clear()
+        self._take_modes()
+
+    def fly(self, here: Here) -> bool:
+        """Time has passed, and the drone is there; whether its modes have changed."""
+        self.here = here
+        if self.armed:
+            self.mission.look(here)
+        return self._take_modes()
+
+    def _take_modes(self) -> bool:
+        """Modes that a mission has switched."""
+        before = set(self.modes)
+        for name, on in self.mission.modes:
+            self._switch(wire.Mode(name, on))
+        self.mission.modes.clear()
+        return before != self.modes
 
     def _silence(self, now: float) -> float:
         """Time since the pilot was heard [s]; infinite without one."""
@@ -101,6 +146,8 @@ class Drone:
                 self._let_go()
             self._afresh = now
         self.armed = now - self._afresh >= AFRESH
+        if self.armed and now - self._start_asked <= STARTS:
+            self._order("run", now)
 
     def _let_go(self) -> None:
         self.armed = False
@@ -141,6 +188,9 @@ class Drone:
         if self.armed and self._silence(now) > self.watchdog_s:
             said = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
             self._let_go()
+        if math.isfinite(self._start_asked) and not self.armed and now - self._start_asked > STARTS:
+            self._start_asked = -math.inf
+            self.mission.run(self.here, armed=False)
         before = self.clients.in_control
         self.clients.forget(now, max(FORGET, self.watchdog_s))
         self._handed_over(before)
@@ -148,6 +198,9 @@ class Drone:
 
     def wish(self) -> Wish:
         """What the vehicle shall do now."""
+        if self.armed and self.mission.state == RUNNING and self.mission.target is not None:
+            motion = (*self._ahead_of_target(), 0.0, 0.0, 0.0)
+            return Wish(drone=self.name, armed=True, motion=motion, target=self.mission.target, lights=self.lights)
         return Wish(
             drone=self.name,
             armed=self.armed,
@@ -157,6 +210,14 @@ class Drone:
             hold_position=self.armed and "station_keeping" in self.modes,
             lights=self.lights,
         )
+
+    def _ahead_of_target(self) -> tuple[float, float, float]:
+        """The target's own velocity as sticks: what is held follows it at its speed, and not only by its distance."""
+        north, east, down = self.mission.velocity
+        c, s = math.cos(self.here.heading or 0.0), math.sin(self.here.heading or 0.0)
+        along = (c * north + s * east, c * east - s * north, down)
+        surge, sway, heave = (v / most if most > 0.0 else 0.0 for v, most in zip(along, self.fastest, strict=True))
+        return surge, sway, heave
 
     def clock(self) -> float:
         """Its real-time clock: seconds since 1970."""

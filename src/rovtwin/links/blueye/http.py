@@ -1,4 +1,4 @@
-"""The little HTTP that a Blueye drone speaks: who it is, and that there are no logs.
+"""The little HTTP that a Blueye drone speaks: who it is, and its log.
 
 Requests may name the drone by an absolute URI, as clients behind a proxy do: so `http_proxy=http://127.0.0.2:8080`
 takes the SDK, which knows port 80 only, to a server that does not run as root.
@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from rovtwin.core.errors import LinkError
+from rovtwin.links.blueye.divelog import DiveLog, packed
 
 LONGEST = 8192  # bytes of a request's head
 PATIENCE = 5.0  # time that a client has to send it, and to take the answer [s]
@@ -26,6 +27,10 @@ class HttpRequest:
     method: str
     host: str
     path: str
+
+
+class Records(list[bytes]):
+    """Records of a log, still to be packed."""
 
 
 def parse_http(head: bytes) -> HttpRequest:
@@ -51,19 +56,24 @@ def parse_http(head: bytes) -> HttpRequest:
     return HttpRequest(words[0].upper(), host, target.path or "/")
 
 
-def respond(request: HttpRequest, info: Mapping[str, Any]) -> tuple[int, Any]:
-    """Status and JSON of the answer; `info` is the drone's."""
-    if request.path.rstrip("/") not in ("/diagnostics/drone_info", "/logs", "/logcsv"):
+def respond(request: HttpRequest, info: Mapping[str, Any], log: DiveLog | None = None) -> tuple[int, Any]:
+    """Status and content of the answer: JSON, or the records of a log. `info` and `log` are the drone's."""
+    path = request.path.rstrip("/")
+    binlog = None if log is None else f"/logs/{log.name}/binlog"
+    if path not in ("/diagnostics/drone_info", "/logs", "/logcsv", binlog):
         return 404, {"error": f"{request.path[:80]}: the twin has no such page"}
     if request.method != "GET":
         return 405, {"error": f"{request.method[:20]}: expected GET"}
-    return (200, dict(info)) if request.path.startswith("/diagnostics") else (200, [])
+    if log is not None and path in ("/logs", binlog):
+        return 200, Records(log.records()) if path == binlog else log.index()
+    return (200, dict(info)) if path.startswith("/diagnostics") else (200, [])
 
 
 def encode(status: int, content: Any) -> bytes:
-    """The bytes of an answer."""
-    body = json.dumps(content).encode()
-    head = f"HTTP/1.1 {status} {REASON[status]}\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n"
+    """The bytes of an answer: JSON, or what is bytes already."""
+    kind = "application/octet-stream" if isinstance(content, bytes) else "application/json"
+    body = content if isinstance(content, bytes) else json.dumps(content).encode()
+    head = f"HTTP/1.1 {status} {REASON[status]}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
     return head.encode() + b"Connection: close\r\n\r\n" + body
 
 
@@ -73,10 +83,11 @@ class HttpServer:
     Args:
         infos: What each drone says of itself, by its address.
         default: Address of the drone that is meant when the request names none of them.
+        logs: The log of each drone, by its address.
     """
 
-    def __init__(self, infos: Mapping[str, Mapping[str, Any]], default: str):
-        self._infos, self._default = infos, default
+    def __init__(self, infos: Mapping[str, Mapping[str, Any]], default: str, logs: Mapping[str, DiveLog] | None = None):
+        self._infos, self._default, self._logs = infos, default, logs or {}
         self._open: set[asyncio.Task[None]] = set()
         self._server: asyncio.Server | None = None
 
@@ -98,7 +109,10 @@ class HttpServer:
         self._open.add(task)
         try:
             async with asyncio.timeout(PATIENCE):
-                writer.write(encode(*(await self._answer(reader))))
+                status, content = await self._answer(reader)
+                if isinstance(content, Records):
+                    content = await asyncio.to_thread(packed, content)  # megabytes must not hold up the drone
+                writer.write(encode(status, content))
                 await writer.drain()
                 writer.close()
                 await writer.wait_closed()
@@ -115,4 +129,5 @@ class HttpServer:
             request = parse_http(await reader.readuntil(b"\r\n\r\n"))
         except (LinkError, asyncio.IncompleteReadError, asyncio.LimitOverrunError) as error:
             return 400, {"error": str(error)[:200]}
-        return respond(request, self._infos.get(request.host, self._infos[self._default]))
+        host = request.host if request.host in self._infos else self._default
+        return respond(request, self._infos[host], self._logs.get(host))

@@ -28,6 +28,13 @@ def message(name: str) -> Any:
     return wrapper.pb(None, coerce=True)
 
 
+def text(words: str) -> bytes:
+    """The bytes of a google.protobuf.StringValue."""
+    from google.protobuf.wrappers_pb2 import StringValue
+
+    return StringValue(value=words).SerializeToString()
+
+
 @cache
 def names(suffix: str = "") -> frozenset[str]:
     """Names of all messages that end so: `Tel` for telemetry, `Ctrl`, `Req`, `Rep`.

@@ -2,29 +2,29 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.answers import answer
-from rovtwin.links.blueye.drone import About, Drone
+from rovtwin.links.blueye.divelog import DiveLog
+from rovtwin.links.blueye.drone import FASTEST, About, Drone
 from rovtwin.links.blueye.http import HttpServer
+from rovtwin.links.blueye.mission import INFO
 from rovtwin.links.blueye.protobuf import PACKAGE
+from rovtwin.links.blueye.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.telemetry import Telemetry
-from rovtwin.links.blueye.wire import LARGEST, Ignored, Watchdog, parse_control
-from rovtwin.links.server import Server, address_taken
+from rovtwin.links.blueye.wire import Ignored, ResetOdometer, Watchdog, parse_control
+from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.wish import Wish
 
-TELEMETRY, REQUESTS, CONTROL = 5555, 5556, 5557  # fixed in the SDK
 FIRST = 2  # of 127.0.0.x, which the drones get unless told otherwise
 REPEAT = 0.05  # a wish is repeated so often while the pilot lives [s]
 AT_MOST = 0.01  # and not more often than this, whatever a client sends [s]
-QUEUE = 200  # messages from one client that wait
-BACKLOG = 2000  # messages of telemetry that wait for one slow client before the newest are lost
-ALIVE = 2000, 6000  # ZeroMQ's own heartbeat and its patience with half-open connections [ms]
 
 
 @dataclass
@@ -36,12 +36,16 @@ class BlueyeServer(Server):
         http_port: 80 for the SDK, which needs root; or another and a client with `http_proxy=http://<address>:<port>`.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s]; the SDK feeds it at 1 Hz.
         about: What a drone says of itself.
+        fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].
+        datum: Where n is on the map, for way-points and the position estimate; None: neither.
     """
 
     hosts: Sequence[str] | Mapping[str, str] = ()
     http_port: int = 80
     watchdog_s: float = 2.0
     about: About = field(default_factory=About)
+    fastest: tuple[float, float, float] = FASTEST
+    datum: Datum | None = None
 
     @property
     def addresses(self) -> list[str]:
@@ -69,17 +73,20 @@ class BlueyeServer(Server):
         placed = self.placed(station.drones)
         several = len(placed) > 1
         drones = {
-            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s) for name in station.drones
+            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s, self.fastest)
+            for name in station.drones
         }
         infos = {host: _info(drones[name].about) for name, host in placed.items()}
+        logs = {host: _log(drones[name].about) for name, host in placed.items()}
         async with AsyncExitStack() as stack:
             for host in placed.values():
-                http = HttpServer(infos, host)
+                http = HttpServer(infos, host, logs)
                 stack.push_async_callback(http.close)
-                await _listen(http, host, self.http_port)
-            ports = [await stack.enter_async_context(_ports(host)) for host in placed.values()]
+                await listen(http, host, self.http_port)
+            ports = [await stack.enter_async_context(ports_of(host)) for host in placed.values()]
             station.say(f"blueye: {', '.join(f'{name} {host}'.strip() for name, host in placed.items())}{self._hint()}")
-            served = [Served(drone, station, *port) for drone, port in zip(drones.values(), ports, strict=True)]
+            made = zip(drones.values(), ports, logs.values(), strict=True)
+            served = [Served(drone, station, self.datum, log, *port) for drone, port, log in made]
             try:
                 async with asyncio.TaskGroup() as tasks:
                     for one in served:
@@ -103,64 +110,26 @@ def _info(about: About) -> dict[str, str]:
     return info | {"features": about.features}
 
 
-async def _listen(server: HttpServer, host: str, port: int) -> None:
-    try:
-        await server.start(host, port)
-    except PermissionError:
-        raise LinkError(
-            f"{host}:{port}: ports below 1024 need root, and the SDK asks port 80 only. Run as root, or choose --port "
-            f"8080 and start the client with http_proxy=http://{host}:8080"
-        ) from None
-    except OSError as error:
-        raise LinkError(address_taken(f"{host}:{port}", error)) from None
-
-
-@asynccontextmanager
-async def _ports(host: str) -> AsyncIterator[tuple[Any, Any, Any]]:
-    """The three sockets of a drone: publish telemetry, answer requests, hear control.
-
-    Raises:
-        LinkError: An address cannot be bound, or ZeroMQ is not installed.
-    """
-    try:
-        import zmq
-        import zmq.asyncio
-    except ImportError:
-        raise LinkError(
-            "blueye: the package blueye.sdk is missing. Install it with: pip install 'rovtwin[blueye]'"
-        ) from None
-    context = zmq.Context()
-    waiting = zmq.asyncio.Context(context)
-    kinds = ((TELEMETRY, context, zmq.PUB), (REQUESTS, waiting, zmq.REP), (CONTROL, waiting, zmq.SUB))
-    sockets = []
-    try:
-        for port, owner, kind in kinds:
-            socket = owner.socket(kind)
-            sockets.append(socket)
-            socket.setsockopt(zmq.LINGER, 0)
-            socket.setsockopt(zmq.MAXMSGSIZE, LARGEST)
-            socket.setsockopt(zmq.SNDHWM, BACKLOG)
-            socket.setsockopt(zmq.RCVHWM, QUEUE)
-            socket.setsockopt(zmq.HEARTBEAT_IVL, ALIVE[0])
-            socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, ALIVE[1])
-            try:
-                socket.bind(f"tcp://{host}:{port}")
-            except zmq.ZMQError as error:
-                raise LinkError(address_taken(f"{host}:{port}", error)) from None
-        sockets[2].setsockopt(zmq.SUBSCRIBE, b"")
-        yield tuple(sockets)
-    finally:
-        for socket in sockets:
-            socket.close(0)
-        context.term()
+def _log(about: About) -> DiveLog:
+    return DiveLog(about.serial, about.hardware, about.software)
 
 
 class Served:
     """A drone at its sockets."""
 
-    def __init__(self, drone: Drone, station: Station, telemetry: Any, requests: Any, control: Any):
-        self.drone, self._station = drone, station
-        self._telemetry = Telemetry(drone)
+    def __init__(
+        self,
+        drone: Drone,
+        station: Station,
+        datum: Datum | None,
+        log: DiveLog,
+        telemetry: Any,
+        requests: Any,
+        control: Any,
+    ):
+        self.drone, self._station, self._log = drone, station, log
+        self._telemetry = Telemetry(drone, datum)
+        self._alone = len(station.drones) == 1  # half of a pair does not know where it is
         self._out, self._requests, self._control = telemetry, requests, control
         self._news = asyncio.Event()
         self._was_armed = False
@@ -168,13 +137,14 @@ class Served:
     async def hear_requests(self) -> None:
         """Answer requests, each with one reply."""
         while True:
-            frames = await _received(self._requests)
+            frames = await received(self._requests)
             before = self.drone.clients.in_control, len(self.drone.clients.all)
             content = [frame.bytes for frame in frames]
-            reply = answer(content, self.drone, self._telemetry, _peer(frames), time.monotonic())
+            reply = answer(content, self.drone, self._telemetry, peer_of(frames), time.monotonic())
             await self._requests.send_multipart(reply)
             if before != (self.drone.clients.in_control, len(self.drone.clients.all)):
                 self._tell_clients()
+            self._tell_of_mission()
             await asyncio.sleep(0)  # a flood of requests must not starve the rest
 
     def _tell_clients(self) -> None:
@@ -189,13 +159,16 @@ class Served:
     async def hear_control(self) -> None:
         """Take what clients command."""
         while True:
-            frames = await _received(self._control)
+            frames = await received(self._control)
             try:
                 control = parse_control([frame.bytes for frame in frames])
             except LinkError:
                 self.drone.dropped += 1
             else:
-                told = self.drone.obey(control, _peer(frames), time.monotonic())
+                if isinstance(control, ResetOdometer) and self.drone.clients.pilot is not None:
+                    self._telemetry.contents.odometer = 0.0
+                told = self.drone.obey(control, peer_of(frames), time.monotonic())
+                self._tell_of_mission()
                 if told:
                     self._send("ControlModeTel")
                     self._send("LightsTel")
@@ -213,6 +186,7 @@ class Served:
                 pass
             self._news.clear()
             said = self.drone.look(time.monotonic())
+            self._tell_of_mission()
             if said:
                 self._station.say(f"blueye {self.drone.name}: {said}".replace(" :", ":"))
                 self._send("ControlModeTel")
@@ -233,31 +207,33 @@ class Served:
     async def publish(self) -> None:
         """Telemetry from the station's readings."""
         async for batch in self._station.readings():
-            self.drone.can_keep_position = "position" in self._telemetry.contents.latest
+            contents = self._telemetry.contents
+            self.drone.can_keep_position = self._alone and "position" in contents.latest
             for name, payload in self._telemetry.take(self._station.now, batch):
-                self._out.send_multipart([(PACKAGE + name).encode(), payload])
+                self._publish(name, payload)
+            if self.drone.fly(contents.here(self._alone)):
+                self._send("ControlModeTel")
+            self._log.saw_depth(self.drone.here.depth or 0.0)
+            self._tell_of_mission()
             await asyncio.sleep(0)
+
+    def _tell_of_mission(self) -> None:
+        """What has become of a mission, to clients and, where it is no routine, to the user."""
+        notes = self.drone.mission.taken_notes()
+        for note in notes:
+            self._telemetry.contents.note = (note, self.drone.clock())
+            self._send("NotificationTel")
+            if note.level > INFO:
+                self._station.say(f"blueye {self.drone.name}: mission: {note.text}".replace(" :", ":"))
+        if notes:
+            self._send("MissionStatusTel")
+            self._news.set()
 
     def _send(self, name: str) -> None:
         payload = self._telemetry.build(name)
         if payload is not None and self._telemetry.rates[name] > 0:
-            self._out.send_multipart([(PACKAGE + name).encode(), payload])
+            self._publish(name, payload)
 
-
-async def _received(socket: Any) -> list[Any]:
-    """The next message. What is no ZeroMQ at all can wake a socket that then has nothing: that is no end of it."""
-    import zmq
-
-    while True:
-        try:
-            return await socket.recv_multipart(copy=False)
-        except zmq.Again:
-            await asyncio.sleep(0.01)
-
-
-def _peer(frames: Sequence[Any]) -> str:
-    """Network address that a message came from; empty where ZeroMQ does not know."""
-    try:
-        return str(frames[0].get("Peer-Address"))
-    except Exception:  # by version: ZMQError, KeyError, IndexError, UnicodeError
-        return ""
+    def _publish(self, name: str, payload: bytes) -> None:
+        self._out.send_multipart([(PACKAGE + name).encode(), payload])
+        self._log.keep(name, payload, self._station.now, self.drone.clock())

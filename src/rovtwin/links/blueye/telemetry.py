@@ -7,6 +7,7 @@ published at its rate whether it is new or not.
 from collections.abc import Iterator
 from itertools import groupby
 
+from rovtwin.core.datum import Datum
 from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye.contents import SENSORS, Contents
 from rovtwin.links.blueye.drone import Drone
@@ -23,8 +24,15 @@ KNOWN = {
     **{"ControlModeTel": 2.0, "LightsTel": 2.0, "BatteryTel": 1.0, "BatteryBQ40Z50Tel": 1.0, "DroneInfoTel": 0.2},
     **{"DroneTimeTel": 1.0, "DiveTimeTel": 1.0, "ConnectedClientsTel": 1.0, "ErrorFlagsTel": 1.0, "NStreamersTel": 1.0},
     **{"WaterTemperatureTel": 1.0, "DataStorageSpaceTel": 0.2, "VideoStorageSpaceTel": 0.2, "RecordStateTel": 1.0},
-    **{"TiltAngleTel": 2.0, "TiltStabilizationTel": 1.0, "ReferenceTel": 5.0, "CalibrationStateTel": 0.2},
+    **{
+        "MissionStatusTel": 2.0,
+        "TiltAngleTel": 2.0,
+        "TiltStabilizationTel": 1.0,
+        "ReferenceTel": 5.0,
+        "CalibrationStateTel": 0.2,
+    },
 }
+TOLD_AT_ONCE = {"NotificationTel": FASTEST}  # when it happens
 # Message -> sensors whose readings are its occasion: the first of them that the drone has
 OCCASIONS = {
     **{"DepthTel": ("pressure",), "AttitudeTel": ("attitude",), "DvlVelocityTel": ("dvl",)},
@@ -38,9 +46,9 @@ FOLLOW = 0.1  # of what it came early by, the schedule is moved
 class Telemetry:
     """Messages of one drone, as they fall due."""
 
-    def __init__(self, drone: Drone):
-        self.rates = SENSED | KNOWN
-        self.contents = Contents(drone)
+    def __init__(self, drone: Drone, datum: Datum | None = None):
+        self.rates = SENSED | KNOWN | TOLD_AT_ONCE
+        self.contents = Contents(drone, datum)
         self._own = {Station.name(drone.name, sensor): sensor for sensor in SENSORS}
         self._seen: set[str] = set()
         self._next: dict[str, float] = {}

@@ -25,6 +25,7 @@ MODES = {
     "StationKeepingCtrl": "station_keeping",
     "WeatherVaningCtrl": "weather_vaning",
 }
+MISSION_ORDERS = {"RunMissionCtrl": "run", "PauseMissionCtrl": "pause", "ClearMissionCtrl": "clear"}
 
 
 @dataclass(frozen=True)
@@ -64,13 +65,25 @@ class WaterDensity:
 
 
 @dataclass(frozen=True)
-class Ignored:
-    """A control message that the twin has nothing to obey with: camera, recording, gripper, missions, ..."""
+class MissionOrder:
+    """The mission that is loaded shall "run", "pause" or be cleared ("clear")."""
 
     name: str
 
 
-Control = Watchdog | Motion | Mode | Lights | WaterDensity | Ignored
+@dataclass(frozen=True)
+class ResetOdometer:
+    """The way that the drone has gone counts from now."""
+
+
+@dataclass(frozen=True)
+class Ignored:
+    """A control message that the twin has nothing to obey with: camera, recording, gripper, ..."""
+
+    name: str
+
+
+Control = Watchdog | Motion | Mode | Lights | WaterDensity | MissionOrder | ResetOdometer | Ignored
 
 
 def _two_frames(frames: Sequence[bytes]) -> tuple[bytes, bytes]:
@@ -101,7 +114,9 @@ def parse_control(frames: Sequence[bytes]) -> Control:
     if name == "WaterDensityCtrl":
         # From ice-cold fresh water to the Dead Sea, with some room.
         return WaterDensity(_finite(content.density.value, "water density", 900.0, 1300.0))
-    return Ignored(name)
+    if name in MISSION_ORDERS:
+        return MissionOrder(MISSION_ORDERS[name])
+    return ResetOdometer() if name == "ResetOdometerCtrl" else Ignored(name)
 
 
 def _motion(motion: Any) -> tuple[float, ...]:

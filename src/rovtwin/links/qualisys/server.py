@@ -1,5 +1,6 @@
 """A QTM that sees a station's vehicle as one rigid body."""
 
+import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,7 +11,8 @@ from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
 from rovtwin.links.crowd import MOST_CLIENTS, Client, crowd
-from rovtwin.links.qualisys import wire
+from rovtwin.links.qualisys import control, wire
+from rovtwin.links.qualisys.control import MASTER_ONLY, Control
 from rovtwin.links.qualisys.poses import Lab
 from rovtwin.links.qualisys.wire import COMMAND, ERROR, NO_MORE_DATA, XML, Stream
 from rovtwin.links.server import Server
@@ -20,8 +22,7 @@ PORT = 22223  # little endian; QTM's base port 22222 and one
 LOST = 0.2  # no pose for so long: the body is lost [s]
 LOST_PERIOD = 0.1  # between frames without the body [s]
 VERSIONS = tuple(f"1.{minor}" for minor in range(8, 26))  # 1.8 is the oldest that the vendor's client speaks
-REFUSED = ("new", "close", "start", "stop", "load", "save", "loadproject", "trig", "setqtmevent", "event", "calibrate")
-REFUSED += ("getcapture", "getcapturec3d", "getcaptureqtm", "reprocess", "led")
+LATER = 0.2  # from the answer to an order until its event: the vendor's client misses one that comes with it [s, real]
 
 
 @dataclass
@@ -36,6 +37,7 @@ class QtmServer(Server):
         body: Name of the rigid body.
         lab: Where the lab's frame lies in n.
         rate: Capture frequency that the settings tell [Hz].
+        password: With which a client takes control (`control`): it may stop the frames. None: nobody may.
     """
 
     host: str = "127.0.0.1"
@@ -43,6 +45,7 @@ class QtmServer(Server):
     body: str = "rov"
     lab: Lab = field(default_factory=Lab)
     rate: float = 100.0
+    password: str | None = control.PASSWORD
     most_clients: int = MOST_CLIENTS
 
     @property
@@ -95,6 +98,7 @@ class _Qtm:
         self.viewers: set[_Viewer] = set()
         self.malformed = 0
         self.frame = 0
+        self.control = Control(options.password)
         self._seen = -math.inf
         self._lost_due = Due(LOST_PERIOD)
         self._commands: dict[str, Callable[[_Viewer, list[str]], bytes]] = {
@@ -102,13 +106,13 @@ class _Qtm:
             "qtmversion": lambda viewer, words: _reply("QTM Version is 2024.1 (build 0, rovtwin)"),
             "byteorder": lambda viewer, words: _reply("Byte order is little endian"),
             "checklicense": lambda viewer, words: _reply("License pass"),
-            "getstate": lambda viewer, words: wire.event_packet(wire.RT_STARTED),
-            "getlastevent": lambda viewer, words: wire.event_packet(wire.RT_STARTED),
+            "getstate": lambda viewer, words: wire.event_packet(self.control.state),
+            "getlastevent": lambda viewer, words: wire.event_packet(self.control.state),
             "getparameters": self._parameters,
             "getcurrentframe": self._current,
             "streamframes": self._stream,
-            "takecontrol": lambda viewer, words: _refusal("Client control disabled in QTM"),
-            "releasecontrol": lambda viewer, words: _reply("You are already a regular client"),
+            "takecontrol": lambda viewer, words: _answered(*self.control.take(viewer.client.name, words)),
+            "releasecontrol": lambda viewer, words: _reply(self._release(viewer.client.name)),
         }
 
     # What clients ask.
@@ -130,20 +134,53 @@ class _Qtm:
             await client.finish()
         finally:
             self.viewers.discard(viewer)
+            self._release(client.name)
 
     def _answer(self, viewer: _Viewer, kind: int, body: bytes) -> bytes:
         try:
             if kind == XML:
-                return _refusal("You must be master to issue this command")
+                return _refusal(
+                    "Setting parameters failed: the twin's are fixed" if self._rules(viewer) else MASTER_ONLY
+                )
             if kind != COMMAND:
                 raise LinkError("not a command")
             name, *words = wire.command_words(body)
-            if name.lower() in REFUSED:
-                return _refusal("You must be master to issue this command")
+            if name.lower() in control.ORDERS:
+                return self._obey(viewer, name.lower(), words)
             return self._commands[name.lower()](viewer, words)
         except (KeyError, LinkError):
             self.malformed += 1
             return _refusal("Parse error")
+
+    def _rules(self, viewer: _Viewer) -> bool:
+        return self.control.master == viewer.client.name
+
+    def _release(self, who: str) -> str:
+        """Control is given back: nobody is left without frames, for the twin has no operator of its own."""
+        before, ruled = self.control.state, self.control.master == who
+        if ruled and before not in control.STREAMING:
+            self.control.state = control.PLAYING
+            self._changed(before, f"{who} gave up control")
+        return self.control.release(who)
+
+    def _obey(self, viewer: _Viewer, order: str, words: list[str]) -> bytes:
+        """An order to the measurement. What follows from it all clients are told, a little later."""
+        before = self.control.state
+        answer = _answered(*self.control.obey(viewer.client.name, order, words))
+        self._changed(before, f"{viewer.client.name} asked for {order}")
+        return answer
+
+    def _changed(self, before: int, why: str) -> None:
+        state = self.control.state
+        if state == before:
+            return
+        asyncio.get_running_loop().call_later(LATER, self._tell_all, wire.event_packet(state))
+        if (state in control.STREAMING) != (before in control.STREAMING):
+            self.station.say(f"qtm: {why}: {'frames again' if state in control.STREAMING else 'no frames'}")
+
+    def _tell_all(self, packet: bytes) -> None:
+        for viewer in self.viewers:
+            viewer.client.send(packet)
 
     def _version(self, viewer: _Viewer, words: list[str]) -> bytes:
         if not words:
@@ -155,14 +192,14 @@ class _Qtm:
 
     def _parameters(self, viewer: _Viewer, words: list[str]) -> bytes:
         sections = [word.lower() for word in words]
-        if not {"6d", "general", "all"} & set(sections):
-            return _refusal("Parameters not available")
+        if not {*wire.SECTIONS, "all"} & set(sections):
+            return _refusal(f"Parameters not available: the twin has {', '.join(wire.SECTIONS)}")
         settings = wire.parameters_xml(viewer.version, [self.options.body], sections, self.options.rate)
         return wire.text_packet(XML, settings)
 
     def _current(self, viewer: _Viewer, words: list[str]) -> bytes:
         components = wire.parse_components(words)
-        if self.frame == 0:
+        if not self._has_frames:
             return wire.packet(NO_MORE_DATA, b"")
         viewer.once = components  # the next frame, when it comes
         return b""
@@ -170,7 +207,11 @@ class _Qtm:
     def _stream(self, viewer: _Viewer, words: list[str]) -> bytes:
         viewer.want(wire.parse_stream(words))
         # QTM answers with data; without any yet it says so, and sends when there is.
-        return wire.packet(NO_MORE_DATA, b"") if viewer.stream is not None and self.frame == 0 else b""
+        return wire.packet(NO_MORE_DATA, b"") if viewer.stream is not None and not self._has_frames else b""
+
+    @property
+    def _has_frames(self) -> bool:
+        return self.frame > 0 and self.control.state in control.STREAMING
 
     # What the vehicle measures.
 
@@ -188,6 +229,8 @@ class _Qtm:
 
     def _show(self, t: float, place: np.ndarray, R: np.ndarray) -> None:
         self.frame += 1
+        if not self._has_frames:
+            return
         made: dict[tuple[str, ...], bytes] = {}
 
         def frame(components: tuple[str, ...]) -> bytes:
@@ -201,6 +244,10 @@ class _Qtm:
 
 def _reply(text: str) -> bytes:
     return wire.text_packet(COMMAND, text)
+
+
+def _answered(text: str, is_error: bool) -> bytes:
+    return _refusal(text) if is_error else _reply(text)
 
 
 def _refusal(text: str) -> bytes:

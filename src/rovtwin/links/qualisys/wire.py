@@ -8,7 +8,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
@@ -18,11 +18,16 @@ ERROR, COMMAND, XML, DATA, NO_MORE_DATA, EVENT = 0, 1, 2, 3, 4, 6
 HEADER = struct.Struct("<II")
 FRAME = struct.Struct("<qII")  # time stamp [us], frame number, number of components
 BODIES = struct.Struct("<Ihh")  # bodies, drop rate, rate out of sync [per thousand]
-COMPONENTS = {"6d": 5, "6deuler": 6, "6dres": 11, "6deulerres": 12}
-# Components that QTM has and a twin has not: accepted, and empty.
-OTHERS = ("2d", "2dlin", "3d", "3dres", "3dnolabels", "3dnolabelsres", "analog", "analogsingle", "force", "forcesingle")
+COMPONENTS = {"6d": 5, "6deuler": 6, "6dres": 11, "6deulerres": 12}  # of the body
+COMPONENTS |= {"3d": 1, "3dnolabels": 2, "3dres": 9, "3dnolabelsres": 10}  # of its markers
+COMPONENTS |= {"2d": 7, "2dlin": 8}  # of cameras, of which the twin has none
+# Components that QTM has and a twin has not: accepted, and left out.
+OTHERS = ("analog", "analogsingle", "force", "forcesingle")
 OTHERS += ("gazevector", "eyetracker", "image", "timecode", "skeleton", "skeleton:global")
-CONNECTED, RT_STARTED = 1, 8  # events
+SECTIONS = ("general", "3d", "6d")  # of the settings
+# Places of the markers in the body's axes (x ahead, y to the left, z up) [m]: chosen, not in a plane and unlike from
+# every side, as markers are glued on.
+MARKERS = np.array([[0.2, 0.12, 0.1], [0.2, -0.12, 0.1], [-0.2, 0.12, 0.1], [-0.14, -0.12, 0.16]])
 LONGEST_COMMAND = 4096  # bytes of a packet from a client; QTM itself takes longer XML settings, which are refused here
 LONGEST_PACKET = 1 << 20  # bytes of a packet from QTM; a frame of 100 bodies has 6000
 FASTEST = 10_000  # frames a second and divisors beyond it are refused
@@ -155,16 +160,41 @@ def data_packet(t: float, frame: int, components: Sequence[str], place: np.ndarr
         R: Maps the body's axes to the lab's, shape (3, 3).
     """
     lost = not (np.isfinite(place).all() and np.isfinite(R).all())
+    bodies: dict[str, bytes] = _body(place, R, lost) | _markers(place, R, lost)
+    labelled, seen = len(MARKERS), 0 if lost else len(MARKERS)
+    counts: dict[str, int] = {"3d": labelled, "3dres": labelled, "3dnolabels": seen, "3dnolabelsres": seen}
+    counts |= {"6d": 1, "6dres": 1, "6deuler": 1, "6deulerres": 1}
+    parts = []
+    for name in components:
+        content = bodies.get(name, b"")
+        parts.append(HEADER.pack(HEADER.size + BODIES.size + len(content), COMPONENTS[name]))
+        parts.append(BODIES.pack(counts.get(name, 0), 0, 0) + content)
+    stamp = min(max(round(1e6 * t), -(2**63)), 2**63 - 1)
+    return packet(DATA, FRAME.pack(stamp, frame % 2**32, len(components)) + b"".join(parts))
+
+
+def _body(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:
+    """The body as each component has it."""
     where = struct.pack("<3f", *((math.nan,) * 3 if lost else 1e3 * place))
     turn = struct.pack("<9f", *((math.nan,) * 9 if lost else R.T.ravel()))  # column by column
     angles = struct.pack("<3f", *((math.nan,) * 3 if lost else np.degrees(qualisys_euler(R))))
     residual = struct.pack("<f", math.nan if lost else 0.0)
     bodies = {"6d": where + turn, "6dres": where + turn + residual}
-    bodies |= {"6deuler": where + angles, "6deulerres": where + angles + residual}
-    parts = [HEADER.pack(HEADER.size + BODIES.size + len(bodies[name]), COMPONENTS[name]) for name in components]
-    parts = [part + BODIES.pack(1, 0, 0) + bodies[name] for part, name in zip(parts, components, strict=True)]
-    stamp = min(max(round(1e6 * t), -(2**63)), 2**63 - 1)
-    return packet(DATA, FRAME.pack(stamp, frame % 2**32, len(parts)) + b"".join(parts))
+    return bodies | {"6deuler": where + angles, "6deulerres": where + angles + residual}
+
+
+def _markers(place: np.ndarray, R: np.ndarray, lost: bool) -> dict[str, bytes]:
+    """Its markers likewise: of a body that is lost, those with a label are NaN and those without are not there."""
+    places = 1e3 * (place + MARKERS @ R.T)
+    labelled, residual = (math.nan,) * 3, math.nan if lost else 0.0
+    rows = [labelled if lost else tuple(map(float, row)) for row in places]
+    seen = [] if lost else [struct.pack("<3fI", *row, i + 1) for i, row in enumerate(rows)]
+    return {
+        "3d": b"".join(struct.pack("<3f", *row) for row in rows),
+        "3dres": b"".join(struct.pack("<4f", *row, residual) for row in rows),
+        "3dnolabels": b"".join(seen),
+        "3dnolabelsres": b"".join(row + struct.pack("<f", residual) for row in seen),
+    }
 
 
 def qualisys_euler(R: np.ndarray) -> np.ndarray:
@@ -178,16 +208,36 @@ def qualisys_euler(R: np.ndarray) -> np.ndarray:
 
 
 def parameters_xml(version: str, bodies: Sequence[str], sections: Sequence[str], rate: float) -> str:
-    """Settings as GetParameters gives them: names of bodies and Euler angles (6d), frequency (general)."""
-    parts = []
-    if {"general", "all"} & set(sections):
-        parts.append(f"<General><Frequency>{rate:g}</Frequency></General>")
-    if {"6d", "all"} & set(sections):
-        named = "".join(f"<Body><Name>{escape(name)}</Name><Color R='0' G='255' B='0'/></Body>" for name in bodies)
-        angles = "<Euler><First>Roll</First><Second>Pitch</Second><Third>Yaw</Third></Euler>"
-        parts.append(f"<The_6D><Bodies>{len(bodies)}</Bodies>{named}{angles}</The_6D>")
+    """Settings as GetParameters gives them: frequency (general), labels of the markers (3d), bodies (6d)."""
+    made = {"general": f"<General><Frequency>{rate:g}</Frequency></General>"}
+    made |= {"3d": _labels(bodies), "6d": _bodies(bodies)}
+    parts = [made[section] for section in SECTIONS if {section, "all"} & set(sections)]
     name = f"QTM_Parameters_Ver_{version}"
     return f"<{name}>{''.join(parts)}</{name}>"
+
+
+def _labels(bodies: Sequence[str]) -> str:
+    names = [f"{body}-{i + 1}" for body in bodies for i in range(len(MARKERS))]
+    labels = "".join(f"<Label><Name>{escape(name)}</Name><RGBColor>65280</RGBColor></Label>" for name in names)
+    up = "<AxisUpwards>+Z</AxisUpwards><CalibrationTime></CalibrationTime>"
+    return f"<The_3D>{up}<Labels>{len(names)}</Labels>{labels}<Bones></Bones></The_3D>"
+
+
+def _bodies(bodies: Sequence[str]) -> str:
+    looks = '<Enabled>true</Enabled><Color R="0" G="255" B="0"/>'
+    named = "".join(
+        f"<Body><Name>{escape(body)}</Name>{looks}<Points>{_points(body)}</Points></Body>" for body in bodies
+    )
+    angles = "<Euler><First>Roll</First><Second>Pitch</Second><Third>Yaw</Third></Euler>"
+    return f"<The_6D><Bodies>{len(bodies)}</Bodies>{named}{angles}</The_6D>"
+
+
+def _points(body: str) -> str:
+    """Where its markers are on it, in millimetres."""
+    return "".join(
+        f'<Point X="{x:g}" Y="{y:g}" Z="{z:g}" Virtual="0" PhysicalId="0" Name={quoteattr(f"{body}-{i + 1}")}/>'
+        for i, (x, y, z) in enumerate((1e3 * MARKERS).tolist())
+    )
 
 
 def body_names(xml: bytes) -> list[str]:

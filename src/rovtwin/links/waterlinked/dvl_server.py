@@ -4,6 +4,7 @@ import asyncio
 import math
 import time
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,10 +13,11 @@ import numpy as np
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
-from rovtwin.links.crowd import MOST_CLIENTS, Client, Crowd, crowd, read_line
+from rovtwin.links.crowd import MOST_CLIENTS, Client, Crowd, crowd
 from rovtwin.links.rotations import turn_about_z
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
+from rovtwin.links.waterlinked.dvl_pages import DvlPages
 from rovtwin.links.waterlinked.dvl_wire import (
     CONFIG,
     NO_ALTITUDE,
@@ -29,10 +31,13 @@ from rovtwin.links.waterlinked.dvl_wire import (
     figure_of_merit,
     parse_order,
     report_line,
+    split_orders,
 )
 from rovtwin.links.waterlinked.reckoning import Reckoning
+from rovtwin.links.waterlinked.web import serving_pages
 
 PORT = 16171
+WEB_PORT = 8171  # of the pages; the DVL itself has 80, which takes root to bind
 POSITION_PERIOD = 0.2  # of dead reckoning [s]: 5 Hz
 INVALID_PERIOD = 0.25  # of reports without bottom lock [s]; the DVL's own range of rates is 2 to 15 Hz
 STALE = 0.5  # no reading for so long: bottom lock is lost [s]
@@ -58,6 +63,7 @@ class DvlServer(Server):
             starts. It runs with the vehicle's time, which may be faster than real.
         water_speed_of_sound: True speed of sound [m/s]: a client that sets another one gets velocities that are wrong
             by the ratio, as with the real DVL.
+        web_port: TCP port of its pages (`dvl_pages`); None: there are none. Where it is taken the DVL speaks without.
     """
 
     host: str = "127.0.0.1"
@@ -67,6 +73,7 @@ class DvlServer(Server):
     epoch: float | None = None
     water_speed_of_sound: float = 1475.0
     most_clients: int = MOST_CLIENTS
+    web_port: int | None = None
 
     @property
     def addresses(self) -> list[str]:
@@ -76,20 +83,40 @@ class DvlServer(Server):
         dvl = _Dvl(self, station)
 
         async def serve(client: Client) -> None:
-            while (line := await read_line(client.reader)) and not client.gone:
-                if line.strip():
-                    client.send(report_line(dvl.answer(line)))
+            rest = b""
+            while (piece := await client.reader.read(LONGEST_LINE)) and not client.gone:
+                orders, rest = split_orders(rest + piece)
+                for order in orders:
+                    client.send(report_line(dvl.answer(order)))
+                if len(rest) > LONGEST_LINE:
+                    raise LinkError("line too long")
 
         where = (self.host, self.port)
-        async with crowd("dvl", *where, serve, station.say, LONGEST_LINE, self.most_clients) as people:
+        async with (
+            crowd("dvl", *where, serve, station.say, LONGEST_LINE, self.most_clients) as people,
+            AsyncExitStack() as stack,
+        ):
             station.say(f"dvl: speaks at {self.host}:{self.port}")
             dvl.people = people
+            await self._show_pages(dvl, stack)
             watch = asyncio.create_task(dvl.watch())
             try:
                 async for batch in station.readings():
                     dvl.hear(batch)
             finally:
                 watch.cancel()
+
+    async def _show_pages(self, dvl: "_Dvl", stack: AsyncExitStack) -> None:
+        """Its pages as long as the stack lasts: a port that is taken costs the pages, and no velocity."""
+        if self.web_port is None:
+            return
+        pages = DvlPages(self.port, lambda: dvl.config, lambda: dvl.listeners, lambda: dvl.epoch + dvl.station.now)
+        try:
+            await stack.enter_async_context(serving_pages("dvl", self.host, self.web_port, pages))
+        except LinkError as error:
+            dvl.station.say(f"dvl: no pages over HTTP, which BlueOS' extension asks for: {error}")
+        else:
+            dvl.station.say(f"dvl: pages at http://{self.host}:{self.web_port}/api/v1/about")
 
 
 class _Dvl:
@@ -114,6 +141,11 @@ class _Dvl:
             "calibrate_gyro": lambda order: None,  # the twin's gyro is calibrated; the real one takes up to 15 s
             "trigger_ping": self._trigger,
         }
+
+    @property
+    def listeners(self) -> int:
+        """How many are connected now."""
+        return 0 if self.people is None else len(self.people.clients)
 
     # What clients ask.
 

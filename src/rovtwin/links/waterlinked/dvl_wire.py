@@ -179,6 +179,37 @@ def parse_order(line: bytes) -> Order:
     return Order(text(found, "command"), parameters or {})
 
 
+def split_orders(data: bytes) -> tuple[list[bytes], bytes]:
+    """Whole commands, and what is left of the last one.
+
+    The DVL takes a JSON object as soon as it is whole: C++ drivers (libwaterlinked, dvl-a50) send no end of line after
+    it, and dvl-a50 sends commands without parameters as a list, which is answered as what it is. What is neither is a
+    line, which ends where lines do.
+    """
+    orders = []
+    while data := data.lstrip():
+        order = _object_of(data)
+        if not order:
+            order, end, _ = data.partition(b"\n")
+            if not end:
+                break
+        orders.append(order)
+        data = data[len(order) :]
+    return orders, data
+
+
+def _object_of(data: bytes) -> bytes:
+    """The JSON object, or list, that data begin with; empty where there is none, or not all of it."""
+    try:
+        text = data.decode()
+        return text[: _DECODER.raw_decode(text)[1]].encode() if text.startswith(("{", "[")) else b""
+    except (ValueError, RecursionError):  # also what is no UTF-8
+        return b""
+
+
+_DECODER = json.JSONDecoder()
+
+
 def order_line(command: str, **parameters: Any) -> bytes:
     """A command as a client sends it."""
     message: dict[str, Any] = {"command": command}

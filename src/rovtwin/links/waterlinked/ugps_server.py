@@ -12,19 +12,17 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.clock import Due
-from rovtwin.links.crowd import Client, crowd
-from rovtwin.links.http_wire import LONGEST_HEAD, Request, parse_request, response_bytes
+from rovtwin.links.http_wire import Request
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.waterlinked import ugps_wire as wire
 from rovtwin.links.waterlinked.ugps_wire import AcousticPosition, MapPosition
+from rovtwin.links.waterlinked.web import MOST_CLIENTS, outcome, serving_pages
 
 PORT = 8080  # the kit itself has 80, which takes root to bind
 FIX_PERIOD = 0.25  # [s]: 4 Hz
 STALE = 2.0  # a position older than this is not valid any more [s]
 DEPTH_LIFE = 10.0  # a depth that a client told counts so long [s of real time]
-PATIENCE = 10.0  # for a whole request, and between two on one connection [s of real time]
-MOST_CLIENTS = 32  # connections; browsers open six each
 # Of the receivers in the topside's frame [m]: corners of a square at 1 m depth. Chosen: the kit's own are configured.
 RECEIVERS = ((0.2, 0.2, 1.0), (0.2, -0.2, 1.0), (-0.2, 0.2, 1.0), (-0.2, -0.2, 1.0))
 
@@ -60,46 +58,10 @@ class UgpsServer(Server):
 
     async def run(self, station: Station) -> None:
         kit = _Kit(self, station)
-
-        async def serve(client: Client) -> None:
-            while await _converse(client, kit):
-                pass
-            await client.finish()
-
-        def quiet(text: str) -> None:
-            """Four connections a second are no news."""
-
-        async with crowd("ugps", self.host, self.port, serve, quiet, LONGEST_HEAD, self.most_clients):
+        async with serving_pages("ugps", self.host, self.port, kit, self.most_clients):
             station.say(f"ugps: speaks at http://{self.host}:{self.port}")
             async for batch in station.readings():
                 kit.hear(batch)
-
-
-async def _converse(client: Client, kit: "_Kit") -> bool:
-    """One request and its response; whether the connection stays."""
-    try:
-        head = await asyncio.wait_for(client.reader.readuntil(b"\r\n\r\n"), PATIENCE)
-    except (TimeoutError, asyncio.IncompleteReadError):
-        return False
-    except asyncio.LimitOverrunError:
-        client.send(response_bytes(413, _said("head too long"), False))
-        return False
-    try:
-        request = parse_request(head)
-        body = await asyncio.wait_for(client.reader.readexactly(request.length), PATIENCE)
-    except LinkError as error:
-        kit.malformed += 1
-        client.send(response_bytes(400, _said(str(error)), False))
-        return False
-    except (TimeoutError, asyncio.IncompleteReadError):
-        return False
-    status, answer = kit.answer(request, body)
-    client.send(response_bytes(status, answer, request.keep))
-    return request.keep and not client.gone
-
-
-def _said(error: str = "") -> dict[str, Any]:
-    return {"success": not error, "error": error}
 
 
 class _Kit:
@@ -116,7 +78,7 @@ class _Kit:
         self._newest: Measurement | None = None
         self._fixes = 0
         self._t_fix = -math.inf
-        self._gets: dict[str, Callable[[], dict[str, Any]]] = {
+        self._gets: dict[str, Callable[[], Any]] = {
             "/api": lambda: {"version": "v1"},
             wire.FILTERED: self._acoustic,
             wire.RAW: self._acoustic,
@@ -124,6 +86,8 @@ class _Kit:
             wire.MASTER: lambda: wire.body_of(self._master()),
             wire.ORIENTATION: lambda: {"orientation": self._told_heading()},
             wire.IMU: lambda: self.told.get(wire.IMU, dict.fromkeys(("roll", "pitch", "yaw", "x", "y", "z"), 0.0)),
+            wire.CALIBRATE: self._imu,
+            wire.WARNINGS: list,
             wire.ABOUT: _about,
             wire.STATUS: lambda: {"imu": 3, "gps": 3, "battery": -1},
             wire.CONFIG: self._config,
@@ -143,9 +107,13 @@ class _Kit:
                 self._take(path, wire.parse_put(path, body))
             except LinkError as error:
                 self.malformed += 1
-                return 400, _said(str(error))
-            return 200, _said()
-        return (405, _said("method not allowed")) if known else (404, _said("not found"))
+                return 400, outcome(str(error))
+            return 200, outcome()
+        if known:
+            return 405, outcome(
+                f"{request.method[:20]}: the twin's kit is read here, and told what {wire.BASE}/external has"
+            )
+        return 404, outcome("the twin's kit has no such page; it has " + ", ".join(self._gets))
 
     def _take(self, path: str, told: dict[str, float]) -> None:
         self.told[path] = told
@@ -224,6 +192,10 @@ class _Kit:
         lat, lon, _ = around.geodetic([*offset, 0.0])
         heading, quality = self._told_heading(), (master.hdop, master.numsats, master.fix_quality)
         return MapPosition(float(lat), float(lon), heading, wire.NO_DATA, wire.NO_DATA, *quality)
+
+    def _imu(self) -> dict[str, Any]:
+        """The topside unit's own attitude: level, and calibrated once and for all."""
+        return {"roll": 0.0, "pitch": 0.0, "yaw": self._master().orientation, "state": 3, "progress": 100}
 
     def _config(self) -> dict[str, Any]:
         master = self._master()

@@ -21,6 +21,7 @@ ABOUT, STATUS, CONFIG, ANTENNA = (
     f"{BASE}/config/generic",
     f"{BASE}/config/antenna",
 )
+CALIBRATE, WARNINGS = f"{BASE}/imu/calibrate", f"{BASE}/warnings"
 NO_DATA = -1.0  # what stands for "not known" in places on the map
 FARTHEST = 10_000.0  # a place beyond it is nonsense [m]; the kit's own range is 100 to 300 m
 
@@ -142,8 +143,9 @@ def parse_put(path: str, body: bytes) -> dict[str, float]:
 
 
 def body_of(message: AcousticPosition | MapPosition) -> dict[str, Any]:
-    """As the kit sends it."""
-    return asdict(message)
+    """As the kit sends it: what it counts is whole, as clients print it."""
+    counted = ("numsats", "fix_quality") if isinstance(message, MapPosition) else ()
+    return asdict(message) | {key: int(getattr(message, key)) for key in counted}
 
 
 def to_topside(offset: tuple[float, float], heading: float) -> tuple[float, float]:

@@ -150,7 +150,7 @@ def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
             "or two, as blueye_pioneer and double_blueye have them"
         )
     hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
-    return BlueyeServer(hosts, http_port=where.port or 80)
+    return BlueyeServer(hosts, http_port=where.port or 80, fastest=(RATE[0], RATE[1], RATE[2]), datum=scenario.origin)
 
 
 def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
@@ -187,9 +187,9 @@ def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
 
 
 def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.waterlinked.dvl_server import DvlServer
+    from rovtwin.links.waterlinked.dvl_server import WEB_PORT, DvlServer
 
-    return DvlServer(floor=scenario.world.floor, **where.options())
+    return DvlServer(floor=scenario.world.floor, web_port=WEB_PORT, **where.options())
 
 
 def _ugps(scenario: Scenario, vehicle: Servable, where: Where) -> Server:

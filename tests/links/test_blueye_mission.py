@@ -1,0 +1,331 @@
+"""Missions of a Blueye drone: what instructions ask for, and how they are flown by a vehicle that follows its target.
+
+Times are made up; the messages are the vendor's own (blueye.protocol 3.5).
+"""
+
+import math
+
+import blueye.protocol as bp
+import pytest
+from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
+
+from rovtwin.core.datum import Datum
+from rovtwin.links.blueye import mission as m
+from rovtwin.links.blueye.drone import About, Drone
+from rovtwin.links.blueye.instructions import FAILED_TO_LOAD, TOO_FAR, UNKNOWN_POSITION, Able, Refused, steps_of
+from rovtwin.links.blueye.mission import Here, Supervisor
+from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, Watchdog
+
+DATUM = Datum(63.4415, 10.4174)
+ABLE = Able(DATUM, position=True, altitude=True, here=(0.0, 0.0))
+FLOOR, DT = 12.0, 0.1
+
+
+def instruction(**command) -> bp.Instruction:
+    return bp.Instruction(**command)
+
+
+def waypoint(north: float, east: float, depth: float, **more) -> bp.Instruction:
+    latitude, longitude, _ = DATUM.geodetic([north, east, 0.0])
+    return create_waypoint_instruction("A", float(latitude), float(longitude), depth, **more)
+
+
+def mission(*instructions: bp.Instruction, **more) -> object:
+    made = prepare_new_mission(list(instructions), 7, "trial")
+    for key, value in more.items():
+        setattr(made, key, value)
+    return bp.Mission.pb(made)
+
+
+class Vehicle:
+    """Goes to its target, at 1 m/s and 1 rad/s at most, over a floor at 12 m."""
+
+    def __init__(self, supervisor: Supervisor, fast: float = 1.0):
+        self.supervisor, self.fast = supervisor, fast
+        self.north = self.east = self.heading = self.t = 0.0
+        self.depth = 1.0
+        self.knows_place = self.sees_floor = True
+        self.way: list[tuple[float, float, float]] = []
+        self.notes: list[m.Note] = []
+
+    @property
+    def here(self) -> Here:
+        place = (self.north, self.east) if self.knows_place else None
+        altitude = FLOOR - self.depth if self.sees_floor else None
+        return Here(self.t, place, self.depth, self.heading, altitude)
+
+    def live(self, seconds: float) -> None:
+        for _ in range(round(seconds / DT)):
+            self.t += DT
+            if self.supervisor.target is not None:
+                self._follow(self.supervisor.target)
+            self.supervisor.look(self.here)
+            self.notes += self.supervisor.taken_notes()
+            self.way.append((self.north, self.east, self.depth))
+
+    def _follow(self, target: tuple[float, float, float, float]) -> None:
+        most = self.fast * DT
+        away = target[0] - self.north, target[1] - self.east
+        share = min(1.0, most / max(math.hypot(*away), 1e-9))
+        self.north, self.east = self.north + share * away[0], self.east + share * away[1]
+        self.depth += max(-most, min(most, target[2] - self.depth))
+        self.heading += max(-most, min(most, math.remainder(target[3] - self.heading, math.tau)))
+
+    def texts(self, kind: int) -> list[str]:
+        return [note.text for note in self.notes if note.kind == kind]
+
+
+@pytest.fixture
+def vehicle() -> Vehicle:
+    return Vehicle(Supervisor())
+
+
+def start(vehicle: Vehicle, *instructions: bp.Instruction, able: Able = ABLE, **more) -> Supervisor:
+    supervisor = vehicle.supervisor
+    supervisor.load(mission(*instructions, **more), able)
+    assert supervisor.state == m.READY, supervisor.notes
+    supervisor.run(vehicle.here, armed=True)
+    return supervisor
+
+
+def test_waypoints_are_reached_one_after_the_other_at_their_speed(vehicle):
+    supervisor = start(vehicle, waypoint(10.0, 0.0, 3.0, speed_to_target=0.5), waypoint(10.0, 10.0, 3.0))
+    vehicle.live(10.0)
+    assert 3.5 < vehicle.north < 5.5 and abs(vehicle.east) < 0.1 and supervisor.state == m.RUNNING
+    vehicle.live(60.0)
+    assert supervisor.state == m.COMPLETED
+    assert min(math.dist(place, (10.0, 0.0, 3.0)) for place in vehicle.way) < 1.1
+    assert math.dist((vehicle.north, vehicle.east, vehicle.depth), (10.0, 10.0, 3.0)) < 1.3
+    assert [note.kind for note in vehicle.notes] == [m.LOADED, m.STARTED, 20, 9, 20, 9, m.COMPLETE]
+    assert set(supervisor.modes) == {("auto_depth", True), ("auto_heading", True), ("station_keeping", True)}
+
+
+def test_example_of_the_seabed(vehicle):
+    """As the SDK's example: to the seabed, a picture, to the surface."""
+    take = instruction(camera_command={"camera_action": bp.CameraAction.CAMERA_ACTION_TAKE_PHOTO})
+    down, up = (instruction(**{f"go_to_{end}_command": {"desired_speed": 0.3}}) for end in ("seabed", "surface"))
+    supervisor = start(vehicle, down, take, up)
+    vehicle.live(90.0)
+    assert supervisor.state == m.COMPLETED
+    assert max(depth for *_, depth in vehicle.way) == pytest.approx(FLOOR - 0.5, abs=0.35) and vehicle.depth < 0.3
+    assert "no pictures" in vehicle.texts(m.SKIPPED)[0]
+    assert abs(vehicle.north) < 0.01 and abs(vehicle.east) < 0.01
+
+
+def test_example_of_the_tilt(vehicle):
+    """As the SDK's example: angles one after the other, four seconds each; the vehicle is left alone."""
+    tilts = [instruction(tilt_main_camera_command={"tilt_angle": {"value": value}}) for value in (30.0, -30.0)]
+    wait = instruction(wait_for_command={"wait_for_seconds": 4})
+    supervisor = start(vehicle, tilts[0], wait, tilts[1], wait)
+    seen = []
+    for _ in range(9):
+        vehicle.live(1.0)
+        seen.append(supervisor.tilt)
+    assert seen[0] == 30.0 and seen[-1] == -30.0 and supervisor.state == m.COMPLETED
+    assert supervisor.target is None and not supervisor.modes
+
+
+def test_altitude_depth_home_and_survey(vehicle):
+    over = {"depth": 2.0, "depth_zero_reference": bp.DepthZeroReference.DEPTH_ZERO_REFERENCE_SEABED}
+    points = [waypoint(4.0, east, 5.0).waypoint_command.waypoint for east in (0.0, 3.0)]
+    supervisor = start(
+        vehicle,
+        instruction(depth_set_point_command={"depth_set_point": over}),
+        instruction(survey_command={"waypoints": points}),
+        instruction(go_to_home_command={"desired_speed": 0.5}),
+        default_heave_speed=0.5,
+    )
+    vehicle.live(25.0)
+    assert vehicle.texts(11) and max(depth for *_, depth in vehicle.way) == pytest.approx(10.0, abs=0.35)
+    vehicle.live(75.0)
+    assert supervisor.state == m.COMPLETED and math.hypot(vehicle.north, vehicle.east) < 1.1
+    assert min(math.dist(place, (4.0, 3.0, 5.0)) for place in vehicle.way) < 1.4
+    assert [note.kind for note in vehicle.notes if note.kind in (8, 9, 10, 11)] == [11, 9, 9]  # a survey is one
+
+
+def test_control_modes_are_the_drones(vehicle):
+    vertical = bp.ControlModeVertical.CONTROL_MODE_VERTICAL_AUTO_DEPTH
+    horizontal = bp.ControlModeHorizontal.CONTROL_MODE_HORIZONTAL_STATION_KEEPING
+    command = {"control_mode_vertical": vertical, "control_mode_horizontal": horizontal}
+    supervisor = start(vehicle, instruction(control_mode_command=command))
+    vehicle.live(0.2)
+    assert supervisor.modes == [("auto_depth", True), ("auto_heading", True), ("station_keeping", True)]
+
+
+@pytest.mark.parametrize(
+    ("instructions", "able", "text", "kind"),
+    [
+        ([], ABLE, "without instructions", FAILED_TO_LOAD),
+        ([instruction()], ABLE, "no command", FAILED_TO_LOAD),
+        ([waypoint(5000.0, 0.0, 1.0)], ABLE, "way of 5000 m.*datum.latitude", TOO_FAR),
+        ([waypoint(5.0, 0.0, 900.0)], ABLE, "900 m, expected 0 to 500", 13),
+        ([waypoint(5.0, 0.0, 1.0)], Able(DATUM, False, True, None), "half of a pair", UNKNOWN_POSITION),
+        ([waypoint(5.0, 0.0, 1.0)], Able(None, True, True, None), "no place on the map", UNKNOWN_POSITION),
+        ([waypoint(5.0, 0.0, math.nan)], ABLE, "finite", FAILED_TO_LOAD),
+        ([waypoint(5.0, 0.0, 1.0, speed_to_target=30.0)], ABLE, "speed 30 m/s", FAILED_TO_LOAD),
+        ([instruction(go_to_seabed_command={})], Able(DATUM, True, False, None), "sensors.altimeter", FAILED_TO_LOAD),
+        ([instruction(tilt_main_camera_command={"tilt_angle": {"value": 50}})], ABLE, "tilt 50", FAILED_TO_LOAD),
+        ([instruction(wait_for_command={"wait_for_seconds": -1})], ABLE, "wait -1", FAILED_TO_LOAD),
+        ([instruction(survey_command={"lane_spacing": 2.0})], ABLE, "planner", FAILED_TO_LOAD),
+        ([instruction(control_mode_command={"control_mode_vertical": 3})], ABLE, "auto altitude", FAILED_TO_LOAD),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_the_reason(instructions, able, text, kind):
+    with pytest.raises(Refused, match=text) as refused:
+        steps_of(mission(*instructions), able)
+    assert refused.value.notification == kind
+    supervisor = Supervisor()
+    supervisor.load(mission(*instructions), able)
+    assert supervisor.state == m.FAILED_TO_LOAD and kind in [note.kind for note in supervisor.notes]
+    supervisor.run(Here(0.0), armed=True)
+    assert supervisor.state == m.FAILED_TO_LOAD and supervisor.notes[-1].kind == m.NONE_LOADED
+
+
+def test_too_many_instructions():
+    many = bp.Mission.pb(bp.Mission(instructions=[instruction(wait_for_command={"wait_for_seconds": 1})] * 51))
+    with pytest.raises(Refused, match="51 instructions, expected at most 50"):
+        steps_of(many, ABLE)
+
+
+def test_thrusters_off_and_unknown_places_do_not_start(vehicle):
+    vehicle.supervisor.load(mission(waypoint(5.0, 0.0, 2.0)), ABLE)
+    vehicle.supervisor.run(vehicle.here, armed=False)
+    assert vehicle.supervisor.state == m.FAILED_TO_START and "watchdog" in vehicle.supervisor.notes[-1].text
+    vehicle.supervisor.load(mission(waypoint(5.0, 0.0, 2.0)), ABLE)
+    vehicle.knows_place = False
+    vehicle.supervisor.run(vehicle.here, armed=True)
+    assert vehicle.supervisor.state == m.FAILED_TO_START and vehicle.supervisor.target is None
+
+
+def test_pause_and_go_on(vehicle):
+    supervisor = start(vehicle, waypoint(10.0, 0.0, 1.0))
+    vehicle.live(5.0)
+    supervisor.pause("for a look")
+    assert supervisor.state == m.PAUSED and supervisor.target is None
+    there = vehicle.north
+    vehicle.live(5.0)
+    assert vehicle.north == there
+    supervisor.load(mission(waypoint(1.0, 0.0, 1.0)), ABLE)
+    assert supervisor.state == m.PAUSED and "clear it first" in supervisor.notes[-1].text
+    supervisor.run(vehicle.here, armed=True)
+    vehicle.live(30.0)
+    assert supervisor.state == m.COMPLETED and m.RESUMED in [note.kind for note in vehicle.notes]
+
+
+def test_stuck_vehicle_ends_the_mission(vehicle):
+    supervisor = start(vehicle, waypoint(10.0, 0.0, 1.0))
+    vehicle.live(3.0)
+    vehicle.fast = 0.0
+    vehicle.live(40.0)
+    assert supervisor.state == m.ABORTED and "no progress" in vehicle.texts(m.STUCK)[0] and supervisor.target is None
+
+
+@pytest.mark.parametrize("lost", ["knows_place", "sees_floor"])
+def test_what_a_step_needs_and_has_not_for_a_while_ends_the_mission(vehicle, lost):
+    over = {"depth": 2.0, "depth_zero_reference": bp.DepthZeroReference.DEPTH_ZERO_REFERENCE_SEABED}
+    point = waypoint(20.0, 0.0, 1.0)
+    point.waypoint_command.waypoint.depth_set_point = over
+    supervisor = start(vehicle, point)
+    vehicle.live(3.0)
+    setattr(vehicle, lost, False)
+    vehicle.live(4.0)
+    assert supervisor.state == m.RUNNING
+    vehicle.live(3.0)
+    assert supervisor.state == m.ABORTED and "unknown for 5 s" in vehicle.texts(m.ABORTED_NOW)[0]
+
+
+def test_status(vehicle):
+    supervisor = start(vehicle, waypoint(10.0, 0.0, 1.0), waypoint(10.0, 30.0, 1.0))
+    vehicle.live(40.0)
+    status = supervisor.status()
+    assert status["state"] == m.RUNNING and status["completed_instruction_ids"] == [0] and status["id"] == 7
+    assert status["time_elapsed"] in (39, 40) and status["total_number_of_instructions"] == 2
+    vehicle.live(60.0)
+    assert (
+        supervisor.status()["completed_instruction_ids"] == [0, 1] and supervisor.status()["distance_to_complete"] == 0
+    )
+    supervisor.clear()
+    assert supervisor.status()["state"] == m.INACTIVE and supervisor.message is None
+
+
+# In the drone
+
+HOST = "10.0.0.1"
+
+
+@pytest.fixture
+def drone() -> Drone:
+    """With a pilot, armed, and on its way."""
+    drone = Drone("", About(), watchdog_s=2.0, can_keep_position=True)
+    drone.connect(Client(), HOST, 0.0)
+    drone.obey(Watchdog(1), HOST, 0.0)
+    drone.fly(Here(0.0, (0.0, 0.0), 1.0, 0.0, 11.0))
+    drone.mission.load(mission(waypoint(10.0, 0.0, 1.0)), ABLE)
+    drone.obey(MissionOrder("run"), HOST, 0.1)
+    assert drone.wish().target is not None
+    return drone
+
+
+def test_pilots_stick_pauses_the_mission_and_the_vehicle_holds(drone):
+    drone.obey(Motion((0.0,) * 6), HOST, 0.2)  # as the SDK sends it when it connects
+    assert drone.mission.state == m.RUNNING
+    drone.obey(Motion((0.0, 0.0, 0.3, 0.0, 0.0, 0.0)), HOST, 0.3)
+    wish = drone.wish()
+    assert drone.mission.state == m.PAUSED and wish.target is None and wish.motion[2] == 0.3
+    assert wish.hold_depth and wish.hold_heading and wish.hold_position
+
+
+def test_sticks_move_with_the_target(drone):
+    """Turned to the north-east, a target that moves north is ahead and to port."""
+    drone.fly(Here(0.1, (0.0, 0.0), 1.0, math.pi / 4, 11.0))
+    wish = drone.wish()
+    speed = 0.6 * math.cos(math.pi / 4)  # as far as it faces where it goes
+    share = speed * math.cos(math.pi / 4) / 0.5
+    assert wish.motion == pytest.approx((share, -share, 0.0, 0.0, 0.0, 0.0)) and wish.target[0] == pytest.approx(
+        0.1 * speed
+    )
+
+
+def test_watchdog_that_runs_out_ends_the_mission(drone):
+    assert drone.look(3.0)
+    assert drone.mission.state == m.ABORTED and not drone.wish().armed and drone.wish().target is None
+    drone.obey(Watchdog(1), HOST, 4.0)
+    drone.obey(Watchdog(1), HOST, 5.0)
+    assert drone.wish().armed and drone.wish().target is None and not drone.modes
+
+
+def test_control_that_changes_hands_ends_the_mission(drone):
+    drone.connect(Client(), "10.0.0.2", 0.2)
+    drone.disconnect(1)
+    drone.obey(Watchdog(2), "10.0.0.2", 0.3)
+    assert drone.mission.state == m.ABORTED and drone.wish().armed and drone.wish().target is None
+
+
+def test_nobody_but_the_pilot_starts_a_mission(drone):
+    drone.obey(MissionOrder("clear"), "10.0.0.9", 0.2)
+    assert drone.mission.state == m.RUNNING and drone.dropped == 1
+
+
+def test_mission_that_comes_before_the_first_watchdog_starts_with_it():
+    """As the SDK's examples do: it feeds the watchdog a second after it has connected."""
+    drone = Drone("", About(), watchdog_s=2.0, can_keep_position=True)
+    drone.connect(Client(), HOST, 0.0)
+    drone.fly(Here(0.0, (0.0, 0.0), 1.0, 0.0, 11.0))
+    drone.mission.load(mission(waypoint(10.0, 0.0, 1.0)), ABLE)
+    drone.obey(MissionOrder("run"), HOST, 0.1)
+    assert drone.mission.state == m.READY
+    drone.obey(Watchdog(1), HOST, 1.0)
+    assert drone.mission.state == m.RUNNING and drone.wish().target is not None
+
+
+def test_mission_does_not_wait_for_thrusters_for_ever():
+    drone = Drone("", About(), watchdog_s=60.0, can_keep_position=True)
+    drone.connect(Client(), HOST, 0.0)
+    drone.mission.load(mission(waypoint(10.0, 0.0, 1.0)), ABLE)
+    drone.obey(MissionOrder("run"), HOST, 0.1)
+    drone.look(5.0)
+    assert drone.mission.state == m.READY
+    drone.look(5.2)
+    assert drone.mission.state == m.FAILED_TO_START and "watchdog" in drone.mission.notes[-1].text
+    drone.obey(Watchdog(1), HOST, 6.0)
+    assert drone.mission.state == m.FAILED_TO_START and drone.wish().target is None
