@@ -310,12 +310,12 @@ def test_global_place():
     message = SimpleNamespace(
         coordinate_frame=6, type_mask=PLACE_ONLY, lat_int=634501000, lon_int=103600000, alt=-4.0, yaw=0.0
     )
-    order = order_of_global(message, HERE, None, datum)
+    order = order_of_global(message, HERE, None, datum, datum.height)
     np.testing.assert_allclose(order.target[:3], (11.15, 0.0, 4.0), atol=0.05)
     message.lat_int = 2**31 - 1
-    assert order_of_global(message, HERE, None, datum).refusal
+    assert order_of_global(message, HERE, None, datum, datum.height).refusal
     message.coordinate_frame, message.alt = 5, math.nan
-    assert order_of_global(message, HERE, None, datum).refusal
+    assert order_of_global(message, HERE, None, datum, datum.height).refusal
 
 
 @pytest.mark.parametrize(("name", "value"), [("SYSID_THISMAV", 2), ("FS_PILOT_TIMEOUT", math.nan), ("NO", 1)])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rovtwin.links.mavlink.guided import Order, Place
+from rovtwin.links.mavlink.missions import Missions
 from rovtwin.links.mavlink.mixing import Mixer, clean_axes
 from rovtwin.links.mavlink.modes import GUIDED, MANUAL, MODES, Mode, refusal
 from rovtwin.links.mavlink.parameters import Parameters
@@ -28,6 +29,7 @@ class Autopilot:
         fastest: Largest velocity ahead, to the right, down [m/s] and turn rate [rad/s] that a share of 1 of a held
             motion stands for.
         drone: Name for its wishes.
+        missions: The lists that clients uploaded.
     """
 
     parameters: Parameters
@@ -39,6 +41,7 @@ class Autopilot:
     armed: bool = False
     axes: np.ndarray = field(default_factory=lambda: np.zeros(6))
     target: Place | None = None
+    missions: Missions = field(default_factory=Missions)
     _velocity: tuple[float, float, float, float] | None = None
     _velocity_at: float = 0.0
     _input_at: float = -np.inf
@@ -115,6 +118,11 @@ class Autopilot:
             self.axes = np.zeros(6)
             if self.parameters["FS_PILOT_INPUT"] == 2:
                 self.disarm()
+
+    @property
+    def failing(self) -> bool:
+        """Whether a fail-safe acts: the pilot is not heard any more."""
+        return self.armed and self._neutral_said
 
     def wish(self, now: float) -> Wish:
         """What the vehicle shall do now."""

@@ -53,19 +53,38 @@ def order_of_local(message: Any, here: Place | None, before: Place | None) -> Or
     return _velocity(message, here)
 
 
-def order_of_global(message: Any, here: Place | None, before: Place | None, datum: Datum) -> Order:
-    """Order of a SET_POSITION_TARGET_GLOBAL_INT: places only."""
-    frame, mask = message.coordinate_frame, message.type_mask
-    if frame not in GLOBAL + GLOBAL_RELATIVE or any(mask & bit for bit in IGNORE_PLACE):
-        return Order(refusal="of global set-points only whole places are taken, heights over ellipsoid or water")
-    depth = -message.alt if frame in GLOBAL_RELATIVE else datum.height - message.alt
+def order_of_global(message: Any, here: Place | None, before: Place | None, datum: Datum, ground: float) -> Order:
+    """Order of a SET_POSITION_TARGET_GLOBAL_INT: places only; `ground` as of `order_to`."""
+    if any(message.type_mask & bit for bit in IGNORE_PLACE):
+        return Order(refusal="of global set-points only whole places are taken")
+    heading = _heading(message, False, here, before)
+    return order_to(message.lat_int, message.lon_int, message.alt, message.coordinate_frame, heading, datum, ground)
+
+
+def order_to(
+    latitude: int, longitude: int, altitude: float, frame: int, heading: float, datum: Datum, ground: float
+) -> Order:
+    """Order to go to a place on the map.
+
+    Args:
+        latitude: [1e-7 deg].
+        longitude: [1e-7 deg].
+        altitude: Over the ellipsoid or over home, by the frame [m]; it may be no number.
+        frame: MAV_FRAME.
+        heading: [rad].
+        datum: Origin of n.
+        ground: Height of home over the ellipsoid [m].
+    """
+    if frame not in GLOBAL + GLOBAL_RELATIVE:
+        return Order(refusal="of global set-points only heights over the ellipsoid or over home are taken")
+    depth = datum.height - altitude - (ground if frame in GLOBAL_RELATIVE else 0.0)
     if not abs(depth) <= FARTHEST:  # also what is no number
-        return Order(refusal=f"a height of {message.alt:g} m is none of a vehicle's")
+        return Order(refusal=f"a height of {altitude:g} m is none of a vehicle's")
     try:
-        north, east, down = (float(v) for v in datum.position(message.lat_int * 1e-7, message.lon_int * 1e-7, depth))
+        north, east, down = (float(v) for v in datum.position(latitude * 1e-7, longitude * 1e-7, depth))
     except ConfigError as error:
         return Order(refusal=str(error))
-    return _checked((north, east, down, _heading(message, False, here, before)))
+    return _checked((north, east, down, heading))
 
 
 def _place(message: Any, asked: list[bool], here: Place, before: Place | None) -> Order:
