@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,10 +51,14 @@ NOT_APPLICABLE = {
     "transponder": "other aircraft: there are none",
     "upload_params": "wants a file of parameters",
 }
-REFUSAL = re.compile(r"failed with error code:?\s*(.*)|Couldn't .*|.*: Timeout: .*|Timeout: .*", re.IGNORECASE)
+REFUSAL = re.compile(r"^.* failed\s+with\s+error code:?\s*\w*|^Couldn't .*|^Timeout: .*", re.MULTILINE)
 RAISED = re.compile(r"^(?:[\w.]+\.)?\w*(?:Error|Exception)\b.*", re.MULTILINE)
 # Faults of an example that does not fit the package, or wants what it finds nowhere: nothing that a vehicle answers.
 OWN_FAULTS = ("TypeError", "AttributeError", "ModuleNotFoundError", "ImportError", "PermissionError")
+COMPLAINS, SERVERS = re.compile(r"^ERROR:mavsdk_server:(.*?)(?: \([\w.]+:\d+\))?$", re.MULTILINE), "MAVSDK: {}"
+LOGGED = re.compile(r"(?:ERROR|WARNING|INFO|DEBUG):mavsdk_server:")
+MOST_REASONS = 3  # that are told of one example
+AFTERWARDS = ("Arming", "Disarming", "MYGCS", "Lost manual")  # what it says whoever steers
 SAID = re.compile(r"mavlink: (?!tcp|udp|\d)(.*)")  # what the vehicle tells its clients, not who comes and goes
 
 
@@ -83,7 +88,7 @@ def run_example(python: str, folder: Path, name: str, address: str, seconds: flo
         with (copy / "output").open("w+", encoding="utf-8") as output:
             process = subprocess.Popen(
                 [python, script.name, *arguments],
-                cwd=copy,
+                cwd=script.parent,
                 env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": ""},
                 stdin=subprocess.PIPE,  # nobody types, and nobody closes it
                 stdout=output,
@@ -105,19 +110,21 @@ def run_example(python: str, folder: Path, name: str, address: str, seconds: flo
 
 def judged(name: str, status: int | None, output: str, said: list[str]) -> Tried:
     """What an example's end means."""
+    output = LOGGED.sub(r"\n\g<0>", output)  # its server's lines come between those of the example
     reasons = [found[1] for line in said if (found := SAID.match(line))]
-    told = "; ".join(dict.fromkeys(r for r in reasons if not r.startswith(("Arming", "Disarming", "MYGCS"))))
+    reasons = [SERVERS.format(line) for line in COMPLAINS.findall(output)] + reasons
+    kept = list(dict.fromkeys(r for r in reasons if not r.startswith(AFTERWARDS)))
+    told = "; ".join(kept[:MOST_REASONS])
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     last = lines[-1] if lines else "no output"
     if name in NOT_APPLICABLE:
         return Tried(name, "not applicable", NOT_APPLICABLE[name])
-    if "Traceback" in output:  # some of them do not exit after it: MAVSDK-Python waits for its own threads
-        cause = RAISED.search(output)
-        words = " ".join((cause[0] if cause else last).split())
+    refusal = REFUSAL.search(output)
+    if refusal or "Traceback" in output:  # some do not exit after it: MAVSDK-Python waits for its own threads
+        found = refusal or RAISED.search(output)
+        words = " ".join((found[0] if found else last).split())
         kind = "broken" if words.startswith(OWN_FAULTS) else "refused"
         return Tried(name, kind, "; ".join(filter(None, (_shortened(words), told))))
-    if refusal := REFUSAL.search(output):
-        return Tried(name, "refused", "; ".join(filter(None, (" ".join(refusal[0].split()), told))))
     if status is None and not (name in ENDLESS and re.search(ENDLESS[name], output)):
         return Tried(name, "hangs", last)
     return Tried(name, "runs", "; ".join(filter(None, ("until stopped" if status is None else "to its end", told))))
@@ -135,30 +142,40 @@ def try_all(folder: Path, python: str, seconds: float, only: list[str], say=prin
 
     names = sorted(path.stem for path in folder.glob("*.py") if not only or path.stem in only)
     names += [f"{path.name}/{path.name}" for path in sorted(folder.iterdir()) if (path / f"{path.name}.py").exists()]
-    port = free_port()
+    port, own = free_port(), free_port()
     found = []
-    with twin_served(VEHICLE, [], more=[_server(port)]) as twin:
+    with twin_served(VEHICLE, [], more=[_server(port, own)]) as twin:
         time.sleep(3.0)
         for name in names:
             if only and name not in only:
                 continue
-            found.append(_try(twin, python, folder, name, f"udpin://0.0.0.0:{port}", seconds))
+            found.append(_try(twin, python, folder, name, port, own, seconds))
             say(f"{found[-1].name}: {found[-1].result}: {found[-1].seen}", flush=True)
             time.sleep(SETTLE)
     return found
 
 
-def _try(twin: Any, python: str, folder: Path, name: str, address: str, seconds: float) -> Tried:
+def _try(twin: Any, python: str, folder: Path, name: str, port: int, own: int, seconds: float) -> Tried:
     before = len(twin.said)
-    status, output = run_example(python, folder, name, address, seconds)
-    if os.environ.get("SHOW"):
-        print(output, twin.said[before:])
+    provoked = threading.Timer(seconds / 2.0, _provoke, [own])
+    if name == "telemetry_status_text":  # an ArduPilot that nobody asks for anything has nothing to say
+        provoked.start()
+    status, output = run_example(python, folder, name, f"udpin://0.0.0.0:{port}", seconds)
     return judged(name, status, output, twin.said[before:])
 
 
-def _server(port: int) -> Any:
-    from tests.links.mavlink_vehicle import free_port
+def _provoke(own: int) -> None:
+    """Arm and disarm from elsewhere: the vehicle says so to all."""
+    from pymavlink import mavutil
 
+    line = mavutil.mavlink_connection(f"udpout:127.0.0.1:{own}", source_system=254)
+    for armed in (1, 0):
+        line.mav.command_long_send(1, 1, 400, 0, armed, *[0] * 6)
+        time.sleep(1.0)
+    line.close()
+
+
+def _server(port: int, own: int) -> Any:
     from rovtwin.links.mavlink.mixing import mixer
     from rovtwin.links.mavlink.server import MavlinkServer
     from rovtwin.scenario.composition import vehicle_of
@@ -168,7 +185,7 @@ def _server(port: int) -> Any:
     thrusters = vehicle_of(scenario).model().thrusters
     return MavlinkServer(
         ground_station=f"127.0.0.1:{port}",
-        udp_port=free_port(),
+        udp_port=own,
         tcp_port=None,
         datum=scenario.origin,
         mixer=mixer(thrusters),

@@ -220,7 +220,7 @@ def test_home_is_where_it_is_set():
     with station() as (served, client):
         served.feed(1.0, measured(1.0, estimate=True))
         client.mav.command_int_send(1, 1, 0, 179, 0, 0, 0, 0, 0, 0, LATITUDE, LONGITUDE, -1.0)
-        home = client.next("HOME_POSITION")  # told without being asked
+        home = client.next("HOME_POSITION", latitude=LATITUDE)  # told without being asked
         assert (home.latitude, home.longitude, home.altitude) == (LATITUDE, LONGITUDE, -1000)
         assert home.x == pytest.approx(11.15, abs=0.05) and home.z == pytest.approx(1.0)
         served.feed(2.0, measured(2.0, estimate=True))

@@ -15,6 +15,7 @@ from rovtwin.scenario.pace import Pace
 from rovtwin.scenario.serving.host import ServedVehicle
 from rovtwin.scenario.serving.protocols import places_of, servers_of, world_for
 from rovtwin.scenario.serving.serve import serve
+from rovtwin.scenario.trimmed import trimmed
 
 
 def free_port() -> int:
@@ -93,7 +94,7 @@ def twin_served(
     log: Path | None = None,
 ) -> Iterator[ServedTwin]:
     """A served twin until the block is left."""
-    scenario = world_for(what, overrides, None)
+    scenario, _ = trimmed(world_for(what, overrides, None))
     twin = ServedTwin(ServedVehicle(scenario), speed)
     servers = [*servers_of(protocols, scenario, twin.vehicle, places_of(protocols, addresses)), *more]
     over = threading.Event()

@@ -219,7 +219,9 @@ def _parameter_read(talk: Conversation, message: Any, peer: Peer) -> None:
 
 def _parameter_set(talk: Conversation, message: Any, peer: Peer) -> None:
     name = _name(message.param_id)
-    if not talk.autopilot.parameters.set(name, message.param_value):
+    if talk.autopilot.parameters.find(name, -1) is None:
+        talk.tell_once(message.get_srcSystem(), WARNING, f"No parameter {name}")
+    elif not talk.autopilot.parameters.set(name, message.param_value):
         talk.autopilot.say(WARNING, f"{name}: not set, out of range or read only")
     # The value that holds now: what a client takes for the answer, also when nothing was set.
     _send_parameter(talk, peer, name, -1)
@@ -266,6 +268,5 @@ def _version(talk: Conversation) -> Any:
 # Messages that are sent when asked for only, beside telemetry.
 ONCE: dict[str, Callable[[Conversation], Any]] = {
     "AUTOPILOT_VERSION": _version,
-    "HOME_POSITION": lambda talk: motion_messages.home(talk.scene),
     "GPS_GLOBAL_ORIGIN": lambda talk: motion_messages.origin(talk.scene) if talk.scene.home else None,
 }

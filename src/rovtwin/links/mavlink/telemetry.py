@@ -35,8 +35,10 @@ STREAM_RATES = {1: 2.0, 2: 2.0, 3: 2.0, 6: 3.0, 10: 20.0, 11: 10.0, 12: 3.0}  # 
 ON_REQUEST = ("ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "POSITION_TARGET_GLOBAL_INT", "POSITION_TARGET_LOCAL_NED")
 # Hertz, in the vehicle's time; ground stations ask for what they want.
 RATES = {name: STREAM_RATES[stream] for stream, names in STREAMS.items() for name in names}
+STREAMS[0] = tuple(RATES)  # all
 RATES |= dict.fromkeys(ON_REQUEST, 0.0)
-STREAMS[0] = tuple(name for name in RATES if name not in ON_REQUEST)  # all
+# ArduPilot tells home when it changes; MAVSDK listens for it later, and waits for ever without.
+RATES["HOME_POSITION"] = 0.5
 
 Build = Callable[[Scene, Measurement], Any]
 ANY = ("attitude", "estimate", "pressure", "position", "battery", "accelerometer", "gyro")
@@ -53,6 +55,7 @@ MESSAGES: dict[str, tuple[Build, tuple[str, ...]]] = {
     "NAV_CONTROLLER_OUTPUT": (motion.steering_to, ANY),
     "POSITION_TARGET_GLOBAL_INT": (motion.target, ANY),
     "POSITION_TARGET_LOCAL_NED": (motion.target_n, ANY),
+    "HOME_POSITION": (motion.home, ANY),
     "EKF_STATUS_REPORT": (motion.ekf, ANY),
     "SYS_STATUS": (state.status, ANY),
     "BATTERY_STATUS": (state.battery, ("battery",)),
