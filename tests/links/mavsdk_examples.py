@@ -23,6 +23,7 @@ from typing import Any
 VEHICLE = "bluerov2_heavy"
 MARKS = "<!-- examples: begin -->", "<!-- examples: end -->"
 RESULTS = ("runs", "refused", "not applicable", "broken", "hangs")
+PATIENCE = 8.0  # others than the endless ones have so many times as long: MAVSDK tries again what is not answered
 SETTLE = 7.0  # between two examples: the fail-safe for a lost ground station disarms after 5 s [s]
 
 # Examples that never end by themselves, and what shows that they do what they are for.
@@ -160,7 +161,8 @@ def _try(twin: Any, python: str, folder: Path, name: str, port: int, own: int, s
     provoked = threading.Timer(seconds / 2.0, _provoke, [own])
     if name == "telemetry_status_text":  # an ArduPilot that nobody asks for anything has nothing to say
         provoked.start()
-    status, output = run_example(python, folder, name, f"udpin://0.0.0.0:{port}", seconds)
+    longest = seconds if name in ENDLESS else PATIENCE * seconds
+    status, output = run_example(python, folder, name, f"udpin://0.0.0.0:{port}", longest)
     return judged(name, status, output, twin.said[before:])
 
 
@@ -214,7 +216,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--python", default=sys.executable)
     parser.add_argument("--named", default="", help="the version of the examples, such as a commit")
-    parser.add_argument("--seconds", type=float, default=30.0, help="longest run of one example")
+    parser.add_argument("--seconds", type=float, default=30.0, help="of an endless example; others may take longer")
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--write", type=Path, help="a page with the marks")
     options = parser.parse_args()

@@ -119,7 +119,7 @@ ASKED = {
     "tune": (lambda c: c.mav.play_tune_send(1, 1, b"A"), "STATUSTEXT", {"text": "PLAY_TUNE is not supported"}),
     "attitude": (
         lambda c: c.mav.set_attitude_target_send(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0.5),
-        *("STATUSTEXT", {}),
+        *("STATUSTEXT", {"text": "Attitudes count in GUIDED only"}),
     ),
     "set-point out of guided": (
         lambda c: c.mav.set_position_target_local_ned_send(0, 1, 1, 1, PLACE_ONLY, 1, 1, 1, *[0] * 8),
@@ -164,6 +164,17 @@ def test_refusals_say_why():
         first, second = (m for m in heard(client) if m.get_type() == "STATUSTEXT")
         assert first.text + second.text == "No failures by command: give a scenario's faults to serve"
         assert first.id == second.id > 0 and (first.chunk_seq, second.chunk_seq) == (0, 1)
+
+
+def test_what_is_said_once_is_bounded(monkeypatch):
+    from rovtwin.links.mavlink import conversation
+
+    monkeypatch.setattr(conversation, "MOST_SAID", 5)
+    with station() as (served, client):
+        for i in range(20):
+            client.mav.param_request_read_send(1, 1, f"X{i}".encode(), -1)
+        texts = [m.text for m in heard(client) if m.get_type() == "STATUSTEXT"]
+    assert texts == [f"No parameter X{i}" for i in range(5)]
 
 
 def test_another_component_answers_for_itself():

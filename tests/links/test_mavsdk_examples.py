@@ -17,13 +17,34 @@ UNKNOWN = "mavsdk.action.ActionError: UNKNOWN: 'Unknown'; origin: takeoff(); par
         ("goto", 1, TRACE.format(UNKNOWN), [], "refused", "UNKNOWN: 'Unknown'; origin: takeoff()"),
         ("goto", None, TRACE.format(UNKNOWN), [], "refused", "UNKNOWN"),  # it does not exit: not the vehicle's fault
         ("camera", 1, TRACE.format("TypeError: no mode"), [], "broken", "TypeError: no mode"),
-        ("gimbal", 1, "Timeout: No gimbals found.\n" + TRACE.format("TypeError: x"), [], "refused", "Timeout: No gimbals"),
-        ("offboard_attitude", 0, "Starting offboard mode failed  with\n error code: NO\n", [], "refused", "error code: NO"),
-        ("winch", 1, TRACE.format(UNKNOWN), ["mavlink: 1.2.3.4:5 speaks", "mavlink: No winch"], "refused", "; No winch"),
+        (
+            "gimbal",
+            1,
+            "Timeout: No gimbals found.\n" + TRACE.format("TypeError: x"),
+            [],
+            "refused",
+            "Timeout: No gimbals",
+        ),
+        (
+            "offboard_attitude",
+            0,
+            "Starting offboard mode failed  with\n error code: NO\n",
+            [],
+            "refused",
+            "error code: NO",
+        ),
+        (
+            "winch",
+            1,
+            TRACE.format(UNKNOWN),
+            ["mavlink: 1.2.3.4:5 speaks", "mavlink: No winch"],
+            "refused",
+            "; No winch",
+        ),
         ("transponder", None, "Waiting\n", [], "not applicable", "other aircraft"),
         ("all_params", 0, "FS_GCS_TIMEOUT: 5.0\n", [], "runs", "to its end"),
     ],
-)  # fmt: skip
+)
 def test_judged(name, status, output, said, result, seen):
     found = judged(name, status, output, said)
     assert found.result == result and seen in found.seen

@@ -48,6 +48,7 @@ class Autopilot:
     _heard_at: float = -np.inf
     _armed_by: int = 0
     _neutral_said: bool = False
+    _refused: str = ""
 
     def arm(self, by: int, now: float, ready: str) -> bool:
         """Arm for system `by`; `ready` says what is missing, if anything is. Whether it is armed now."""
@@ -98,8 +99,11 @@ class Autopilot:
         if self.mode is not GUIDED:
             return False
         if order.refusal:
-            self.say(WARNING, f"Set-point refused: {order.refusal}")
+            if order.refusal != self._refused:  # set-points come many times a second
+                self.say(WARNING, f"Set-point refused: {order.refusal}")
+            self._refused = order.refusal
             return False
+        self._refused = ""
         self._heard_at = now
         self.target, self._velocity, self._velocity_at = order.target, order.velocity, now
         return True

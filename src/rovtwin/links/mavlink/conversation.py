@@ -7,7 +7,7 @@ from typing import Any
 from rovtwin.links.mavlink import mission_service, motion_messages, services
 from rovtwin.links.mavlink.autopilot import INFO, WARNING, Autopilot
 from rovtwin.links.mavlink.commands import CAPABILITIES, COMMANDS, FIRMWARE, NO_CAMERA, REASONS, RELEASE, Request
-from rovtwin.links.mavlink.guided import order_of_global, order_of_local
+from rovtwin.links.mavlink.guided import order_of_attitude, order_of_global, order_of_local
 from rovtwin.links.mavlink.modes import GUIDED
 from rovtwin.links.mavlink.peers import Peer
 from rovtwin.links.mavlink.pilot import EXTENDED_SINCE, Sticks, axes_of_channels, axes_of_sticks
@@ -18,6 +18,7 @@ from rovtwin.links.mavlink.telemetry import MESSAGES, STREAMS, build
 from rovtwin.links.mavlink.wire import is_addressed, number
 
 GROUND_STATION = 6  # MAV_TYPE_GCS
+MOST_SAID = 1000  # different things said once; names of parameters come from outside
 CAMERAS = range(100, 106)  # MAV_COMP_ID_CAMERA to CAMERA6
 # Messages that answer ours, or end a service: they want no answer.
 NO_QUESTION = ("COMMAND_ACK", "MISSION_ACK", "LOG_REQUEST_END", "PARAM_VALUE")
@@ -76,9 +77,9 @@ class Conversation:
 
     def _refuse_elsewhere(self, message: Any, peer: Peer) -> bool:
         """Answer for a component that the vehicle does not have, such as a camera."""
-        if message.target_system != self.system or message.target_component in self.elsewhere:
+        component = getattr(message, "target_component", 0)
+        if getattr(message, "target_system", 0) != self.system or component in self.elsewhere:
             return False
-        component = message.target_component
         text = NO_CAMERA if component in CAMERAS else f"There is no component {component} here"
         self.tell_once(message.get_srcSystem(), WARNING, text)
         if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
@@ -111,8 +112,8 @@ class Conversation:
         return build(self.scene, name) if name in MESSAGES else []
 
     def tell_once(self, system: int, severity: int, text: str) -> None:
-        """Say something that a client need not be told again; bounded by what there is to say."""
-        if (system, text) not in self._said:
+        """Say something that a client need not be told again; nothing new any more to whoever makes it say too much."""
+        if (system, text) not in self._said and len(self._said) < MOST_SAID:
             self._said.add((system, text))
             self.autopilot.say(severity, text)
 
@@ -158,10 +159,10 @@ def _set_mode(talk: Conversation, message: Any, peer: Peer) -> bool:
     return bool(message.base_mode & 1) and talk.autopilot.set_mode(message.custom_mode)
 
 
-def _in_guided(talk: Conversation, message: Any) -> bool:
+def _in_guided(talk: Conversation, message: Any, what: str = "Set-points") -> bool:
     if talk.autopilot.mode is GUIDED:
         return True
-    talk.tell_once(message.get_srcSystem(), WARNING, "Set-points count in GUIDED only")
+    talk.tell_once(message.get_srcSystem(), WARNING, f"{what} count in GUIDED only")
     return False
 
 
@@ -177,6 +178,13 @@ def _global_target(talk: Conversation, message: Any, peer: Peer) -> bool:
         return False
     scene = talk.scene
     order = order_of_global(message, scene.place(), talk.autopilot.target, scene.datum, scene.ground)
+    return talk.autopilot.obey(order, talk.clock())
+
+
+def _attitude_target(talk: Conversation, message: Any, peer: Peer) -> bool:
+    if not _in_guided(talk, message, "Attitudes"):
+        return False
+    order = order_of_attitude(message, talk.scene.place(), talk.autopilot.fastest[2])
     return talk.autopilot.obey(order, talk.clock())
 
 
@@ -245,6 +253,7 @@ ANSWERS: dict[str, Answer] = {
     "SET_MODE": _set_mode,
     "SET_POSITION_TARGET_LOCAL_NED": _local_target,
     "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
+    "SET_ATTITUDE_TARGET": _attitude_target,
     "COMMAND_LONG": _command_long,
     "COMMAND_INT": _command_int,
     "PARAM_REQUEST_LIST": _parameter_list,

@@ -1,4 +1,4 @@
-"""Answers to what else clients ask: ping, origin, logs, files, a shell, attitudes; a refusal says why."""
+"""Answers to what else clients ask: ping, origin, logs, files, a shell; a refusal says why."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -73,10 +73,6 @@ def _files(talk: "Conversation", message: Any, peer: Peer) -> None:
     peer.send(ftp(0, message.get_srcSystem(), message.get_srcComponent(), payload))
 
 
-def _attitude(talk: "Conversation", message: Any, peer: Peer) -> None:
-    talk.tell_once(message.get_srcSystem(), WARNING, "SET_ATTITUDE_TARGET is not flown: it keeps level by itself")
-
-
 ANSWERS = {
     "PING": _ping,
     "SET_GPS_GLOBAL_ORIGIN": _origin,
@@ -85,5 +81,4 @@ ANSWERS = {
     "LOG_ERASE": _log_erase,
     "SERIAL_CONTROL": _serial,
     "FILE_TRANSFER_PROTOCOL": _files,
-    "SET_ATTITUDE_TARGET": _attitude,
 }
