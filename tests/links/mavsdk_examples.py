@@ -24,6 +24,7 @@ VEHICLE = "bluerov2_heavy"
 MARKS = "<!-- examples: begin -->", "<!-- examples: end -->"
 RESULTS = ("runs", "refused", "not applicable", "broken", "hangs")
 PATIENCE = 8.0  # others than the endless ones have so many times as long: MAVSDK tries again what is not answered
+STARTING = 180.0  # on a busy machine the protocols' process takes longer than a user would wait [s]
 SETTLE = 7.0  # between two examples: the fail-safe for a lost ground station disarms after 5 s [s]
 
 # Examples that never end by themselves, and what shows that they do what they are for.
@@ -141,6 +142,9 @@ def try_all(folder: Path, python: str, seconds: float, only: list[str], say=prin
     from tests.links.mavlink_vehicle import free_port
     from tests.links.twins import twin_served
 
+    from rovtwin.links import apart
+
+    apart.STARTING = STARTING
     names = sorted(path.stem for path in folder.glob("*.py") if not only or path.stem in only)
     names += [f"{path.name}/{path.name}" for path in sorted(folder.iterdir()) if (path / f"{path.name}.py").exists()]
     port, own = free_port(), free_port()

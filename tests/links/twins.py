@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.links import apart
 from rovtwin.links.server import Server
 from rovtwin.scenario.pace import Pace
 from rovtwin.scenario.serving.host import ServedVehicle
@@ -108,7 +109,7 @@ def twin_served(
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + apart.STARTING + 10.0
         while len(twin.said) < len(servers) and not twin.failed and time.monotonic() < end:
             time.sleep(0.02)
         assert not twin.failed, twin.failed
