@@ -7,10 +7,12 @@ where this twin calls. The table is printed, or written between the marks of a p
 """
 
 import argparse
+import contextlib
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -24,6 +26,7 @@ VEHICLE = "bluerov2_heavy"
 MARKS = "<!-- examples: begin -->", "<!-- examples: end -->"
 RESULTS = ("runs", "refused", "not applicable", "broken", "hangs")
 PATIENCE = 8.0  # others than the endless ones have so many times as long: MAVSDK tries again what is not answered
+MAVSDK_SERVER = 50051  # port of the program that the package starts
 STARTING = 180.0  # on a busy machine the protocols' process takes longer than a user would wait [s]
 SETTLE = 7.0  # between two examples: the fail-safe for a lost ground station disarms after 5 s [s]
 
@@ -54,7 +57,7 @@ NOT_APPLICABLE = {
     "upload_params": "wants a file of parameters",
 }
 REFUSAL = re.compile(r"^.* failed\s+with\s+error code:?\s*\w*|^Couldn't .*|^Timeout: .*", re.MULTILINE)
-RAISED = re.compile(r"^(?:[\w.]+\.)?\w*(?:Error|Exception)\b.*", re.MULTILINE)
+RAISED = re.compile(r"^(?:[\w.]+\.)?\w+(?:Error|Exception)\b.*", re.MULTILINE)
 # Faults of an example that does not fit the package, or wants what it finds nowhere: nothing that a vehicle answers.
 OWN_FAULTS = ("TypeError", "AttributeError", "ModuleNotFoundError", "ImportError", "PermissionError")
 COMPLAINS, SERVERS = re.compile(r"^ERROR:mavsdk_server:(.*?)(?: \([\w.]+:\d+\))?$", re.MULTILINE), "MAVSDK: {}"
@@ -101,11 +104,10 @@ def run_example(python: str, folder: Path, name: str, address: str, seconds: flo
                 status: int | None = process.wait(seconds)
             except subprocess.TimeoutExpired:
                 status = None
-            try:
-                os.killpg(process.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
-            process.wait()
+            finally:  # also at Ctrl-C: what is left of it would answer the next example
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
             output.seek(0)
             return status, output.read()
 
@@ -226,6 +228,9 @@ def main() -> None:
     options = parser.parse_args()
     ask = "import importlib.metadata as m; print(m.version('mavsdk'))"
     version = subprocess.run([options.python, "-c", ask], capture_output=True, text=True, check=True).stdout.strip()
+    with socket.socket() as probe:
+        if probe.connect_ex(("127.0.0.1", MAVSDK_SERVER)) == 0:
+            raise SystemExit(f"port {MAVSDK_SERVER}: another mavsdk_server is there and would answer; end it first")
     found = try_all(options.folder, options.python, options.seconds, options.only)
     named = f"MAVSDK-Python {version}" + (f", examples of {options.named}" if options.named else "")
     text = table(found, named)
