@@ -77,7 +77,7 @@ READ_A50 = """
 int main() {
   dvl_a50::DvlA50 dvl;
   dvl.connect("127.0.0.1", true);
-  dvl.get_config();
+  dvl.set_speed_of_sound(1480);
   int velocities = 0, answers = 0;
   for (int i = 0; i < 100 && (velocities < 10 || answers == 0); ++i) {
     const auto message = dvl.receive();
