@@ -98,7 +98,7 @@ def result_of(one: Try, folder: Path) -> str:
 def _found(pattern: str, output: Path) -> str:
     found = re.search(pattern, output.read_text("utf-8", "replace")) if pattern else None
     text = "" if found is None else (found.group(1) if found.groups() else found.group(0))
-    return " ".join(text.split())[:200].replace("|", "/")
+    return " ".join(text.split())[:110].replace("|", "/")
 
 
 def copied(source: Path, folder: Path, **changes: str) -> Path:
