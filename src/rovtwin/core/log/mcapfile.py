@@ -33,9 +33,10 @@ from mcap.records import (
 )
 
 MAGIC = b"\x89MCAP0\r\n"
+DECLARED_EVERY = 64  # chunks: so often one repeats the declarations, under its checksum
 FOOTER_SIZE = 9 + 20 + len(MAGIC)
 _HEADER = struct.Struct("<BQ")
-_SHORTEST_MESSAGE = 22
+SHORTEST_MESSAGE = 22
 _MESSAGE_HEADER = struct.Struct("<BQH")
 _R = TypeVar("_R", bound=McapRecord)
 
@@ -78,10 +79,15 @@ class McapFile:
         self._append(record)
 
     def chunk(self, data: bytes) -> None:
-        """Write message records as one chunk with its index, and flush."""
-        found = message_offsets(data).messages
-        if not found:
+        """Write message records as one chunk with its index, and flush.
+
+        Now and then the declarations stand in it once more: a killed file has no other copy.
+        """
+        if not data:
             return
+        if len(self._chunks) % DECLARED_EVERY == 0:
+            data = b"".join(map(_pack, (*self._schemas, *self._channels))) + data
+        found = message_offsets(data).messages
         times = {channel: gather(data, offsets + 15, np.dtype("<u8")) for channel, offsets in found.items()}
         start, end = (int(f([f(t) for t in times.values()])) for f in (min, max))
         body = self._compressor.compress(data)
@@ -190,8 +196,8 @@ def message_offsets(data: bytes) -> Contents:
         following = position + 9 + length
         if following > end:
             break
-        if opcode == Opcode.MESSAGE and length < _SHORTEST_MESSAGE:
-            raise ValueError(f"a message of {length} bytes, expected at least {_SHORTEST_MESSAGE}")
+        if opcode == Opcode.MESSAGE and length < SHORTEST_MESSAGE:
+            raise ValueError(f"a message of {length} bytes, expected at least {SHORTEST_MESSAGE}")
         if opcode != Opcode.MESSAGE:
             others.append((opcode, data[position + 9 : following]))
         elif channel in found:
