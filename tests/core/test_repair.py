@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from tests.core.damage import CHANNELS, Original, erased, flipped, messages_in, original, outcome, write_log
 
 from rovtwin.core.errors import LogError
 from rovtwin.core.log import Log, repair
 from rovtwin.core.log.pictures import PictureWriter, read_pictures
-from tests.core.damage import CHANNELS, Original, erased, flipped, messages_in, original, outcome, write_log
 
 
 @pytest.fixture(scope="module")
