@@ -49,16 +49,23 @@ def repair(path: str | Path, out: str | Path | None = None, overwrite: bool = Fa
     out = path.with_name(f"{path.stem}.repaired.mcap") if out is None else Path(out)
     if out.exists() and out.samefile(path):
         raise LogError(f"{out}: is the log itself. A repair leaves the original alone: name another file")
-    with open_file(path) as stream, atomic(out, overwrite) as temporary, open(temporary, "wb") as target:
-        salvage = Salvage(McapFile(target))
-        salvage.take(stream, path)
-        if not salvage.channels:
-            raise LogError(f"{path}: nothing to save: no channel is declared in its {path.stat().st_size} bytes")
-        if not salvage.readable:
-            raise _foreign(path, salvage)
-        salvage.file.finish()
+    salvage = _salvaged(path, out, overwrite)
     notes = tuple(salvage.notes)
     return Repair(out, salvage.saved(), salvage.last_time, not notes, salvage.lost, notes)
+
+
+def _salvaged(path: Path, out: Path, overwrite: bool) -> Salvage:
+    """Read one file, write the other; see `repair`."""
+    with open_file(path) as stream, atomic(out, overwrite, f"; {path} is as it was") as temporary:
+        with open(temporary, "wb") as target:
+            salvage = Salvage(McapFile(target))
+            salvage.take(stream, path)
+            if not salvage.channels:
+                raise LogError(f"{path}: nothing to save: no channel is declared in its {path.stat().st_size} bytes")
+            if not salvage.readable:
+                raise _foreign(path, salvage)
+            salvage.file.finish()
+    return salvage
 
 
 def _foreign(path: Path, salvage: Salvage) -> LogError:
