@@ -56,6 +56,14 @@ def test_a_changed_length_costs_nothing(made: Original, tmp_path: Path) -> None:
             assert found.saved.lost == 0 and not found.saved.finished
 
 
+def test_a_chunk_of_another_kind_is_still_a_chunk(made: Original, tmp_path: Path) -> None:
+    """One bit makes it an end of the file, which must not end the search for more."""
+    for start, _ in sorted(made.chunks):
+        for bit in range(8):
+            found = outcome(made, flipped(made.content, start, bit), start, start + 1, tmp_path)
+            assert found.saved is not None and sum(found.saved.messages.values()) == made.every.total(), (start, bit)
+
+
 def test_what_was_lost_has_its_time(made: Original, tmp_path: Path) -> None:
     start, end = sorted(made.chunks)[3]
     found = outcome(made, flipped(made.content, (start + end) // 2, 3), start, end, tmp_path)

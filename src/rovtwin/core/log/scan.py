@@ -62,7 +62,7 @@ class Scanner:
             if piece is None:
                 return
             yield piece
-            if piece.opcode == Opcode.FOOTER:
+            if piece.opcode == Opcode.FOOTER and piece.end + len(MAGIC) >= self._source.size:
                 return
             if piece.opcode == Opcode.CHUNK:
                 self._chunked, self._lost = True, False
@@ -100,22 +100,27 @@ class Scanner:
             piece = self._plain(at, opcode, length, expected)
         if piece is not None or not expected:
             return piece
-        return self._chunks.mended(at) or self._mended_opcode(at, length) or self._unknown(at, opcode, length)
+        return (
+            self._chunks.mended(at)  # first: its checksum leaves no doubt
+            or self._mended_opcode(at, length)
+            or self._mended_length(at, opcode, length)
+            or self._unknown(at, opcode, length)
+        )
 
     def _plain(self, at: int, opcode: int, length: int, expected: bool) -> Piece | None:
-        """A record of neither messages nor a chunk."""
+        """A record of neither messages nor a chunk, whose lengths agree."""
+        inner, record = self._measured(at, opcode)
+        end = at + HEADER.size + length
+        if inner != length or end > self._source.size or not (expected or self._source.plausible(end)):
+            return None
+        return Piece(at, end, opcode, record)
+
+    def _mended_length(self, at: int, opcode: int, length: int) -> Piece | None:
+        """The same where the lengths don't agree: the one inside counts if a record seems to follow it."""
         inner, record = self._measured(at, opcode)
         if inner is None:
             return None
         start = at + HEADER.size
-        if (
-            inner == length
-            and start + length <= self._source.size
-            and (expected or self._source.plausible(start + length))
-        ):
-            return Piece(at, start + length, opcode, record)
-        if not expected:
-            return None
         if self._source.plausible(start + inner):
             return Piece(at, start + inner, opcode, record, note=f"the length of the record at byte {at} was wrong")
         if inner < length and self._source.plausible(start + length):  # fields that a later version of MCAP adds
