@@ -1,6 +1,6 @@
 """The table of docs/logs.md: what `rovtwin log repair` keeps of a log with one damage.
 
-python -m docs.scripts.log_repair [--flips 200] [--erasures 50] [--seconds 60]
+python -m docs.scripts.log_repair [--flips 100] [--erasures 30] [--seconds 20]
 """
 
 import argparse
@@ -52,9 +52,9 @@ def row(kind: str, found: list[Outcome]) -> str:
 def main() -> None:
     """Damage, repair, count."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--flips", type=int, default=200)
-    parser.add_argument("--erasures", type=int, default=50)
-    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--flips", type=int, default=100)
+    parser.add_argument("--erasures", type=int, default=30)
+    parser.add_argument("--seconds", type=int, default=20)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
