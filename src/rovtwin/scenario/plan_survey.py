@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from rovtwin.core.config import parse
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import write_text
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.report.survey import SurveyPicture, draw_survey
@@ -287,7 +288,7 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
     data |= survey.scenario.model_dump(mode="json", exclude_unset=True)
     body = dump_yaml(data, default_flow_style=None)
     try:
-        path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
+        write_text(path, "\n".join(head) + "\n" + body)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written ({error.strerror})") from None
 

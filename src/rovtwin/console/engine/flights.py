@@ -11,9 +11,11 @@ import numpy as np
 from rovtwin.console.engine.steering import Steering
 from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.core.datum import utc_now
+from rovtwin.core.files import write_text
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
+from rovtwin.core.log.files import keeping
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
@@ -80,7 +82,8 @@ class FlightLog:
         finally:
             self._log.close()
             self._recorder.close()
-        (self.folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+        with keeping(self.folder, f"The log is whole: {self.folder / 'log.mcap'}"):
+            write_text(self.folder / "summary.json", to_json(summary) + "\n")
         return summary
 
     def _flush(self) -> None:

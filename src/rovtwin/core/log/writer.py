@@ -68,8 +68,8 @@ class LogWriter:
             self._stream = open(self.path, "wb" if overwrite else "xb")
         except OSError as error:
             raise exists_error(self.path) if error.errno == errno.EEXIST else write_error(self.path, error) from error
+        self._file = McapFile(self._stream)
         try:
-            self._file = McapFile(self._stream)
             self._file.metadata(METADATA_NAME, provenance)
             self._tracks = self._declare()
             self._file.flush()
@@ -274,13 +274,20 @@ class LogWriter:
     def _close_stream(self) -> None:
         try:
             self._stream.close()
-        except OSError:
-            pass  # reported by the write that failed
+        except (OSError, ValueError):
+            pass  # reported by the write that failed, which may have closed what lies below
 
     def _broken(self, error: Exception) -> LogError:
-        failure = write_error(self.path, error)
-        self._failure = LogError(f"{failure}. `rovtwin log repair {self.path}` saves what was written so far")
+        self._failure = cut_short(self.path, error, self._file)
         return self._failure
+
+
+def cut_short(path: Path, error: Exception, file: McapFile) -> LogError:
+    """End a log that can't be written any further; the error that says what is kept of it."""
+    last = file.end_early()
+    if last is None:
+        return LogError(f"{write_error(path, error)}. `rovtwin log repair {path}` saves what was written so far")
+    return LogError(f"{write_error(path, error)}. What was logged up to {last / message.NANOSECONDS:.2f} s is kept")
 
 
 @dataclass(slots=True)
