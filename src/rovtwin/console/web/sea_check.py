@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
+from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
 from rovtwin.scenario.compose_sensors import sensors_of
 from rovtwin.scenario.composition import compose, vehicle_of
@@ -19,31 +20,44 @@ Check = dict[str, str]
 class SeaCheck:
     """Judges the newest plan, by what the vehicle can do, in the scenario's current and waves."""
 
-    def __init__(self, scenario: Scenario):
-        self._scenario = scenario
+    def __init__(self, scenario: Scenario, worker: Worker):
+        self._scenario, self._worker = scenario, worker
+        self._newest: tuple[list[Waypoint], Callable[[Check], None]] | None = None
         self._task: asyncio.Task[None] | None = None
 
     def ask(self, waypoints: list[Waypoint], tell: Callable[[Check], None]) -> None:
         """Judge these, and no longer the ones before; `tell` is called when it is known."""
-        if self._task is not None:
-            self._task.cancel()
-        if waypoints and not self._scenario.test:
-            self._task = asyncio.create_task(self._judge(waypoints, tell))
+        self._newest = (waypoints, tell) if waypoints and not self._scenario.test else None
+        if self._newest is not None and (self._task is None or self._task.done()):
+            self._task = asyncio.create_task(self._judge())
 
-    async def _judge(self, waypoints: list[Waypoint], tell: Callable[[Check], None]) -> None:
-        await asyncio.sleep(QUIET)
-        tell(await asyncio.to_thread(self._verdict, waypoints))
+    async def _judge(self) -> None:
+        """Until the newest plan is judged. One that became old meanwhile is judged to its end, and nobody is told."""
+        while (asked := self._newest) is not None:
+            waypoints, tell = asked
+            await asyncio.sleep(QUIET)
+            if self._newest is not asked:
+                continue
+            try:
+                found = await self._worker.call(_verdict, self._scenario, waypoints)
+            except RovtwinError as error:
+                found = {"level": "error", "what": str(error)}
+            if self._newest is asked:
+                self._newest = None
+                tell(found)
 
-    def _verdict(self, waypoints: list[Waypoint]) -> Check:
-        scenario = self._scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
-        try:
-            vehicle = vehicle_of(scenario)
-            found = judge(scenario, vehicle.model(), sensors=sensors_of(scenario, vehicle))
-            worst, said = verdict(compose(scenario)) if moves(scenario) else ("holds", "")
-        except RovtwinError as error:
-            return {"level": "error", "what": f"in this sea: {error}"}
-        lines = [finding.line for finding in found] + ([f"in this sea: {said}"] if said else [])
-        if not lines:
-            return {"level": "ok", "what": "nothing in it is beyond the vehicle"}
-        level = "error" if any(finding.refused for finding in found) else LEVELS.get(worst, "error")
-        return {"level": "warning" if found and level == "ok" else level, "what": ". ".join(lines)}
+
+def _verdict(scenario: Scenario, waypoints: list[Waypoint]) -> Check:
+    """In the worker's process."""
+    scenario = scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
+    try:
+        vehicle = vehicle_of(scenario)
+        found = judge(scenario, vehicle.model(), sensors=sensors_of(scenario, vehicle))
+        worst, said = verdict(compose(scenario)) if moves(scenario) else ("holds", "")
+    except RovtwinError as error:
+        return {"level": "error", "what": f"in this sea: {error}"}
+    lines = [finding.line for finding in found] + ([f"in this sea: {said}"] if said else [])
+    if not lines:
+        return {"level": "ok", "what": "nothing in it is beyond the vehicle"}
+    level = "error" if any(finding.refused for finding in found) else LEVELS.get(worst, "error")
+    return {"level": "warning" if found and level == "ok" else level, "what": ". ".join(lines)}

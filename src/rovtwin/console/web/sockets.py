@@ -13,6 +13,9 @@ from rovtwin.console.web.browser import Browser
 logger = logging.getLogger(__name__)
 
 CLOSING = 1.0  # longest wait for a page to be closed [s]
+MOST_PAGES = 40  # open at a time: each is sent twenty states a second, and STOP waits meanwhile
+GONE = 5.0  # a page that was silent for so long gives way to a new one; pages say something five times a second [s]
+LATER = 1013  # "try again later", as WebSockets have it
 
 
 class Speaks(Protocol):
@@ -31,15 +34,27 @@ class Speaks(Protocol):
         ...
 
 
+_pages: set[Browser] = set()  # of all hubs
+
+
 async def serve(hub: Speaks, socket: WebSocket) -> None:
-    """Until the page is closed, or takes nothing any more."""
+    """Until the page is closed, takes nothing any more, or is silent and has to give way to a new one."""
     await socket.accept()
+    if len(_pages) >= MOST_PAGES:
+        quietest = max(_pages, key=lambda page: page.silent)
+        if quietest.silent < GONE:
+            await socket.close(LATER, f"{MOST_PAGES} pages are open; close one")
+            return
+        _pages.discard(quietest)
+        quietest.give_up()
     browser = hub.come(_name(socket.query_params.get("name", "")))
+    _pages.add(browser)
     work = (_send(socket, browser), _receive(hub, socket, browser), browser.given_up())
     tasks = [asyncio.create_task(one) for one in work]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
+        _pages.discard(browser)
         hub.leave(browser)
         for task in tasks:
             task.cancel()
@@ -47,7 +62,7 @@ async def serve(hub: Speaks, socket: WebSocket) -> None:
             if isinstance(ended, Exception) and not isinstance(ended, WebSocketDisconnect | RuntimeError):
                 logger.error("page %s: %s: %s", browser.name, type(ended).__name__, ended)
     with contextlib.suppress(RuntimeError, TimeoutError, WebSocketDisconnect):  # closed already, or deaf
-        await asyncio.wait_for(socket.close(1013), CLOSING)
+        await asyncio.wait_for(socket.close(LATER), CLOSING)
 
 
 def _name(wished: str) -> str:
@@ -64,6 +79,7 @@ async def _receive(hub: Speaks, socket: WebSocket, browser: Browser) -> None:
     obeying: set[asyncio.Task[None]] = set()
     while True:
         text = await socket.receive_text()
+        browser.spoke()
         # STOP must not wait behind a plan that is being laid out.
         task = asyncio.create_task(hub.obey(browser, text))
         obeying.add(task)
