@@ -39,17 +39,19 @@ COMPILING = 300.0  # longest wait for the autopilot [s]
 SETTLING = 3.0  # a load runs so long before STOP is pressed [s]
 PAUSES = (0.02, 0.12)  # between two presses [s]
 PATIENCE = 20.0  # with one press [s]
+PLAN = '{"kind":"plan"'
+ALIVE, LIVING = '{"do":"alive"}', 0.2  # what every page says all the time, and how often [s]
 
 
 class Operator:
-    """A page, without its looks: hears all there is, and presses STOP."""
+    """A page, without its looks: hears all there is, gives control to who asks for it, and presses STOP."""
 
     def __init__(self, port: int):
         self._port, self._answers, self._number = port, SimpleQueue(), 0
         self.state: dict[str, Any] = {}
         self._socket = connect(f"ws://127.0.0.1:{port}/live?name=operator", max_size=None, open_timeout=PATIENCE)
         self._presses: SimpleQueue[int] = SimpleQueue()
-        for work in (self._listen, self._request):
+        for work in (self._listen, self._request, self._live):
             threading.Thread(target=work, daemon=True).start()
 
     def stop(self) -> float:
@@ -64,10 +66,6 @@ class Operator:
             if number == self._number:
                 return at - began
 
-    def order(self, do: str, **what: Any) -> None:
-        """An order that nobody waits for."""
-        self._socket.send(json.dumps({"do": do, **what}))
-
     def close(self) -> None:
         self._presses.put(0)
         self._socket.close()
@@ -75,11 +73,21 @@ class Operator:
     def _listen(self) -> None:
         with contextlib.suppress(WebSocketException):
             for text in self._socket:
+                if text.startswith(PLAN):  # which would only have to be painted
+                    continue
                 message = json.loads(text)
                 if message["kind"] == "state":
                     self.state = message
+                elif message["kind"] == "rights" and message["may"] and message["asked"]:
+                    self._socket.send('{"do":"give"}')
                 elif message["kind"] == "reply" and message["ok"] and message["id"] is not None:
                     self._answers.put((message["id"], time.perf_counter()))
+
+    def _live(self) -> None:
+        with contextlib.suppress(WebSocketException):
+            while True:
+                self._socket.send(ALIVE)
+                time.sleep(LIVING)
 
     def _request(self) -> None:
         """STOP's second way. A browser keeps its connection, too."""
@@ -123,6 +131,12 @@ async def _in_control(port: int) -> AsyncIterator[Any]:
 async def _hear(page: Any) -> None:
     async for _ in page:
         pass
+
+
+async def _live(page: Any) -> None:
+    while True:
+        await page.send(ALIVE)
+        await asyncio.sleep(LIVING)
 
 
 def _mission(size: int) -> str:
@@ -180,8 +194,8 @@ async def _viewers(port: int, begun: Begun) -> None:
         while True:
             with contextlib.suppress(OSError, WebSocketException, TimeoutError):
                 async with _page(port, f"v{i}") as page:
-                    await _hear(page)
-            await asyncio.sleep(5.0)
+                    await asyncio.gather(_hear(page), _live(page))
+            await asyncio.sleep(random.uniform(5.0, 10.0))
 
     viewing = [asyncio.create_task(one(i)) for i in range(CROWD)]
     await asyncio.sleep(SETTLING)
@@ -232,6 +246,7 @@ def measure(name: str, port: int, presses: int) -> dict[str, Any]:
     """STOP under one load: times [ms] and the machine's load."""
     context = multiprocessing.get_context("spawn")
     begun = context.Event()
+    operator = Operator(port)
     loading = context.Process(target=_run, args=(name, port, begun), daemon=True)
     loading.start()
     rng, times, missed = random.Random(1), [], 0
@@ -239,7 +254,6 @@ def measure(name: str, port: int, presses: int) -> dict[str, Any]:
         if not begun.wait(COMPILING):
             raise RuntimeError(f"{name}: the load did not begin")
         time.sleep(SETTLING)
-        operator = Operator(port)
         for _ in range(presses):
             time.sleep(rng.uniform(*PAUSES))
             try:

@@ -52,6 +52,7 @@ class FakeClient:
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
     monkeypatch.setattr(hub, "Client", FakeClient)
+    monkeypatch.setattr(hub, "PATIENCE", 300.0)  # tests may run on a machine that is busy
     return hub.Hub(Place(tmp_path), load_scenario("lawnmower_calm"))
 
 
@@ -109,6 +110,7 @@ def test_junk_is_refused_with_an_answer(desk, text):
 def test_plans_are_laid_for_the_vehicle_that_is_flown(tmp_path, monkeypatch):
     """Faster than the Double Blueye could, also where the scenario describes the vehicle itself."""
     monkeypatch.setattr(hub, "Client", FakeClient)
+    monkeypatch.setattr(hub, "PATIENCE", 300.0)
     described = load_vehicle("sf30k").to_dict()
     desk = hub.Hub(Place(tmp_path), load_scenario("square").model_copy(update={"vehicle": described}))
     assert desk.plan()["own"] == {"speed": 0.4, "acceptance": 0.8}  # which the chart's form begins with
@@ -301,6 +303,28 @@ def test_the_socket_of_a_page_that_takes_nothing_is_closed(desk):
 
     assert serve(desk, socket, flood) == 0
     assert socket.closed == 1013 and desk._browsers == []
+
+
+def test_a_page_that_says_too_much_is_read_more_slowly(desk, monkeypatch):
+    monkeypatch.setattr(sockets, "PACE", 100)
+    monkeypatch.setattr(sockets, "BURST", 0.2)
+    socket = FakeSocket()
+
+    async def chatter():
+        await asyncio.sleep(0.0)
+        return '{"do": "alive"}'
+
+    async def listen():
+        page = desk.come("b1")
+        receiving = asyncio.create_task(sockets._receive(desk, socket, page))
+        began = time.monotonic()
+        await asyncio.sleep(0.5)
+        receiving.cancel()
+        return time.monotonic() - began
+
+    monkeypatch.setattr(socket, "receive_text", chatter)
+    seconds = ran(listen())
+    assert 20 <= desk.client.did("alive") <= 100 * (seconds + 0.2) + 2
 
 
 @pytest.fixture

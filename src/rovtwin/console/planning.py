@@ -83,10 +83,6 @@ class Draft:
             self._past.append(self.rows)
             self.rows = self._future.pop()
 
-    def waypoints(self) -> list[Waypoint]:
-        """As scenarios have them."""
-        return [Waypoint.model_validate(waypoint_of(row)) for row in self.rows]
-
     def as_yaml(self, name: str = "mission") -> str:
         """A mission file."""
         data = {"name": name, "waypoints": [waypoint_of(row) for row in self.rows]}

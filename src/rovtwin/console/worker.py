@@ -15,7 +15,7 @@ from rovtwin.core.aside import travels
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.urgent import start_below
 
-NICE = 10
+NICE = 5
 MOST_WAITING = 16  # calls at a time, with the one that is worked on
 STARTING = 120.0  # longest wait for a process to begin: it imports what it calls, below all others in priority [s]
 

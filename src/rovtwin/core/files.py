@@ -10,7 +10,9 @@ from pathlib import Path
 
 MOST_TEXT = 50_000_000  # bytes of a file of text
 MOST_LOG = 4_000_000_000  # bytes of a log that is read at once
-MOST_UPLOAD = 100_000  # bytes of a mission file that a page of the console sends; one of 512 way-points has up to 75,000
+MOST_UPLOAD = (
+    100_000  # bytes of a mission file that a page of the console sends; one of 512 way-points has up to 75,000
+)
 
 
 def checked(path: str | Path, most: float = MOST_TEXT) -> Path:

@@ -28,6 +28,7 @@ from rovtwin.scenario.schema import Scenario
 
 STATIC = Path(__file__).parent / "static"
 LARGEST = 250_000  # message of a browser [bytes]: a file of MOST_UPLOAD bytes, as JSON has it
+BACKLOG = 8  # connections that are let in between two looks at those there are: each takes a millisecond or two
 SWITCH = 1e-3  # until another thread may go on; by default five times as long, as often as there are threads [s]
 
 
@@ -128,6 +129,7 @@ def run(host: str, port: int) -> None:
         favicon=STATIC / "icon.svg",
         tailwind=False,
         uvicorn_logging_level="error",
+        backlog=BACKLOG,
         ws_max_size=LARGEST,
         ws_per_message_deflate=False,  # twenty states a second to every page: packing them takes longer than sending
         timeout_graceful_shutdown=1,  # or Ctrl-C would wait for pages that are open, whose pictures never end

@@ -1,6 +1,7 @@
 """What browsers do to the plan on the table, and what there is to say of it before it is submitted."""
 
 import asyncio
+import math
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub
 
 COLUMNS = ("x", "y", "depth", "speed", "acceptance", "hold_time", "heading_deg", "altitude")
+LOOKS = 0.2  # from one look at the draft to the next: each costs the server some 20 ms, if the plan is long [s]
 BEYOND = 1e6  # all that is asked for, in metres
 
 
@@ -33,6 +35,7 @@ class Drafting:
         self.checks: list[dict[str, str]] = []
         self._one_at_a_time = asyncio.Lock()
         self._look: asyncio.Task[None] | None = None  # that waits to begin
+        self._resting = -math.inf  # until when none is taken [s, of the event loop]
 
     async def do(self, what: dict[str, Any]) -> None:
         """One operation, `op`, with its arguments.
@@ -54,9 +57,11 @@ class Drafting:
 
     async def _look_in_turn(self) -> None:
         async with self._one_at_a_time:
+            await asyncio.sleep(self._resting - asyncio.get_running_loop().time())
             self._look = None  # what is changed from here on has to be looked at again
             await self._check()
             self._hub.tell_plan()
+            self._resting = asyncio.get_running_loop().time() + LOOKS
 
     async def _add(self, what: dict[str, Any]) -> None:
         self._hub.draft.add(_columns(what))
@@ -127,7 +132,7 @@ class Drafting:
             self.checks = found.get("checks", [])
         except LinkError as error:
             self.checks = [{"level": "error", "what": str(error)}]
-        self._sea.ask(self._hub.draft.waypoints(), self._add_check)
+        self._sea.ask(rows, self._add_check)
 
     def _add_check(self, check: dict[str, str]) -> None:
         self.checks = [*self.checks, check]

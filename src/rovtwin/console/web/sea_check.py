@@ -2,7 +2,9 @@
 
 import asyncio
 from collections.abc import Callable
+from typing import Any
 
+from rovtwin.console.planning import waypoint_of
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
 from rovtwin.scenario.compose_sensors import sensors_of
@@ -22,24 +24,24 @@ class SeaCheck:
 
     def __init__(self, scenario: Scenario, worker: Worker):
         self._scenario, self._worker = scenario, worker
-        self._newest: tuple[list[Waypoint], Callable[[Check], None]] | None = None
+        self._newest: tuple[list[dict[str, Any]], Callable[[Check], None]] | None = None
         self._task: asyncio.Task[None] | None = None
 
-    def ask(self, waypoints: list[Waypoint], tell: Callable[[Check], None]) -> None:
-        """Judge these, and no longer the ones before; `tell` is called when it is known."""
-        self._newest = (waypoints, tell) if waypoints and not self._scenario.test else None
+    def ask(self, rows: list[dict[str, Any]], tell: Callable[[Check], None]) -> None:
+        """Judge these rows of a plan, and no longer the ones before; `tell` is called when it is known."""
+        self._newest = (rows, tell) if rows and not self._scenario.test else None
         if self._newest is not None and (self._task is None or self._task.done()):
             self._task = asyncio.create_task(self._judge())
 
     async def _judge(self) -> None:
         """Until the newest plan is judged. One that became old meanwhile is judged to its end, and nobody is told."""
         while (asked := self._newest) is not None:
-            waypoints, tell = asked
+            rows, tell = asked
             await asyncio.sleep(QUIET)
             if self._newest is not asked:
                 continue
             try:
-                found = await self._worker.call(_verdict, self._scenario, waypoints)
+                found = await self._worker.call(_verdict, self._scenario, rows)
             except RovtwinError as error:
                 found = {"level": "error", "what": str(error)}
             if self._newest is asked:
@@ -47,8 +49,9 @@ class SeaCheck:
                 tell(found)
 
 
-def _verdict(scenario: Scenario, waypoints: list[Waypoint]) -> Check:
+def _verdict(scenario: Scenario, rows: list[dict[str, Any]]) -> Check:
     """In the worker's process."""
+    waypoints = [Waypoint.model_validate(waypoint_of(row)) for row in rows]
     scenario = scenario.model_copy(update={"mission": MissionSection(waypoints=waypoints)})
     try:
         vehicle = vehicle_of(scenario)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 import secrets
+import time
 from typing import Protocol
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -15,6 +16,8 @@ logger = logging.getLogger(__name__)
 CLOSING = 1.0  # longest wait for a page to be closed [s]
 MOST_PAGES = 40  # open at a time: each is sent twenty states a second, and STOP waits meanwhile
 GONE = 5.0  # a page that was silent for so long gives way to a new one; pages say something five times a second [s]
+PACE = 100  # messages of a page a second; one that sends more is read more slowly. A pilot's sends 25
+BURST = 5.0  # of that pace a page may be ahead, as after its network was down [s]
 LATER = 1013  # "try again later", as WebSockets have it
 
 
@@ -76,9 +79,13 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
 
 
 async def _receive(hub: Speaks, socket: WebSocket, browser: Browser) -> None:
+    """What a page says, at a pace that leaves time for others: STOP of a page that floods us comes by its request."""
     obeying: set[asyncio.Task[None]] = set()
+    ahead = 0.0
     while True:
         text = await socket.receive_text()
+        ahead = max(ahead, time.monotonic() - BURST) + 1.0 / PACE
+        await asyncio.sleep(max(ahead - time.monotonic(), 0.0))
         browser.spoke()
         # STOP must not wait behind a plan that is being laid out.
         task = asyncio.create_task(hub.obey(browser, text))
