@@ -18,7 +18,7 @@ from rovtwin.console.launch import alive, running  # noqa: E402
 from rovtwin.core.files import MOST_UPLOAD  # noqa: E402
 from rovtwin.core.log import Log  # noqa: E402
 
-COMPILING = 300.0  # on a busy machine [s]
+COMPILING = 900.0  # on a machine that is very busy [s]
 SOON = 30.0  # all are gone, on a machine that may be ten times as busy as it has cores [s]
 IMPORTS = 12
 
