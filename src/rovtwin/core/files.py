@@ -13,6 +13,7 @@ from pathlib import Path
 
 MOST_TEXT = 50_000_000  # bytes of a file of text
 MOST_LOG = 4_000_000_000  # bytes of a log that is read at once
+MOST_UPLOAD = 100_000  # bytes of a mission that a page of the console sends; 512 way-points have up to 75,000
 FULL = {
     errno.ENOSPC: "Free some space, then try again",
     errno.EDQUOT: "Free some space, then try again",

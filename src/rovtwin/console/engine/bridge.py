@@ -26,6 +26,7 @@ from rovtwin.scenario.schema import Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
 
+TURN = 4e-3  # for orders, before it is looked whether a tick is due; one is heard at least [s]
 ANY_AGE = ("stop", "disarm", "abort", "quit")  # orders that are right however long they waited
 
 
@@ -46,24 +47,29 @@ class Bridge:
             time.sleep(seconds)
 
     def obey(self) -> None:
-        """All orders that have come."""
-        while self._socket.poll(0):
+        """Orders that have come; those that there is no time for now wait for the next turn, as ticks may not."""
+        until = time.monotonic() + TURN
+        while self._socket.poll(0) and not self._engine.over:
             who, *_, text = self._socket.recv_multipart()
             answer = self.answer(text)
             if answer is not None:
                 self._socket.send_multipart([who, encode(answer)])
+            if time.monotonic() > until:
+                break
 
     def close(self) -> None:
         self._socket.close()
 
     def answer(self, text: bytes) -> dict[str, Any] | None:
         """Do what one says; what to reply, nothing where nobody asked to be told."""
+        number = None
         try:
             message = decode(text)
+            number = message.get("id")
             order = orders.parse(message)
         except ValueError as error:
-            return {"id": None, "ok": False, "error": f"not understood: {error}"}
-        number, now = message.get("id"), time.monotonic()
+            return {"id": number, "ok": False, "error": f"not understood: {error}"}
+        now = time.monotonic()
         try:
             sent = float(message.get("sent", "nan"))
         except (TypeError, ValueError, OverflowError):

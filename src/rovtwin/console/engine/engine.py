@@ -103,6 +103,11 @@ class Engine:
         return self._ticker.vessel
 
     @property
+    def is_making_ready(self) -> bool:
+        """Whether a vehicle is being made ready, in a thread that knows of no end."""
+        return self._yard.is_making
+
+    @property
     def is_twin(self) -> bool:
         return self._wanted.is_twin
 

@@ -105,6 +105,11 @@ class Shipyard:
             self._thread = threading.Thread(target=self._make, daemon=True, name="making ready")
             self._thread.start()
 
+    @property
+    def is_making(self) -> bool:
+        """Whether one is being made."""
+        return self._thread is not None and self._thread.is_alive()
+
     def ready(self) -> Vessel | None:
         """The vessel, once."""
         made, self._made = self._made, None

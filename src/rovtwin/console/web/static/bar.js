@@ -106,7 +106,7 @@ function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 't
 
 function connection(facts) {
   const old = performance.now() - live.heard > STALE && !live.last.state?.replay; // which may be paused
-  if (!live.connected) facts.link('no server', 'danger');
+  if (!live.connected) facts.link(live.why || 'no server', 'danger');
   else if (live.hung) facts.link('autopilot silent', 'danger');
   else if (old) facts.link('stale', 'danger');
   document.body.classList.toggle('stale', old || !live.connected);

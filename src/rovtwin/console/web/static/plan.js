@@ -68,7 +68,11 @@ function files() {
     const file = chooser.files[0];
     chooser.value = '';
     if (!file) return;
-    if (file.size > 1e6) { toast(`${file.name}: larger than a mission can be`, 'danger'); return; }
+    const most = live.last.plan?.largest; // [bytes]
+    if (file.size > most) {
+      toast(`${file.name}: found ${Math.round(file.size / 1e3)} kB, expected at most ${most / 1e3} kB`, 'danger');
+      return;
+    }
     plan({op: 'import', text: await file.text()});
   });
   return [chooser, button('Import …', 'Import a mission from a YAML file', () => chooser.click(), 'import'),
