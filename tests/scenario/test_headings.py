@@ -33,13 +33,13 @@ def test_a_heading_given_up_is_a_decision_with_its_error_and_the_summary_says_so
     model = vehicle_from_dict(NO_SWAY, "made up").model()
     (one,) = unmet_headings(run(-83.0), SCENARIO)
     assert one.line == "heading 90 deg given up at way-point 1: 173 deg off when it was left"
-    told = [d for d in decisions(run(-83.0), ["a", "b"], SCENARIO, model) if "heading" in d["what"]]
+    told = [d for d in decisions(run(-83.0), ["a", "b"], [(0.0, SCENARIO)], model) if "heading" in d["what"]]
     assert [d["t"] for d in told] == [120.0] and told[0]["what"] == "heading 90 deg given up at way-point 1"
     why = "the current comes from the side and {}: it turned its bow into the current to hold its place; "
     why += "173 deg off when the way-point was left"
     assert told[0]["cause"] == why.format("there is no thrust in sway to hold against it")
     weak = load_vehicle("double_blueye").model()
-    told = [d for d in decisions(run(-83.0), ["a", "b"], SCENARIO, weak) if "heading" in d["what"]]
+    told = [d for d in decisions(run(-83.0), ["a", "b"], [(0.0, SCENARIO)], weak) if "heading" in d["what"]]
     assert told[0]["cause"] == why.format("is more than thrust in sway can hold against")
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.console.engine.state import counted
 from rovtwin.console.replay import Recording
 from rovtwin.core.flow import PHASES
 from rovtwin.scenario.decisions import courses, losses
@@ -16,7 +17,7 @@ MOST = 400  # that are told
 def marks_of(recording: Recording) -> list[dict[str, Any]]:
     """Each an event with its time t [s], in order of time.
 
-    `mark` says what it is: note, start, waypoint, phase, decision, fault, manoeuvre or end.
+    `mark` says what it is: note, start, mission, waypoint, phase, decision, fault, manoeuvre or end.
     """
     start = f"{recording.name} begins"
     found = [_mark(recording.start, "start", "info", start)]
@@ -40,8 +41,12 @@ def _course(recording: Recording) -> list[dict[str, Any]]:
     t, mode = recording.tape["mode"].t, recording.tape["mode"].values
     phase, waypoint = mode[:, 0].astype(int), mode[:, 2].astype(int)
     found = []
+    for one in recording.missions:
+        if one.t >= recording.start:
+            found.append(_mark(one.t, "mission", "info", f"mission started: {counted(len(one.waypoints))}"))
     for k in np.flatnonzero(np.diff(waypoint) > 0) + 1:
-        found.append(_mark(t[k], "waypoint", "info", f"way-point {waypoint[k]} of {recording.count} reached"))
+        if recording.mission_at(t[k]) == recording.mission_at(t[k - 1]):  # else it is the number of another plan
+            found.append(_mark(t[k], "waypoint", "info", f"way-point {waypoint[k]} of {recording.count(t[k])} reached"))
     for k in np.flatnonzero(np.diff(phase)) + 1:
         if PHASES[phase[k]] in OWN and PHASES[phase[k - 1]] in OWN:
             found.append(_mark(t[k], "phase", "info", PHASES[phase[k]]))

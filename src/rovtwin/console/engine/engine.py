@@ -148,7 +148,7 @@ class Engine:
         """Start a mission through way-points."""
         helm.start(mission)
         self.count = len(waypoints)
-        self._logbook.flown(self.scenario_with(waypoints))
+        self._logbook.flown(self.scenario_with(waypoints), self._now)
 
     def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
