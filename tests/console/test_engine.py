@@ -84,7 +84,7 @@ class FakeYard:
 
     def __init__(self, wanted, speed, say):
         self.clock, self.speed, self.told = Clock(speed), speed, []
-        self._made = None
+        self._made = self.step = None
 
     def begin(self):
         link, ears = FakeLink(self.told), SimpleNamespace(read=list, drain=lambda: None, zero=0.0)

@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.state import counted
+from rovtwin.console.clock import clock
+from rovtwin.console.engine.state import BY_OPERATOR, counted
 from rovtwin.console.replay import Recording
+from rovtwin.console.shelf import BY_HAND
 from rovtwin.core.flow import PHASES
 from rovtwin.scenario.decisions import courses, losses
 
@@ -30,8 +32,7 @@ def marks_of(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _mark(t: float, mark: str, level: str, text: str) -> dict[str, Any]:
-    clock = f"{int(t) // 60}:{int(t) % 60:02d}"
-    return {"kind": "event", "t": float(t), "clock": clock, "level": level, "text": text, "mark": mark}
+    return {"kind": "event", "t": float(t), "clock": clock(t), "level": level, "text": text, "mark": mark}
 
 
 def _course(recording: Recording) -> list[dict[str, Any]]:
@@ -59,7 +60,11 @@ def _decisions(recording: Recording) -> list[dict[str, Any]]:
         found += courses(mode.t, mode.values[:, 0].astype(int), mode.values[:, 1].astype(int))
     if (health := recording.tape.get("health")) is not None:
         found += losses(health.t, health.values, recording.thrusters)
-    return [_mark(one["t"], "decision", "danger", f"{one['what']}: {one['cause']}") for one in found]
+    return [_decision(one["t"], one["what"], one["cause"]) for one in found]
+
+
+def _decision(t: float, what: str, cause: str) -> dict[str, Any]:
+    return _mark(t, "decision", "info" if cause == BY_OPERATOR else "danger", f"{what}: {cause}")
 
 
 def _planned(recording: Recording) -> list[dict[str, Any]]:
@@ -80,4 +85,6 @@ def _end(recording: Recording) -> list[dict[str, Any]]:
         return [_mark(recording.end, "end", "warning", "the log ends; it does not say how the run ended")]
     if summary.get("completed"):
         return [_mark(recording.end, "end", "info", "completed")]
-    return [_mark(recording.end, "end", "danger", f"not completed: {summary.get('reason') or summary.get('phase')}")]
+    reason = summary.get("reason") or summary.get("phase")
+    level = "warning" if reason in BY_HAND else "danger"
+    return [_mark(recording.end, "end", level, f"not completed: {reason}")]

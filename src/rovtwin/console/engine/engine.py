@@ -317,6 +317,7 @@ class Engine:
             "pid": os.getpid(),
             "stage": self._stage,
             "note": self._note,
+            "making": None if (step := self._yard.step) is None else step.message(),
             "scenario": self._wanted.scenario.name,
             "link": self._wanted.link,
             "speed": self._yard.speed,

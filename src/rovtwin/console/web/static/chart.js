@@ -200,6 +200,14 @@ mount('chart', element => {
   };
 });
 
+// Delete takes the chosen way-point away wherever the focus is, but for what is being typed; on the canvas it does already.
+document.addEventListener('keydown', event => {
+  if (event.key !== 'Delete' || event.defaultPrevented || event.target.closest?.('input, textarea, select, #plan .table')) return;
+  if (!shown?.canvas.clientWidth || shown.selected === null) return;
+  event.preventDefault();
+  shown.remove();
+});
+
 live.on('state', state => {
   model.state = state;
   if (state.eta) track.add({t: state.t, x: state.eta[0], y: state.eta[1]});

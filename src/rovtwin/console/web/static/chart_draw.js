@@ -1,5 +1,6 @@
 /** Draws the chart: what lies in the plane (`drawChart`). Everything here only reads. */
 import {FONT, colour} from '/static/canvas.js';
+import {faultsOf} from '/static/faults.js';
 import {drawAxes, drawRoses, drawScaleBar, label} from '/static/chart_rulers.js';
 import {ellipseAxes, placed, thinned} from '/static/geometry.js';
 
@@ -97,9 +98,10 @@ function drawWaypoints(context, chart) {
   const gaps = pixels.slice(1).map((p, i) => Math.hypot(p.u - pixels[i].u, p.v - pixels[i].v));
   const crowded = gaps.some(gap => gap > 0 && gap < 2 * POINT);
   const last = pixels.length - 1;
-  const matters = i => i === 0 || i === last || i === chart.selected || i === chart.hover;
+  const faults = faultsOf(chart.model.plan?.checks);
+  const matters = i => i === 0 || i === last || i === chart.selected || i === chart.hover || faults.has(i);
   pixels.forEach((p, i) => crowded && !matters(i) && drawDot(context, p));
-  pixels.forEach((p, i) => (!crowded || matters(i)) && drawWaypoint(context, p, i, chart));
+  pixels.forEach((p, i) => (!crowded || matters(i)) && drawWaypoint(context, p, i, chart, faults.get(i)?.level));
 }
 
 function drawDot(context, {u, v}) {
@@ -110,8 +112,15 @@ function drawDot(context, {u, v}) {
   stroke(context, colour('plan'), 1.5);
 }
 
-function drawWaypoint(context, {u, v}, i, {selected, hover}) {
+const RINGS = {error: 'danger', warning: 'warn'};
+
+function drawWaypoint(context, {u, v}, i, {selected, hover}, fault) {
   const [chosen, near] = [i === selected, i === hover];
+  if (fault) {
+    context.beginPath();
+    context.arc(u, v, POINT + 5, 0, 2 * Math.PI);
+    stroke(context, colour(RINGS[fault]), 4);
+  }
   context.beginPath();
   context.arc(u, v, POINT + (chosen || near ? 2 : 0), 0, 2 * Math.PI);
   context.fillStyle = chosen ? colour('accent') : colour('bg');

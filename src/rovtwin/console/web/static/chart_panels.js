@@ -1,5 +1,6 @@
 /** Controls on the chart: tools, the menu of a place, the form for an area, and a line that says what is going on. */
 import {make} from '/static/canvas.js';
+import {faultsOf} from '/static/faults.js';
 import {area, roundLength} from '/static/geometry.js';
 
 const MAKE = 'Make plan';
@@ -243,7 +244,8 @@ export class Notice {
     const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
     if (chart.drawing()) return this.#areaText(chart.area);
     const speed = point?.speed ? `, ${Number(point.speed.toFixed(2))} m/s` : '';
-    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}`;
+    const fault = faultsOf(chart.model.plan?.checks).get(i);
+    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}${fault ? `. ${fault.what}` : ''}`;
     const pointer = chart.cursor ? at(chart.cursor) : '';
     if (chart.mode !== 'add' || !chart.may()) return pointer;
     return `Click to add a way-point${pointer && ` · ${pointer}`}`;

@@ -1,5 +1,7 @@
 /** The plan on the table: way-points as rows, templates, files, checks, submit and start. */
 import {make, mount} from '/static/canvas.js';
+import {lasting} from '/static/clock.js';
+import {faultsOf, pointsOf} from '/static/faults.js';
 import {live} from '/static/live.js';
 import {said, toast} from '/static/page.js';
 
@@ -32,7 +34,7 @@ function cell(row, i, [key, label, step]) {
 }
 
 function row(point, i, count) {
-  return make('tr', {},
+  return make('tr', {'data-i': i},
     make('th', {scope: 'row'}, String(i + 1)),
     ...COLUMNS.map(column => cell(point, i, column)),
     make('td', {class: 'row-actions'},
@@ -76,19 +78,48 @@ function files() {
 }
 
 function summary(message) {
-  const minutes = message.seconds / 60;
   const many = message.draft.length;
-  const time = minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`;
+  const time = lasting(message.seconds);
   const along = many > 1 ? `, from the first to the last ${message.length.toFixed(1)} m, ${time} at these speeds` : '';
   const text = `${many} way-point${many === 1 ? '' : 's'}${along}`;
   const state = !message.submitted ? 'not submitted' : message.changed ? 'changed since it was submitted' : 'submitted';
   return `${text}; ${state}`;
 }
 
+/** What the checks say: a fault is a button that leads to its row. */
+function checked(message, body) {
+  if (!message.draft.length) return [make('li', {class: 'note'}, 'Nothing to check: the plan is empty.')];
+  if (live.last.state && !live.last.state.eta) return [make('li', {class: 'note'}, 'Not checked yet: no vehicle is heard.')];
+  const wrong = message.checks.some(one => one.level === 'error'); // then nothing is right beside it
+  return message.checks.filter(one => !wrong || !['ok', 'note'].includes(one.level)).map(one => {
+    const [first] = pointsOf(one);
+    const item = make('li', {class: one.level}, one.what);
+    if (first === undefined || !body.children[first]) return item;
+    const go = () => {
+      body.children[first].scrollIntoView({block: 'center'});
+      body.children[first].querySelector('input').focus();
+    };
+    item.append(' ', make('button', {class: 'action to-row', 'aria-label': `Go to way-point ${first + 1}`, onclick: go}, `→ ${first + 1}`));
+    return item;
+  });
+}
+
+/** Marks the rows of way-points that have faults. */
+function markRows(body, checks) {
+  const faults = faultsOf(checks);
+  for (const line of body.children) {
+    const fault = faults.get(Number(line.dataset.i));
+    line.className = fault?.level ?? '';
+    line.title = fault?.what ?? '';
+    const head = line.firstElementChild;
+    head.setAttribute('aria-label', fault ? `${line.dataset.i * 1 + 1}: ${fault.what}` : String(line.dataset.i * 1 + 1));
+  }
+}
+
 mount('plan', section => {
   const body = make('tbody');
   const head = make('tr', {}, make('th', {scope: 'col'}, '#'),
-    ...COLUMNS.map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col', 'aria-label': 'Actions'}));
+    ...COLUMNS.map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col'}, make('span', {class: 'unseen'}, 'Actions')));
   const table = make('div', {class: 'table', tabindex: 0, role: 'region', 'aria-label': 'Way-points'},
     make('table', {}, make('thead', {}, head), body));
   const undo = button('Undo', 'Undo the last change', () => plan({op: 'undo'}));
@@ -109,10 +140,17 @@ mount('plan', section => {
   section.append(adding(), make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files()), table, say, checks,
     make('div', {class: 'line'}, submit, start, pause, resume, hold, abort));
 
+  table.addEventListener('keydown', event => { // on a row, not in what is typed there
+    const line = event.target.closest('tr[data-i]');
+    if (event.key !== 'Delete' || !line || event.target.matches('input') || !live.last.rights?.may) return;
+    event.preventDefault();
+    plan({op: 'delete', i: Number(line.dataset.i)});
+  });
+
   const able = () => {
     const [rights, state] = [live.last.rights, live.last.state];
     const may = !!rights?.may && !state?.replay;
-    section.querySelectorAll('button, input').forEach(one => { one.disabled = !may; });
+    section.querySelectorAll('button:not(.to-row), input').forEach(one => { one.disabled = !may; });
     const message = live.last.plan;
     undo.disabled ||= !message?.undo;
     redo.disabled ||= !message?.redo;
@@ -133,13 +171,19 @@ mount('plan', section => {
         body.replaceChildren(...message.draft.map((point, i) => row(point, i, message.draft.length)));
       }
       say.textContent = summary(message);
-      checks.replaceChildren(...message.checks.map(one => make('li', {class: one.level}, one.what)));
+      checks.replaceChildren(...checked(message, body));
+      markRows(body, message.checks);
       able();
     }),
     live.on('rights', able),
   ];
   let before = '';
+  let heard = Boolean(live.last.state?.eta);
   release.push(live.on('state', state => {
+    if (Boolean(state.eta) !== heard) {
+      heard = Boolean(state.eta);
+      if (live.last.plan) checks.replaceChildren(...checked(live.last.plan, body));
+    }
     const now = `${state.armed}${state.phase}${state.submitted}${state.resumable}`;
     if (now !== before) { before = now; able(); }
   }));
