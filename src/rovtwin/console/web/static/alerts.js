@@ -25,7 +25,7 @@ export function starting(state, since) {
   const {making} = state;
   if (!making) return null;
   const whole = making.step > 1 ? ` (${clock(making.whole)} in all)` : '';
-  const patience = making.what.startsWith('compiling') ? ' The first start on a computer takes minutes, later ones seconds.' : '';
+  const patience = making.what.startsWith('compiling') ? ' The first start takes longest: what is compiled is kept.' : '';
   const words = `Getting ready, ${making.step} of ${making.of}: ${making.what} · ${clock(making.seconds)}${whole}.${patience}`;
   return {words, value: making.step - 1, of: making.of};
 }

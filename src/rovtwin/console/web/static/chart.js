@@ -20,6 +20,7 @@ class Chart {
   track = track;
   mode = 'move'; // or add, area
   follow = false;
+  fitted = false; // the view, to a plan, once
   touched = false; // by a hand: until then the view fits itself to what there is
   selected = null; // way-point's index
   pending = null; // {i, x, y} of a way-point that was dragged and not yet confirmed by a plan message
@@ -40,7 +41,7 @@ class Chart {
     this.surface = surface(this.canvas, (context, width, height) => {
       Object.assign(this.view, {width, height});
       if (this.follow && model.state?.eta) this.view.middle = {x: model.state.eta[0], y: model.state.eta[1]};
-      else if (!this.touched && !this.pointed()) this.fitView();
+      else if (!this.touched && !this.pointed() && this.outgrown()) this.fitView();
       drawChart(context, this);
     });
     new Hands(this.canvas, this);
@@ -52,6 +53,15 @@ class Chart {
   may = () => Boolean(model.rights?.may) && this.editable();
   /** Whether somebody aims at something: what lies under a pointer stays there. */
   pointed = () => Boolean(this.cursor || this.pending || this.area) || this.mode !== 'move';
+  /** Whether the view has to fit itself anew; a plan that was cleared is no reason while the vehicle is in sight. */
+  outgrown() {
+    const planned = Boolean(model.plan?.draft.length || model.plan?.flown.length);
+    const at = model.state?.eta && this.view.toScreen({x: model.state.eta[0], y: model.state.eta[1]});
+    const inSight = at && at.u > 0 && at.v > 0 && at.u < this.view.width && at.v < this.view.height;
+    const stays = this.fitted && !planned && inSight;
+    this.fitted ||= planned;
+    return !stays;
+  }
   drawing = () => this.mode === 'area' && this.may() && !this.form.open;
 
   /** Way-points of the draft, the dragged one where the hand has it. */

@@ -161,7 +161,7 @@ function drawVehicle(context, view, state, size) {
   const small = Math.max(...size.slice(0, 2)) * view.scale < SMALLEST;
   trace(context, at(state.eta), true);
   stroke(context, colour('bg'), 5);
-  context.globalAlpha = small ? 1 : 0.6;
+  context.globalAlpha = small ? 1 : 0.35; // a hull lets what lies below it be read
   context.fillStyle = colour('track');
   context.fill();
   context.globalAlpha = 1;
