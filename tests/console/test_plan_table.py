@@ -154,3 +154,22 @@ def test_question_mark_shows_the_keys_and_takes_them_away(table):
     assert "play or pause" not in page.locator("#help").inner_text()  # there is no time line
     page.keyboard.press("?")
     assert page.locator("#help").count() == 0
+
+
+def test_a_long_plan_has_its_fields_where_it_is_looked_at(table):
+    """All of them at once took the browser 1.6 s, in which STOP could not be pressed."""
+    places = [(i % 40, i // 40) for i in range(512)]
+    page = table(*places, checks=[{"level": "error", "what": "way-point 500: too deep", "points": [499]}])
+    page.evaluate("""() => { document.querySelector('#plan .table').style.cssText = 'height: 300px; flex: none';
+      document.querySelector('#plan').className = 'form'; }""")
+    page.wait_for_timeout(100)
+    rows = page.locator("#plan tbody tr")
+    assert rows.count() == 512 and rows.nth(499).get_attribute("class") == "error"
+    assert page.locator("#plan .cell-input").count() < 512
+    assert rows.nth(300).inner_text().endswith("20, 7, 3 m; 0.2 m/s")
+    page.get_by_role("button", name="Go to way-point 500").click()
+    assert cell(page, "North [m]", 500).evaluate("one => one === document.activeElement")
+    cell(page, "Depth [m]", 505).fill("2")  # beside it, in sight
+    cell(page, "Depth [m]", 505).press("Tab")
+    assert page.evaluate("window.sent.at(-1)") == {"do": "plan", "op": "edit", "i": 504, "depth": 2}
+    assert page.locator("#plan .cell-input").count() < 6 * 100
