@@ -40,6 +40,26 @@ def served(tmp_path_factory, browser):
 
 
 @pytest.fixture
+def pages(served, browser):
+    """Opens pages of a size, the first in control of a vehicle that is disarmed; all are closed afterwards."""
+    made = []
+
+    def of_size(name):
+        page = opened(browser, served, *SIZES[name])
+        made.append(page)
+        if len(made) == 1:
+            assert order(page, "take") == ""
+            page.wait_for_function("() => rovtwin.last.rights.may")
+            assert order(page, "disarm") == ""
+            page.wait_for_function("() => !rovtwin.last.state.armed")
+        return page
+
+    yield of_size
+    for page in made:
+        page.context.close()
+
+
+@pytest.fixture
 def pictures(served):
     """Takes a picture of a page under a name; they lie beside the runs."""
 
@@ -116,9 +136,8 @@ def fly_both(page):
     return Path(folder), points
 
 
-def test_the_day(served, browser, pictures):
-    page = opened(browser, served, *SIZES["wide"])
-    page.wait_for_function("() => rovtwin.last.rights.may")
+def test_the_day(served, pages, pictures):
+    page = pages("wide")
     page.get_by_text("No alerts").wait_for()
     arm(page)  # before anything was planned
     plan_by_hand(page)
@@ -150,14 +169,12 @@ def test_the_day(served, browser, pictures):
         assert violations(replay) == []
         pictures(replay, f"replay_{name}")
     assert page.complaints == []
-    page.context.close()
 
 
 @pytest.mark.parametrize("name", SIZES)
-def test_every_size_of_screen(served, browser, pictures, name):
+def test_every_size_of_screen(pages, pictures, name):
     """Nothing is wider than the screen, nothing that a finger presses is small, faults are on their rows."""
-    page = opened(browser, served, *SIZES[name])
-    page.wait_for_function("() => rovtwin.last.rights?.may")
+    page = pages(name)
     assert order(page, "plan", op="clear") == ""
     for x, y in ((0, 0), (60, 0), (4, 4), (0, 50)):
         assert order(page, "plan", op="add", x=x, y=y, depth=2.0) == ""
@@ -179,24 +196,20 @@ def test_every_size_of_screen(served, browser, pictures, name):
         assert name != "phone" or page.evaluate(SMALL, PRESSED) == []
         pictures(page, f"{tab.lower()}_{name}")
     assert page.complaints == []
-    page.context.close()
 
 
-def test_camera_and_sticks_are_on_one_screen_of_a_phone(served, browser):
-    page = opened(browser, served, *SIZES["phone"])
+def test_camera_and_sticks_are_on_one_screen_of_a_phone(pages):
+    page = pages("phone")
     page.get_by_role("tab", name="Pilot", exact=True).click()
     page.wait_for_timeout(300)
     camera, *sticks = (one.bounding_box() for one in (page.locator("#hud"), *page.locator(".stick").all()))
     assert len(sticks) == 2 and camera["y"] > 0
     for stick in sticks:
         assert camera["y"] + camera["height"] <= stick["y"] and stick["y"] + stick["height"] <= SIZES["phone"][1]
-    page.context.close()
 
 
-def test_a_closed_page_in_control_is_counted_down_on_every_other(served, browser, pictures):
-    page = opened(browser, served, *SIZES["wide"])
-    others = [opened(browser, served, *SIZES[name]) for name in ("tablet", "phone")]
-    page.wait_for_function("() => rovtwin.last.rights.may")
+def test_a_closed_page_in_control_is_counted_down_on_every_other(pages, pictures):
+    page, *others = (pages(name) for name in ("wide", "tablet", "phone"))
     assert order(page, "pace", speed=1) == ""
     arm(page)
     assert order(page, "goto", x=0.0, y=20.0, depth=2.0) == ""
@@ -208,6 +221,3 @@ def test_a_closed_page_in_control_is_counted_down_on_every_other(served, browser
     others[1].wait_for_function("() => rovtwin.last.state.reason === 'operator silent'", timeout=60_000)
     assert "operator silent" in others[0].inner_text("#alerts")
     assert order(others[0], "take") == "" and order(others[0], "disarm") == ""
-    for other in others:
-        other.context.close()
-    page.context.close()

@@ -8,6 +8,7 @@ from rovtwin.core.flow import FINISHED, GO, GOING, HEADING_GIVEN_UP, HOLD
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.headings import unmet_headings
+from rovtwin.scenario.score import finished
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 N = 10 * SECONDS + 1
@@ -59,3 +60,23 @@ def test_the_console_says_at_once_that_a_heading_is_given_up_and_when_no_longer(
     assert told == [
         None, ("warning", "heading given up to keep the place"), None, ("info", "heading no longer given up"),
     ]  # fmt: skip
+
+
+def test_each_mission_is_judged_by_its_own_way_points():
+    """Flown one after the other from the console: the second has no heading that could be missed."""
+    model = load_vehicle("double_blueye").model()
+    free = load_scenario("square", ["mission.waypoints=[{position: [3, 0, 3], speed: 0.2, acceptance: 0.2}]"])
+
+    def headings(*missions):
+        return [d["t"] for d in decisions(run(-83.0), ["a", "b"], missions, model) if "heading" in d["what"]]
+
+    assert headings((0.0, free), (50.0, SCENARIO)) == [120.0]
+    assert headings((0.0, SCENARIO), (50.0, free)) == []
+
+
+def test_a_part_of_a_run_has_its_own_instants_and_all_control_ticks():
+    whole = run(-83.0)
+    part = whole.during(50.0, 100.0)
+    assert (part.t[0], part.t[-1]) == (50.0, 99.9) and len(part.eta) == len(part.mode) == len(part.t) == 500
+    assert part.progress is not None and len(part.progress) == 500 and part.thrust is whole.thrust
+    assert finished(whole) and not finished(part)

@@ -9,6 +9,7 @@ import numpy as np
 import zmq
 
 from rovtwin.console import orders
+from rovtwin.console.clock import lasting
 from rovtwin.console.engine.checks import Check, faults, kept, require_none
 from rovtwin.console.engine.engine import Engine
 from rovtwin.console.engine.helm import Helm
@@ -138,7 +139,7 @@ class Bridge:
         if test.running:
             raise ConfigError("the test is under way already: abort it first")
         self._engine.fly_test(helm, test)
-        self._engine.event("info", f"test started: {test.count} manoeuvres, {test.duration:.0f} s")
+        self._engine.event("info", f"test started: {test.count} manoeuvres, {lasting(test.duration)}")
 
     def _goto(self, order: orders.Goto) -> None:
         helm = self._for_missions(self._underway())
