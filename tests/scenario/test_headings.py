@@ -72,6 +72,7 @@ def test_each_mission_is_judged_by_its_own_way_points():
 
     assert headings((0.0, free), (50.0, SCENARIO)) == [120.0]
     assert headings((0.0, SCENARIO), (50.0, free)) == []
+    assert headings() == []  # armed, and nothing was started
 
 
 def test_a_part_of_a_run_has_its_own_instants_and_all_control_ticks():

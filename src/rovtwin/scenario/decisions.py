@@ -29,9 +29,9 @@ def decisions(
     found = courses(flown.t, flown.mode[:, 0].astype(int), flown.mode[:, 1].astype(int))
     if flown.health is not None:
         found += losses(flown.t, flown.health, thrusters)
-    ends = [start for start, _ in missions[1:]] + [np.inf]
-    for (start, scenario), end in zip(missions, ends, strict=True):
-        part = flown.during(start, end)
+    starts = [start for start, _ in missions] + [np.inf]
+    for i, (start, scenario) in enumerate(missions):
+        part = flown.during(start, starts[i + 1])
         if scenario.waypoints and len(part.t):
             found += without_headway(part, scenario, model)
             found += badly_placed(part, scenario)

@@ -69,7 +69,7 @@ class Strip {
     // What goes on every second is not called out; nor are the alerts of a replay, which are history.
     this.line.setAttribute('aria-live', making || state?.replay ? 'off' : 'assertive');
     if (making) this.#making(making);
-    else this.#alerts();
+    else this.#alerts(alone);
     this.element.dataset.level = making ? 'note' : found[0]?.level ?? (alone ? 'warning' : '');
   }
 
@@ -80,11 +80,11 @@ class Strip {
     if (this.words.textContent !== words) this.words.textContent = words;
   }
 
-  #alerts() {
-    const key = JSON.stringify(found.map(one => [one.level, one.what])) || '[]';
+  #alerts(alone) {
+    const key = JSON.stringify([!alone, ...found.map(one => [one.level, one.what])]);
     if (key === this.#key) return;
     this.#key = key;
-    this.words.replaceChildren(...(found.length ? text(found[0]) : ['No alerts']));
+    this.words.replaceChildren(...(found.length ? text(found[0]) : alone ? [] : ['No alerts']));
     this.#fold(found.slice(1));
   }
 

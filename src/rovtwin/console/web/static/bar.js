@@ -18,7 +18,10 @@ function fact(label, id) {
   const value = make('span', {class: 'value', id: `fact-${id}`}, '–');
   const box = make('div', {class: 'fact', title: label}, make('span', {class: 'label'}, label), value);
   return [box, (text, level = '') => {
-    if (value.textContent !== text) value.textContent = text;
+    if (value.textContent !== text) {
+      value.textContent = text;
+      box.title = `${label}: ${text}`; // where the line has no room for all of it
+    }
     if (value.dataset.level !== level) value.dataset.level = level;
   }];
 }
