@@ -196,7 +196,7 @@ def test_every_size_of_screen(pages, pictures, name):
         page.wait_for_timeout(500)
         assert violations(page) == []
         assert name != "phone" or page.evaluate(SMALL, PRESSED) == []
-        pictures(page, f"{tab.lower()}_{name}")
+        pictures(page, f"tab_{tab.lower()}_{name}")
     assert page.complaints == []
 
 
