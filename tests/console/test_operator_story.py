@@ -212,6 +212,13 @@ def test_camera_and_sticks_are_on_one_screen_of_a_phone(pages):
 
 def test_a_closed_page_in_control_is_counted_down_on_every_other(pages, pictures):
     page, *others = (pages(name) for name in ("wide", "tablet", "phone"))
+    arm(page)  # which leaves a run that can be replayed
+    assert order(page, "disarm") == ""
+    page.wait_for_function("() => !rovtwin.last.state.armed && rovtwin.last.state.folder === ''")
+    replay = others[0].context.new_page()
+    run = others[0].evaluate("fetch('/replay/runs').then(found => found.json()).then(({runs}) => runs[0].run)")
+    replay.goto(f"{page.url}replay?run={run}", wait_until="domcontentloaded")
+    replay.wait_for_function("() => window.rovtwin?.last?.state?.replay")
     assert order(page, "pace", speed=1) == ""
     arm(page)
     assert order(page, "goto", x=0.0, y=20.0, depth=2.0) == ""
@@ -220,6 +227,7 @@ def test_a_closed_page_in_control_is_counted_down_on_every_other(pages, pictures
     for name, other in zip(("tablet", "phone"), others, strict=True):
         other.get_by_text("Nobody is in control: it stays where it is in 0:").wait_for()
         pictures(other, f"alone_{name}")
+    replay.get_by_text("Nobody is in control: it stays where it is in 0:").wait_for()
     others[1].wait_for_function("() => rovtwin.last.state.reason === 'operator silent'", timeout=60_000)
     assert "operator silent" in others[0].inner_text("#alerts")
     assert order(others[0], "take") == "" and order(others[0], "disarm") == ""

@@ -142,6 +142,12 @@ class Hub:
         for browser in self._browsers:
             browser.put(self._text(self.rights.told(browser.name)))
 
+    def attended(self) -> dict[str, Any]:
+        """What pages need that show no flight, replays, to count down while nobody is in control of one."""
+        state, setup = (self.client.last.get(kind, {}) for kind in ("state", "setup"))
+        told = {key: state.get(key) for key in ("armed", "phase", "operator_age")}
+        return told | {"operator_silent": setup.get("operator_silent")}
+
     def tell_plan(self) -> None:
         self.send(self.plan())
 

@@ -39,6 +39,17 @@ export function unattended(state, setup) {
   return left > 0 ? {left, does: DOES[rule.action] ?? rule.action} : null; // then the alert of the autopilot says it
 }
 
+/** What a replay's page knows of the flight beside it: asked for once a second where something flies. */
+let beside = null;
+async function lookBeside() {
+  if (!live.last.state?.replay || !document.getElementById('stop')) return;
+  try {
+    beside = await (await fetch('/attended')).json();
+  } catch { /* the server is gone: the bar says so */
+    beside = null;
+  }
+}
+
 class Strip {
   #key = '';
 
@@ -54,17 +65,17 @@ class Strip {
     const both = make('div', {class: 'alert-text'}, this.line, this.alone);
     element.replaceChildren(both, this.bar, this.take, this.more, this.rest);
     this.began = performance.now();
-    this.timer = setInterval(() => this.show(), 500);
+    this.timers = [setInterval(() => this.show(), 500), setInterval(lookBeside, 1000)];
     this.show();
   }
 
   show() {
     const {state, setup} = live.last;
     const making = starting(state, (performance.now() - this.began) / 1e3);
-    const alone = unattended(state, setup);
+    const alone = beside ? unattended(beside, beside) : unattended(state, setup);
     this.alone.hidden = !alone;
     if (alone) this.alone.textContent = countdown(alone);
-    this.take.hidden = !alone || Boolean(live.last.rights?.may);
+    this.take.hidden = !alone || Boolean(live.last.rights?.may) || Boolean(beside); // control is taken where it flies
     this.bar.hidden = !making;
     // What goes on every second is not called out; nor are the alerts of a replay, which are history.
     this.line.setAttribute('aria-live', making || state?.replay ? 'off' : 'assertive');
@@ -110,7 +121,7 @@ function countdown({left, does}) {
 mount('alerts', element => {
   strip = new Strip(element);
   return () => {
-    clearInterval(strip.timer);
+    strip.timers.forEach(clearInterval);
     strip = null;
   };
 });
