@@ -385,3 +385,10 @@ def test_an_engine_that_refuses_is_quoted(desk, monkeypatch):
     page = desk.come("b1")
     monkeypatch.setattr(desk.client, "ask", refuse)
     assert obey(desk, page, {"id": 1, "do": "start"})["error"] == "not armed"
+
+
+def test_pages_of_replays_hear_how_long_nobody_is_in_control(desk):
+    desk.client.last["state"] = {"armed": True, "phase": "go", "operator_age": 7.0, "eta": [0.0] * 6}
+    desk.client.last["setup"] = {"operator_silent": {"limit": 60.0, "action": "hold"}, "thrusters": []}
+    rule = {"limit": 60.0, "action": "hold"}
+    assert desk.attended() == {"armed": True, "phase": "go", "operator_age": 7.0, "operator_silent": rule}

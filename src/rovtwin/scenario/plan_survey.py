@@ -26,7 +26,7 @@ from rovtwin.scenario.survey_request import SurveyRequest, refuse_doubles
 from rovtwin.survey.area import read_area
 from rovtwin.survey.energy import Budget, budget
 from rovtwin.survey.offset import corners_of_co
-from rovtwin.survey.pace import Pace
+from rovtwin.survey.pace import Pace, line_speed
 from rovtwin.survey.plan import SurveyPlan, plan_survey
 from rovtwin.vehicle import Model, Vehicle, load_vehicle
 from rovtwin.vehicle.assembly import Mounted
@@ -106,7 +106,10 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     echoes = measures(base, vehicle, "altimeter")
     depth = _depth(request, base, model, echoes)
     own = own_values(Limits.of(model), request.speed)
-    speed, acceptance = own["speed"] if request.speed is None else request.speed, own["acceptance"]
+    speed = own["speed"] if request.speed is None else request.speed
+    if request.speed is None and line_speed(model) > 0.0:
+        speed = min(speed, line_speed(model))
+    acceptance = own["acceptance"]
     pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
     clearance = _clearance(model, MARGIN * acceptance) if request.clearance is None else request.clearance
     if not clearance >= 0:

@@ -63,6 +63,10 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
         except LinkError as error:
             return {"ok": False, "error": str(error)}
 
+    @app.get("/attended")
+    def attended() -> dict[str, Any]:
+        return hub.attended()
+
     @app.get("/camera.mjpg")
     async def picture() -> Response:
         if stream.rests:

@@ -108,6 +108,7 @@ class Drafting:
             rows = square(_value(what, "x", x), _value(what, "y", y), side, depth, speed)
         elif what.get("name") == "lawnmower":
             area, spacing = what.get("area"), _value(what, "spacing", 1.0)
+            speed = min(speed, self._hub.line_speed) if "speed" not in what else speed
             if not isinstance(inside := what.get("inside", False), bool):
                 raise ConfigError(f"template.inside: found {inside!r}, expected true or false")
             rows = await self._worker.call(_lawnmower, area, spacing, depth, speed, inside, self._hub.vehicle)

@@ -24,6 +24,7 @@ from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.fitting import own_values
 from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario
+from rovtwin.survey.pace import line_speed
 
 logger = logging.getLogger(__name__)
 
@@ -71,12 +72,14 @@ class Hub:
         client: To the engine.
         rights: Who is in control.
         vehicle: That is flown: its name, file or description.
+        line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
-        self.vehicle, own = scenario.vehicle, own_values(Limits.of(vehicle_of(scenario).model()))
+        model = vehicle_of(scenario).model()
+        self.vehicle, own, self.line_speed = scenario.vehicle, own_values(Limits.of(model)), line_speed(model)
         self.rights, self.draft = Rights(), Draft(own=own)
         self._worker = Worker("the plan", PATIENCE)
         self._drafting = Drafting(self, self._worker, SeaCheck(scenario, self._worker))
@@ -150,6 +153,12 @@ class Hub:
         for browser in self._browsers:
             browser.put(self._text(self.rights.told(browser.name)))
 
+    def attended(self) -> dict[str, Any]:
+        """What pages need that show no flight, replays, to count down while nobody is in control of one."""
+        state, setup = (self.client.last.get(kind, {}) for kind in ("state", "setup"))
+        told = {key: state.get(key) for key in ("armed", "phase", "operator_age")}
+        return told | {"operator_silent": setup.get("operator_silent")}
+
     def tell_plan(self) -> None:
         self.send(self.plan())
 
@@ -164,6 +173,7 @@ class Hub:
             "submitted": bool(flown.get("submitted")),
             "changed": [_place(row) for row in self.draft.rows] != [_place(row) for row in rows],
             "own": self.draft.own,
+            "line_speed": self.line_speed,
             "undo": self.draft.can_undo,
             "redo": self.draft.can_redo,
             "length": self.draft.length(),

@@ -147,7 +147,7 @@ class LogWriter:
             self._wait(self._added)
 
     def annotate(self, metadata: Mapping[str, Any]) -> None:
-        """Add to the provenance what is known only now, such as a verdict; it is written when the log is closed.
+        """Add to the provenance what is known only now, such as a verdict; it is written with the next samples.
 
         A key given before is replaced.
 
@@ -244,13 +244,15 @@ class LogWriter:
                 self._condition.wait_for(lambda: self._hurry, _FLUSH_PERIOD)
                 blocks, self._pending, self._pending_size = self._pending, [], 0
                 self._hurry, closed = False, self._closed
+                notes, self._annotations = self._annotations, {}
             try:
                 for chunk in _chunks(blocks):
                     self._file.chunk(chunk)
+                if notes:  # at once: what a killed process was flying is not lost with it
+                    self._file.metadata(METADATA_NAME, notes)
+                    self._file.flush()
                 self._report(len(blocks))
                 if closed:
-                    if self._annotations:
-                        self._file.metadata(METADATA_NAME, self._annotations)
                     self._file.finish()
                 if closed or time.monotonic() - synced > _SYNC_PERIOD:
                     self._sync()

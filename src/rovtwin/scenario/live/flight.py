@@ -265,6 +265,6 @@ def _summary(recorder: LiveRecorder, composed: Composed, ending: str, pace: Pace
     return figures | {
         "reason": reason,
         "interrupted": reason == "interrupted",
-        "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
+        "decisions": decisions(flown, composed.thruster_names, [(0.0, composed.scenario)], composed.model),
         **pace.figures(),
     }
