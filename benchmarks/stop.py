@@ -73,7 +73,7 @@ class Operator:
     def _listen(self) -> None:
         with contextlib.suppress(WebSocketException):
             for text in self._socket:
-                if text.startswith(PLAN):  # which would only have to be painted
+                if str(text).startswith(PLAN):  # which would only have to be painted
                     continue
                 message = json.loads(text)
                 if message["kind"] == "state":
