@@ -81,8 +81,8 @@ def test_drag_that_comes_late_is_named_and_covered(pushed):
     assert "drag in translation that comes late" in lines and "of the quadratic drag" in lines
 
 
-def test_what_is_a_parameter_already_is_no_effect(pushed):
-    """An effect with the very force of a parameter: the tests know nothing of it, and it moves that one alone."""
+def test_an_effect_like_a_parameter_cannot_be_known(pushed):
+    """With the very force of a parameter: the tests know nothing of it, and it moves that one alone."""
     problem, here, noise = pushed.problem, pushed.solution.unknowns, pushed.solution.noise
     k = pushed.parameters.names.index("quadratic_damping.surge")
     path = problem.shooting.trajectories(here.theta, here.nodes, problem.segments.arrays)
@@ -91,14 +91,21 @@ def test_what_is_a_parameter_already_is_no_effect(pushed):
     loads = np.zeros((*u.shape, 6, EFFECTS))
     loads[..., 0, 0] = -drag * u * np.abs(u)
     arrow = problem.assembled(problem.blocks(here, noise), here, noise)
-    found = known_of(problem, here, noise, arrow, loads, np.ones(EFFECTS))
+    _, covariance, shift = known_of(problem, here, noise, arrow, loads, np.ones(EFFECTS))
+    std = np.sqrt(np.diag(covariance))
     # Beforehand it is 1; forces between grid points, as of an effect and of a parameter, differ by parts in a million.
-    assert 0.3 < found.std[0] <= 1.0 and found.std[1:] == pytest.approx(1.0)
-    assert found.shift[:, 0] == pytest.approx(-1.0 * (np.arange(3) == k), abs=0.15), "the prior holds it back a little"
+    assert 0.3 < std[0] <= 1.0 and std[1:] == pytest.approx(1.0)
+    assert shift[:, 0] == pytest.approx(-1.0 * (np.arange(3) == k), abs=0.15), "the prior holds it back a little"
 
 
-def test_no_effect_makes_an_interval_wider_than_the_prior():
-    effects = Effects(("drag",), np.array([2.0]), np.array([[0.01]]), np.array([[1.0], [-0.1]]))
+def test_no_interval_is_wider_than_what_was_known_before(pushed):
+    solution, prior = pushed.solution, np.diag(pushed.prior.covariance)
+    bound = prior + (solution.unknowns.theta - pushed.prior.mean) ** 2
+    assert np.all(np.diag(solution.covariance) <= 1.01 * bound)
+
+
+def test_what_an_effect_adds_is_limited():
+    effects = Effects(("drag",), ("1",), np.array([2.0]), np.array([[0.01]]), np.array([[1.0], [-0.1]]))
     square = 2.0**2 + 0.1**2
     np.testing.assert_allclose(np.diag(effects.of_theta(np.ones(2))), [1.0, 0.01 * square])
     np.testing.assert_allclose(effects.of_theta(np.ones(2))[0, 1], -0.1 * np.sqrt(square))

@@ -86,7 +86,9 @@ def found(run):
     offsets = {"gyro": 1e-3 * rng.standard_normal(3), "depth": np.zeros(1)}
     unknowns = Unknowns(theta, np.concatenate(list(offsets.values())), nodes)
     noise = Noise(rng.uniform(size=4), rng.uniform(size=18))
-    effects = Effects(("drag", "loss"), rng.standard_normal(2), np.eye(2) / 3, rng.standard_normal((n, 2)))
+    effects = Effects(
+        ("drag", "loss"), ("1", "s/m"), rng.standard_normal(2), np.eye(2) / 3, rng.standard_normal((n, 2))
+    )
     solution = Solution(
         unknowns, noise, covariance, np.eye(n), np.full(4, 1e-3), np.ones(n), 4, True, 7, 1234.5678, effects=effects
     )

@@ -155,7 +155,8 @@ class _Cuts:
     def of(self, batch: range) -> tuple[Nodes, dict[str, Any]]:
         """States and arrays of some records; the last segment again and again where they are fewer than `size`."""
         rows = np.minimum(self.bounds[batch.start] + np.arange(self.size), self.bounds[batch.stop] - 1)
-        return jax.tree.map(lambda x: jnp.asarray(x[rows]), (self.nodes, self.segments.arrays))
+        arrays = self.segments.arrays | {"effects": self.segments.arrays["effects"][..., :0]}
+        return jax.tree.map(lambda x: jnp.asarray(x[rows]), (self.nodes, arrays))
 
 
 def _noise(segments: Segments, misfit: Mapping[str, float]) -> np.ndarray:

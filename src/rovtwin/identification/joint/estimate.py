@@ -224,8 +224,9 @@ def _solution(
     divisions = stretches(problem, here.nodes)
     wider = widening(problem, here.theta, blocks, noise, arrow, divisions)
     bound = np.diag(problem.prior.covariance) + (here.theta - problem.prior.mean) ** 2
-    left_out = effects(problem, here, noise, arrow) if converged else Effects.none(n)
-    covariance = widened(covariance, wider) + left_out.of_theta(bound)
+    left_out = effects(problem, here, noise, arrow, float(np.median(wider))) if converged else Effects.none(n)
+    covariance = widened(covariance, wider)
+    covariance = covariance + left_out.of_theta(np.maximum(bound - np.diag(covariance), 0.0))
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
     given = problem, here.theta, blocks, noise, arrow, divisions

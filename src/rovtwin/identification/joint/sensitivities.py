@@ -33,6 +33,7 @@ def sensitivities(
     d_tau: Array,
     step: float,
     nonlinear: Rate | None = None,
+    loads: int = 0,
 ) -> tuple[Array, Array]:
     """Derivatives of the states of a path, shape (K + 1, 18, 18 + n), and of nu_dot there, (K + 1, 6, 18 + n).
 
@@ -48,6 +49,7 @@ def sensitivities(
         step: Between grid points [s].
         nonlinear: What comes to nu_dot beside the equations of motion, in any way of the wrench: taken as linear
             between grid points like the rest.
+        loads: How many of the last columns are no parameters but loads, which are no thrust to `nonlinear`.
     """
     n = d_tau.shape[-1]
     start = jax.tree.map(lambda x: x[0], path)
@@ -61,6 +63,7 @@ def sensitivities(
     A, B = jax.vmap(partial(_linearised, rate, parts, d_parts))(path)
     if nonlinear is not None:
         at, d_at = (jnp.concatenate([x[:, 0], x[-1:, 2]]) for x in (tau, d_tau))
+        d_at = d_at.at[..., n - loads :].set(0.0)
         more = jax.vmap(partial(_nonlinear, nonlinear, parts, d_parts))(path, at, d_at)
         A, B = A + more[0], B + more[1]
     instants = (B[:-1], 0.5 * (B[:-1] + B[1:]), B[1:])

@@ -191,13 +191,16 @@ class Shooting:
         if mounting is not None:
             d_mounting = d_mounting.at[:, NODE:].set(d_parts[1].mounting.T)
         following, own = self._per_segment(nodes, arrays)
+        loads = arrays["effects"].shape[-1]
 
         def one(segment: Any) -> Blocks:
             node, next_node, tau, d_tau, own = segment
             path, rates = self._path(parts, tau, node, own)
             nonlinear = partial(self._rate_nonlinear, own) if self._has_nonlinear else None
             rate = partial(self._rate_of_equations, own)
-            S, d_rates = sensitivities(rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, nonlinear)
+            S, d_rates = sensitivities(
+                rate, parts, d_parts, path, tau, d_tau, self.segments.grid.step, nonlinear, loads
+            )
 
             def gaps(errors: Array, more: Array, turn: Array) -> dict[str, Array]:
                 there = None if rates is None else rates + more

@@ -10,13 +10,14 @@ physics names. An estimate without it is off by d(theta)/dc times c, so that its
 The estimate itself is not moved: what it is used for is a model without the effect. Where tests show that there is
 none, nothing grows.
 
-Effects: drag that comes late, apart for translation and rotation (a wake takes about a hull's length to follow:
-Sarpkaya and Garrison 1963, Vortex formation and resistance in unsteady flow; Mougin and Magnaudet 2002); thrust that an
-inflow takes, in proportion to the force (van Lammeren et al. 1969, The Wageningen B-screw series).
+Effects: drag that comes late, apart for translation and rotation (a wake takes about a hull's length to follow, here at
+top speed: Sarpkaya and Garrison 1963, Vortex formation and resistance in unsteady flow; Mougin and Magnaudet 2002);
+thrust that an inflow takes in proportion to the force (van Lammeren et al. 1969, The Wageningen B-screw series). Where
+the model has such a loss, to the root of the force, what is looked for is the other law.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,15 +31,11 @@ from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
 from rovtwin.identification.joint.segments import Segments
 from rovtwin.vehicle.constants import FRESH_WATER
 from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.thrusters import inflow_damping
 
 LATE = 0.3  # share of the quadratic drag that comes late, one standard deviation
 HULL = 2.0  # length of a hull in cube roots of its volume
-NAMES = (
-    "drag in translation that comes late",
-    "drag in rotation that comes late",
-    "thrust lost to the inflow in proportion to the force",
-)
-UNITS = ("of the quadratic drag", "of the quadratic drag", "s/m")
+_DRAG = "of the quadratic drag"
 _TRANSLATION = np.arange(6) < 3
 
 
@@ -48,12 +45,14 @@ class Effects:
 
     Attributes:
         names: Of them.
+        units: Of their sizes.
         size: As the tests and what is known beforehand have it, shape (C,).
         covariance: Of the size, shape (C, C).
         shift: How theta moves with the size, shape (n, C).
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     size: np.ndarray
     covariance: np.ndarray
     shift: np.ndarray
@@ -61,7 +60,7 @@ class Effects:
     @classmethod
     def none(cls, n: int) -> "Effects":
         """Of n parameters."""
-        return cls((), np.zeros(0), np.zeros((0, 0)), np.zeros((n, 0)))
+        return cls((), (), np.zeros(0), np.zeros((0, 0)), np.zeros((n, 0)))
 
     @property
     def std(self) -> np.ndarray:
@@ -75,19 +74,40 @@ class Effects:
         return found * np.outer(share, share)
 
 
-def effects(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow) -> Effects:
-    """What is left out of the model, at the estimate `here` with its normal equations."""
+class _Load(NamedTuple):
+    """An effect: what it is called, the unit of its size, its load at size 1, and its standard deviation beforehand."""
+
+    name: str
+    unit: str
+    at_grid: np.ndarray
+    expected: float
+
+
+def effects(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, wider: float = 1.0) -> Effects:
+    """What is left out of the model, at the estimate `here` with its normal equations; `wider` as in `known_of`."""
     model, extras = problem.shooting.parameters.model_at(as_array(here.theta))
     nu_r = _through_water(problem, here)
     late = _late_drag(problem, model, nu_r)
-    lost, expected = _lost_thrust(problem, model, extras.delay, nu_r)
-    loads = np.stack([late * _TRANSLATION, late * ~_TRANSLATION, lost], axis=-1)
-    return known_of(problem, here, noise, arrow, loads, np.array([LATE, LATE, expected]))
+    found = [
+        _Load("drag in translation that comes late", _DRAG, late * _TRANSLATION, LATE),
+        _Load("drag in rotation that comes late", _DRAG, late * ~_TRANSLATION, LATE),
+        _lost_thrust(problem, model, extras.delay, nu_r),
+    ]
+    loads, expected = np.stack([load.at_grid for load in found], axis=-1), np.array([load.expected for load in found])
+    size, covariance, shift = known_of(problem, here, noise, arrow, loads, expected, wider)
+    return Effects(tuple(x.name for x in found), tuple(x.unit for x in found), size, covariance, shift)
 
 
-def known_of(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, loads: np.ndarray, expected: np.ndarray
-             ) -> Effects:  # fmt: skip
-    """Sizes of effects, and what they do to theta.
+def known_of(
+    problem: Problem,
+    here: Unknowns,
+    noise: Noise,
+    arrow: Arrow,
+    loads: np.ndarray,
+    expected: np.ndarray,
+    wider: float = 1.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sizes of C effects, their covariance, and how theta moves with them, shapes (C,), (C, C) and (n, C).
 
     Args:
         problem: The readings.
@@ -96,6 +116,7 @@ def known_of(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, loads
         arrow: The normal equations there.
         loads: Of effects of size 1 at grid points, shape (S, K + 1, 6, C).
         expected: Standard deviations of the sizes beforehand, shape (C,).
+        wider: By how much widths of white residuals are too small, see `agreement`.
     """
     cross, own, slope = _normal_equations(problem, here, noise, expected * loads)
     solved = []
@@ -104,11 +125,12 @@ def known_of(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, loads
         theta = factored.border()
         solved.append((factored.nodes(theta), theta))
     shared = np.array([[np.sum(b * x) + c @ y for x, y in solved] for b, c in cross])
-    information = own - 0.5 * (shared + shared.T) + np.eye(len(expected))  # beforehand 1, in what is expected
+    # Beforehand it is 1, in what is expected.
+    information = (own - 0.5 * (shared + shared.T)) / wider**2 + np.eye(len(expected))
     covariance = np.linalg.inv(information)
     shift = -np.stack([y for _, y in solved], axis=-1)[: len(here.theta)]
-    scale = np.outer(expected, expected)
-    return Effects(NAMES, -expected * (covariance @ slope), scale * covariance, shift / expected)
+    size = -expected * (covariance @ slope) / wider**2
+    return size, np.outer(expected, expected) * covariance, shift / expected
 
 
 def _normal_equations(
@@ -169,13 +191,19 @@ def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
     return drag * (square - late)
 
 
-def _lost_thrust(problem: Problem, model: Model, delay: Any, nu_r: np.ndarray) -> tuple[np.ndarray, float]:
-    """Of a loss of 1 / (m/s) of each thruster's force, shape (S, K + 1, 6), and its expected size [s/m]."""
-    arrays, grid = problem.segments.arrays, problem.segments.grid
-    T = np.asarray(model.thrusters.configuration)
-    single = replace(model.thrusters, configuration=jnp.eye(T.shape[1]), inflow_loss=None)
+def _lost_thrust(problem: Problem, model: Model, delay: Any, nu_r: np.ndarray) -> _Load:
+    """A loss in proportion to each thruster's force: of 1 / (m/s), or, where the model has a loss, in place of that."""
+    arrays, grid, thrusters = problem.segments.arrays, problem.segments.grid, model.thrusters
+    T = np.asarray(thrusters.configuration)
+    single = replace(thrusters, configuration=jnp.eye(T.shape[1]), inflow_loss=None)
     command, held, fresh = (jnp.asarray(arrays[key]) for key in ("command", "held", "fresh"))
-    force = np.asarray(thrust_history(single, command, held, fresh, grid.step, delay))
-    force = np.concatenate([force[:, :, 0], force[:, -1:, 2]], axis=1)
-    expected = LOST / top_speed(model, range(T.shape[1]))
-    return -(np.abs(force) * (nu_r @ T)) @ T.T, expected
+    force = thrust_history(single, command, held, fresh, grid.step, delay)
+    force = jnp.concatenate([force[:, :, 0], force[:, -1:, 2]], axis=1)
+    inflow = nu_r @ T
+    if thrusters.inflow_loss is None:
+        load = -(np.abs(force) * inflow) @ T.T
+        expected = LOST / top_speed(model, range(T.shape[1]))
+        return _Load("thrust lost to the inflow in proportion to the force", "s/m", load, expected)
+    other = np.abs(force) * np.asarray(thrusters.inflow_loss) - np.asarray(inflow_damping(thrusters, force))
+    name = "a loss to the inflow in proportion to the force and not to its root"
+    return _Load(name, "of the loss", -(other * inflow) @ T.T, 1.0)

@@ -12,7 +12,6 @@ from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.nodes import FADES
 from rovtwin.identification.joint.parameters import INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.payload import without_shape
-from rovtwin.identification.joint.unmodelled import UNITS
 from rovtwin.identification.judgement.validation import Prediction, judged
 from rovtwin.identification.judgement.verdict import COARSE, scale_width
 from rovtwin.identification.judgement.whiteness import Residuals
@@ -240,8 +239,8 @@ def about_effects(parameters: Parameters, solution: Solution) -> list[str]:
             continue
         named = ", ".join(moved[:3]) + (f" and {len(moved) - 3} more" if len(moved) > 3 else "")
         found.append(
-            f"the tests show what the model leaves out: {name}, {size:.2g} +- {std:.1g} {UNITS[c]}; the intervals "
-            f"cover that, above all those of {named}"
+            f"the tests show what the model leaves out: {name}, {size:.2g} +- {std:.1g} {effects.units[c]}; the "
+            f"intervals cover that, above all those of {named}"
         )
     return found
 

@@ -79,7 +79,7 @@ def packed(result: Identification) -> Packed:
     if result.solution is not None:
         words["solution"] = {key: getattr(result.solution, key) for key in _SOLVED}
         found = result.solution.effects
-        words["effects"] = None if found is None else list(found.names)
+        words["effects"] = None if found is None else [list(found.names), list(found.units)]
         arrays |= _solution_packed(result.solution)
     for group in ("fitted", "held_out"):
         words[group] = [_prediction_packed(p, f"{group}/{k}/", arrays) for k, p in enumerate(getattr(result, group))]
@@ -216,11 +216,17 @@ def _solution_unpacked(
         noise=Noise(kept["sigma"], kept["defect"]),
         covariance=covariance,
         **{name: kept[name] for name in _SOLVED_ARRAYS},
-        effects=None
-        if words["effects"] is None
-        else Effects(tuple(words["effects"]), *(kept[f"effects_{key}"] for key in _OF_EFFECTS)),
+        effects=_effects_unpacked(words.get("effects"), kept),
         **words["solution"],
     )
+
+
+def _effects_unpacked(words: list[list[str]] | None, kept: Mapping[str, np.ndarray]) -> Effects | None:
+    """None of files of before, which have no such words."""
+    if words is None:
+        return None
+    names, units = words
+    return Effects(tuple(names), tuple(units), *(kept[f"effects_{key}"] for key in _OF_EFFECTS))
 
 
 def _prediction_packed(prediction: Prediction, place: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -16,7 +16,8 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError, RovtwinError
-from rovtwin.core.log.files import atomic
+from rovtwin.core.files import write_bytes
+from rovtwin.core.log.files import atomic, write_error
 from rovtwin.identification.result.packing import Packed, packed, unpacked
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 FORMAT, VERSION = "rovtwin identification", 2
 _HDF = b"\x89HDF\r\n\x1a\n"  # what a netCDF4 file begins with
 _AGAIN = "run rovtwin identify again, which writes one beside its vehicle file"
+_ROOM = 1 << 20  # bytes that are tried
 _SMALL = 64  # elements up to which nothing is gained by compressing them
 _SQUARE = ("parameter", "parameter_2")
 
@@ -36,25 +38,34 @@ def save(result: Identification, path: Path, overwrite: bool) -> Path:
     import netCDF4
 
     held = packed(result)
-    # In memory first: of a full disk the netCDF library says "HDF error" only.
-    file = netCDF4.Dataset(path.name, "w", format="NETCDF4", memory=1)
-    file.setncatts(
-        {
-            "title": f"Identification of {result.vehicle.name}",
-            "format": FORMAT,
-            "format_version": np.int32(VERSION),
-            "source": f"rovtwin {result.version}",
-        }
-    )
-    file.createDimension("parameter", len(result.theta))
-    file.createDimension("parameter_2", len(result.theta))
-    for place, values in held.arrays.items():
-        _add(file, place, values)
-    _add_text(file, "words", (), np.array(json.dumps(held.words, default=_plain), dtype=object))
-    content = file.close()
-    with atomic(path, overwrite) as temporary:
-        temporary.write_bytes(content)
+    try:
+        with atomic(path, overwrite) as temporary, netCDF4.Dataset(temporary, "w", format="NETCDF4") as file:
+            file.setncatts(
+                {
+                    "title": f"Identification of {result.vehicle.name}",
+                    "format": FORMAT,
+                    "format_version": np.int32(VERSION),
+                    "source": f"rovtwin {result.version}",
+                }
+            )
+            file.createDimension("parameter", len(result.theta))
+            file.createDimension("parameter_2", len(result.theta))
+            for place, values in held.arrays.items():
+                _add(file, place, values)
+            _add_text(file, "words", (), np.array(json.dumps(held.words, default=_plain), dtype=object))
+    except RuntimeError as error:
+        _require_room(path)
+        raise write_error(path, error) from error
     return path
+
+
+def _require_room(path: Path) -> None:
+    """Raises OSError where the disk is full: the netCDF library says "HDF error" only."""
+    probe = path.with_name(f".{path.name}.room")
+    try:
+        write_bytes(probe, bytes(_ROOM))
+    finally:
+        probe.unlink(missing_ok=True)
 
 
 def load(path: Path) -> dict[str, Any]:
