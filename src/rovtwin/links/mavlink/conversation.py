@@ -170,7 +170,7 @@ def _local_target(talk: Conversation, message: Any, peer: Peer) -> bool:
     if not _in_guided(talk, message):
         return False
     order = order_of_local(message, talk.scene.place(), talk.autopilot.target)
-    return talk.autopilot.obey(order, talk.clock())
+    return talk.autopilot.obey(message.get_srcSystem(), order, talk.clock())
 
 
 def _global_target(talk: Conversation, message: Any, peer: Peer) -> bool:
@@ -178,14 +178,14 @@ def _global_target(talk: Conversation, message: Any, peer: Peer) -> bool:
         return False
     scene = talk.scene
     order = order_of_global(message, scene.place(), talk.autopilot.target, scene.datum, scene.ground)
-    return talk.autopilot.obey(order, talk.clock())
+    return talk.autopilot.obey(message.get_srcSystem(), order, talk.clock())
 
 
 def _attitude_target(talk: Conversation, message: Any, peer: Peer) -> bool:
     if not _in_guided(talk, message, "Attitudes"):
         return False
     order = order_of_attitude(message, talk.scene.place(), talk.autopilot.fastest[2])
-    return talk.autopilot.obey(order, talk.clock())
+    return talk.autopilot.obey(message.get_srcSystem(), order, talk.clock())
 
 
 def _command_long(talk: Conversation, message: Any, peer: Peer) -> bool:

@@ -67,7 +67,7 @@ def _item(talk: "Conversation", message: Any, peer: Peer) -> None:
     missions, item = talk.autopilot.missions, Item.of(message)
     before = missions.upload
     known = item.command in talk.scene.dialect.enums["MAV_CMD"]
-    result = missions.take(item, message.seq, _client(message), known, talk.clock())
+    result = missions.take(item, message.mission_type, message.seq, _client(message), known, talk.clock())
     if result is None:
         _ask(talk, peer)
         return
