@@ -135,7 +135,7 @@ def remind(talk: "Conversation", now: float) -> None:
     upload, peer = talk.autopilot.missions.upload, talk.uploading
     if upload is None or peer is None:
         return
-    if now - upload.heard_at > SILENT:
+    if now - upload.active_at > SILENT:
         talk.autopilot.missions.upload = None
         message = talk.scene.dialect.MAVLink_mission_ack_message
         peer.send(message(*upload.client, CANCELLED, upload.kind))

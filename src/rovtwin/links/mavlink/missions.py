@@ -61,7 +61,7 @@ class Upload:
     kind: int
     client: Client
     count: int
-    heard_at: float
+    active_at: float
     asked_at: float
     items: list[Item] = field(default_factory=list)
 
@@ -118,7 +118,7 @@ class Missions:
             self.upload = None
             return fault
         upload.items.append(item)
-        upload.heard_at = upload.asked_at = now
+        upload.active_at = upload.asked_at = now
         if len(upload.items) < upload.count:
             return None
         self.upload = None

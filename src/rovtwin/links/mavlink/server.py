@@ -134,7 +134,7 @@ class Session:
             self.autopilot, scene, server.system, 1, time.monotonic, self._everybody, server.firmware
         )
         self._wished_armed = False
-        self._leak_said = -LEAK_REPEAT
+        self._leak_text_at = -LEAK_REPEAT
         self._texts = 0  # numbers of texts that came in pieces
         self._datagrams = Decoder()
         self.broken = 0  # pieces of input that were no frame
@@ -196,8 +196,8 @@ class Session:
 
     def _tell_of_leak(self, now: float) -> None:
         leak = self.talk.scene.reading("leak")
-        if leak is not None and leak.value[0] > 0.5 and now - self._leak_said > LEAK_REPEAT:
-            self._leak_said = now
+        if leak is not None and leak.value[0] > 0.5 and now - self._leak_text_at > LEAK_REPEAT:
+            self._leak_text_at = now
             self._say(WARNING, "Leak Detected")
 
     def _heartbeat(self) -> Any:
@@ -215,8 +215,8 @@ class Session:
         self._wished_armed = armed
 
     def _say(self, severity: int, text: str) -> None:
-        told = text.encode("ascii", "replace")
-        pieces = [told[i : i + TEXT] for i in range(0, len(told), TEXT)]
+        letters = text.encode("ascii", "replace")
+        pieces = [letters[i : i + TEXT] for i in range(0, len(letters), TEXT)]
         self._texts = self._texts % 65535 + 1
         for number, piece in enumerate(pieces):
             identity = self._texts if len(pieces) > 1 else 0  # by it the pieces find together
