@@ -133,8 +133,8 @@ def logged(bench: Bench, name: str, words: list[str], log: Path, result: Result)
 
     when = bench.killed(words, name, logging if late else log.exists, DURATION)
     if when is None:
-        words = (bench.folder / f"{name}.output").read_text(errors="replace")
-        return result.take("ended before", "" if log.exists() and Log.read(log) else f"{name}: {words[-300:]}")
+        output = (bench.folder / f"{name}.output").read_text(errors="replace")
+        return result.take("ended before", "" if log.exists() and Log.read(log) else f"{name}: {output[-300:]}")
     if not log.exists():
         return result.take("before the log")
     try:
