@@ -20,9 +20,9 @@ def refused(size: int, *words: str | Path) -> str:
             [sys.executable, "-m", "rovtwin.cli", *map(str, words)],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
-    _, said = process.communicate(timeout=900)
-    assert process.returncode == 2 and "Traceback" not in said, said
-    return said.strip().splitlines()[-1]
+    _, text = process.communicate(timeout=900)
+    assert process.returncode == 2 and "Traceback" not in text, text
+    return text.strip().splitlines()[-1]
 
 
 @pytest.fixture(scope="module")
@@ -35,26 +35,26 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_fly(flown: Path, tmp_path: Path) -> None:
-    said = refused(flown.stat().st_size, *FLIGHT, "--set", "duration=40", "--out", tmp_path / "run")
+    text = refused(flown.stat().st_size, *FLIGHT, "--set", "duration=40", "--out", tmp_path / "run")
     path = tmp_path / "run" / "log.mcap"
-    assert said.startswith(f"rovtwin: {path}: cannot be written: File too large") and said.endswith("s is kept")
+    assert text.startswith(f"rovtwin: {path}: cannot be written: File too large") and text.endswith("s is kept")
     log = Log.read(path)
-    assert f"up to {log.end:.2f} s is kept" in said and log.end > 0.0
+    assert f"up to {log.end:.2f} s is kept" in text and log.end > 0.0
 
 
 @pytest.mark.slow
 def test_record(flown: Path, tmp_path: Path) -> None:
     out = tmp_path / "recorded.mcap"
-    said = refused(60_000, "record", "lawnmower_waves", "--link", f"replay://{flown}", "--out", out, "--duration", "20")
-    assert said.startswith(f"rovtwin: {out}: cannot be written: File too large") and said.endswith("s is kept")
-    assert f"up to {Log.read(out).end:.2f} s is kept" in said
+    text = refused(60_000, "record", "lawnmower_waves", "--link", f"replay://{flown}", "--out", out, "--duration", "20")
+    assert text.startswith(f"rovtwin: {out}: cannot be written: File too large") and text.endswith("s is kept")
+    assert f"up to {Log.read(out).end:.2f} s is kept" in text
 
 
 @pytest.mark.slow
 def test_repair(flown: Path, tmp_path: Path) -> None:
     out = tmp_path / "repaired.mcap"
-    said = refused(50_000, "log", "repair", flown, "--out", out)
-    assert f"{out}: cannot be written" in said and f"Nothing of it was written; {flown} is as it was" in said
+    text = refused(50_000, "log", "repair", flown, "--out", out)
+    assert f"{out}: cannot be written" in text and f"Nothing of it was written; {flown} is as it was" in text
     assert not list(tmp_path.iterdir())
 
 
@@ -68,8 +68,8 @@ def test_campaign(tmp_path: Path) -> None:
     }
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(file))
     out = tmp_path / "out"
-    said = refused(12_000, "campaign", tmp_path / "short.yaml", "--workers", "1", "--out", out)
-    assert said.startswith(f"rovtwin: {out / 'campaign.yaml'}: File too large")  # tests/campaign: a mission's row
+    text = refused(12_000, "campaign", tmp_path / "short.yaml", "--workers", "1", "--out", out)
+    assert text.startswith(f"rovtwin: {out / 'campaign.yaml'}: File too large")  # tests/campaign: a mission's row
     assert not [path for path in out.rglob("*") if path.is_file() and path.stat().st_size]
 
 
@@ -85,6 +85,6 @@ def test_identify(tmp_path: Path) -> None:
     made.save(prior.with_suffix(".nc"))
     out.parent.mkdir()
     out.write_text("of before")
-    said = refused(3000, "identify", "bluerov2", "--prior", prior, "-o", out, "--keep")
-    assert said.startswith(f"rovtwin: {out.parent}") and "File too large" in said and "othing of" in said
+    text = refused(3000, "identify", "bluerov2", "--prior", prior, "-o", out, "--keep")
+    assert text.startswith(f"rovtwin: {out.parent}") and "File too large" in text and "othing of" in text
     assert list(out.parent.iterdir()) == [out] and out.read_text() == "of before"

@@ -54,10 +54,10 @@ class Result:
         self.broken += [wrong] if wrong else []
 
 
-def command(words: list[str], notes: str, said: str) -> None:
+def command(words: list[str], notes: str, output: str) -> None:
     """The command line in this process; when what was logged is noted beside."""
     os.setsid()
-    with open(said, "ab") as stream:
+    with open(output, "ab") as stream:
         os.dup2(stream.fileno(), 1)
         os.dup2(stream.fileno(), 2)
     from rovtwin.core.log import LogWriter
@@ -89,7 +89,7 @@ class Bench:
 
     def start(self, words: list[str], name: str) -> Any:
         """A command as a process; what it says goes into a file."""
-        place = [str(self.folder / f"{name}.{end}") for end in ("notes", "said")]
+        place = [str(self.folder / f"{name}.{end}") for end in ("notes", "output")]
         process = self._context.Process(target=command, args=(words, *place))
         process.start()
         return process
@@ -110,7 +110,7 @@ class Bench:
         """A command to its end; what it said."""
         process = self.start(words, name)
         process.join()
-        return (self.folder / f"{name}.said").read_text(errors="replace")
+        return (self.folder / f"{name}.output").read_text(errors="replace")
 
 
 def lost_of(notes: Path, last: float, when: float) -> float:
@@ -133,8 +133,8 @@ def logged(bench: Bench, name: str, words: list[str], log: Path, result: Result)
 
     when = bench.killed(words, name, logging if late else log.exists, DURATION)
     if when is None:
-        words = (bench.folder / f"{name}.said").read_text(errors="replace")
-        return result.take("ended before", "" if log.exists() and Log.read(log) else f"{name}: {words[-300:]}")
+        output = (bench.folder / f"{name}.output").read_text(errors="replace")
+        return result.take("ended before", "" if log.exists() and Log.read(log) else f"{name}: {output[-300:]}")
     if not log.exists():
         return result.take("before the log")
     try:
@@ -200,10 +200,10 @@ def campaign_ends(bench: Bench, result: Result) -> None:
 
     out = bench.folder / "campaign"
     words = ["campaign", str(bench.folder / "campaign.yaml"), "--out", str(out), "--workers", "1", "--no-report"]
-    said = bench.run(words, "campaign-end")
+    text = bench.run(words, "campaign-end")
     found = pq.read_table(out / "samples.parquet")["index"].to_pylist() if (out / "samples.parquet").exists() else []
     if found != list(range(SAMPLES)) or list(out.rglob("*.part")):
-        result.broken.append(f"campaign: at the end {len(found)} of {SAMPLES}: {said[-300:]}")
+        result.broken.append(f"campaign: at the end {len(found)} of {SAMPLES}: {text[-300:]}")
 
 
 def identifications(bench: Bench, number: int, result: Result) -> None:
@@ -249,8 +249,8 @@ def prepare(bench: Bench, kinds: list[str]) -> Iterator[Any]:
     if "fly" in kinds:
         flights(bench, -1, Result())
     if "record" in kinds and not bench.link:
-        served, said = bench.start(["serve", SERVED, "--port", "14710"], "serve"), bench.folder / "serve.said"
-        while not (found := re.search(r"--link (\S+)", said.read_text() if said.exists() else "")):
+        served, output = bench.start(["serve", SERVED, "--port", "14710"], "serve"), bench.folder / "serve.output"
+        while not (found := re.search(r"--link (\S+)", output.read_text() if output.exists() else "")):
             time.sleep(0.1)
         bench.link = found[1]
         time.sleep(5)

@@ -29,9 +29,9 @@ def test_what_is_flown_is_kept_and_gone_on_with(campaign: Campaign, tmp_path: Pa
         store.add([{"index": k} for k in range(3)])
         with full_at(2000), pytest.raises(ConfigError) as failed:
             store.add([{"index": 3, "reason": "long " * 2000}])
-        said = str(failed.value)
-        assert said.startswith(f"{folder / 'parts' / '0000003-1.parquet'}: ") and "File too large" in said
-        assert f"3 missions are kept in {folder}: the same command goes on from there" in said
+        text = str(failed.value)
+        assert text.startswith(f"{folder / 'parts' / '0000003-1.parquet'}: ") and "File too large" in text
+        assert f"3 missions are kept in {folder}: the same command goes on from there" in text
         with full_at(2000), pytest.raises(ConfigError, match=r"samples\.parquet: .*3 missions are kept"):
             store.gather()
     assert not list(folder.rglob("*.part"))

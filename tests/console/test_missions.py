@@ -113,3 +113,21 @@ def test_a_killed_engine_leaves_what_it_flew(flight, composed, tmp_path):
     repair(tmp_path / "killed.mcap", tmp_path / "whole.mcap")
     missions = missions_of(Log.read(tmp_path / "whole.mcap").metadata)
     assert [(one.t, places(one.waypoints)) for one in missions] == [(3.0, SQUARE), (6.0, HOME)]
+
+
+def test_a_mission_that_is_started_writes_itself_only(flight, composed, monkeypatch):
+    written = []
+    monkeypatch.setattr(flight._log, "annotate", written.append)
+    for k in range(3):
+        flight.flown(with_plan(composed, SQUARE if k < 2 else HOME), ARMED + k)
+    assert len({key for one in written for key in one if key != "mission"}) == 3
+    assert len(str(written[1])) == len(str(written[0])) > len(str(written[2]))
+    flight._log.close()
+
+
+def test_missions_of_earlier_logs_are_one_list():
+    point = {"position": [1.0, 2.0, 3.0]}
+    listed = json.dumps([{"t": 3.0, "waypoints": [point]}, {"t": 6.0, "waypoints": []}])
+    assert [one.t for one in missions_of({"mission": "[]", "missions": listed})] == [3.0, 6.0]
+    damaged = {"missions": "[]", "missions.0": "{", "missions.1": '{"t": 1, "waypoints": []}'}
+    assert [one.t for one in missions_of(damaged)] == [1.0]

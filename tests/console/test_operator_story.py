@@ -149,8 +149,8 @@ def test_the_day(served, pages, pictures):
     pictures(page, "survey")
     folder, points = fly_both(page)
 
-    told = json.loads((served.folder / folder / "summary.json").read_text())
-    assert told["completed"] and told["phase"] == "finished", "what came after the mission relabelled it"
+    summary = json.loads((served.folder / folder / "summary.json").read_text())
+    assert summary["completed"] and summary["phase"] == "finished", "what came after the mission relabelled it"
     log = Log.read(served.folder / folder / "log.mcap")
     report = Flight(log)
     assert [len(mission.waypoints) for mission in report.missions] == [points, 1]

@@ -37,6 +37,13 @@ def test_errors_come_back_as_they_are(worker):
     assert ran(worker.call(len, "ab")) == 2
 
 
+def test_an_answer_that_cannot_be_sent_says_so_and_the_process_stays(worker):
+    process = ran(worker.call(os.getpid))
+    with pytest.raises(RuntimeError, match="allocate_lock: what it gives cannot be sent: .*pickle"):
+        ran(worker.call(threading.Lock))
+    assert ran(worker.call(os.getpid)) == process
+
+
 def test_a_process_that_is_killed_is_said_and_another_takes_its_place(worker):
     with pytest.raises(RovtwinError, match="the work: its process ended"):
         ran(worker.call(os._exit, 9))

@@ -1,6 +1,8 @@
 """A full disk: the path is named, what was kept is said, and it can be read."""
 
+import os
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from rovtwin.core.errors import LogError
 from rovtwin.core.files import cannot, whole, write_text
 from rovtwin.core.log import Channel, Log, LogWriter, export_csv, info, repair
 from rovtwin.core.log.pictures import PictureWriter, read_pictures
+from rovtwin.core.log.salvage import Salvage
 
 CLOCK = Channel("clock", ("k", "noise"), "1", "")
 
@@ -24,9 +27,9 @@ def test_a_log_that_cannot_grow_is_whole_up_to_there(tmp_path: Path) -> None:
             writer.write_many("clock", t, np.column_stack([100 * k + np.arange(100), random.normal(size=100)]))
             writer.flush()
             kept = k
-    said = str(failed.value)
-    assert said.startswith(f"{path}: cannot be written: File too large. The system lets no file grow further")
-    assert said.endswith(f"What was logged up to {kept + 0.99:.2f} s is kept") and 5 < kept < 99
+    text = str(failed.value)
+    assert text.startswith(f"{path}: cannot be written: File too large. The system lets no file grow further")
+    assert text.endswith(f"What was logged up to {kept + 0.99:.2f} s is kept") and 5 < kept < 99
     series = Log.read(path)["clock"]  # without a repair: nothing is left to write one to
     assert (series["k"] == np.arange(100 * (kept + 1))).all()
     assert info(path).messages == len(series)
@@ -63,6 +66,23 @@ def test_a_repair_that_does_not_fit_leaves_all_as_it_was(tmp_path: Path) -> None
     assert str(failed.value).startswith(f"{tmp_path / 'run.repaired.mcap'}: cannot be written: File too large")
     assert f"Nothing of it was written; {path} is as it was" in str(failed.value)
     assert list(tmp_path.iterdir()) == [path] and path.read_bytes() == before
+
+
+def test_a_repair_whose_source_cannot_be_read_names_the_source(tmp_path: Path, monkeypatch: Any) -> None:
+    """The system's error comes in the middle: the open file becomes a folder, which nobody can read."""
+    path, check = write_log(tmp_path / "run.mcap", 5), Salvage._check_magic
+
+    def break_it(salvage: Salvage, stream: BinaryIO, *arguments: Any) -> None:
+        check(salvage, stream, *arguments)
+        folder = os.open(tmp_path, os.O_RDONLY)
+        os.dup2(folder, stream.fileno())
+        os.close(folder)
+
+    monkeypatch.setattr(Salvage, "_check_magic", break_it)
+    with pytest.raises(LogError) as failed:
+        repair(path)
+    assert str(failed.value).startswith(f"{path}: cannot be read: ")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_an_export_that_does_not_fit_leaves_nothing(tmp_path: Path) -> None:

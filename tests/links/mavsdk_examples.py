@@ -64,7 +64,7 @@ COMPLAINS, SERVERS = re.compile(r"^ERROR:mavsdk_server:(.*?)(?: \([\w.]+:\d+\))?
 LOGGED = re.compile(r"(?:ERROR|WARNING|INFO|DEBUG):mavsdk_server:")
 MOST_REASONS = 3  # that are told of one example
 AFTERWARDS = ("Arming", "Disarming", "MYGCS", "Lost manual")  # what it says whoever steers
-SAID = re.compile(r"mavlink: (?!tcp|udp|\d)(.*)")  # what the vehicle tells its clients, not who comes and goes
+STATUS_TEXT = re.compile(r"mavlink: (?!tcp|udp|\d)(.*)")  # what the vehicle tells its clients, not who comes and goes
 
 
 @dataclass(frozen=True)
@@ -112,13 +112,13 @@ def run_example(python: str, folder: Path, name: str, address: str, seconds: flo
             return status, output.read()
 
 
-def judged(name: str, status: int | None, output: str, said: list[str]) -> Tried:
+def judged(name: str, status: int | None, output: str, texts: list[str]) -> Tried:
     """What an example's end means."""
     output = LOGGED.sub(r"\n\g<0>", output)  # its server's lines come between those of the example
-    reasons = [found[1] for line in said if (found := SAID.match(line))]
+    reasons = [found[1] for line in texts if (found := STATUS_TEXT.match(line))]
     reasons = [SERVERS.format(line) for line in COMPLAINS.findall(output)] + reasons
     kept = list(dict.fromkeys(r for r in reasons if not r.startswith(AFTERWARDS)))
-    told = "; ".join(kept[:MOST_REASONS])
+    why = "; ".join(kept[:MOST_REASONS])
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     last = lines[-1] if lines else "no output"
     if name in NOT_APPLICABLE:
@@ -128,10 +128,10 @@ def judged(name: str, status: int | None, output: str, said: list[str]) -> Tried
         found = refusal or RAISED.search(output)
         words = " ".join((found[0] if found else last).split())
         kind = "broken" if words.startswith(OWN_FAULTS) else "refused"
-        return Tried(name, kind, "; ".join(filter(None, (_shortened(words), told))))
+        return Tried(name, kind, "; ".join(filter(None, (_shortened(words), why))))
     if status is None and not (name in ENDLESS and re.search(ENDLESS[name], output)):
         return Tried(name, "hangs", last)
-    return Tried(name, "runs", "; ".join(filter(None, ("until stopped" if status is None else "to its end", told))))
+    return Tried(name, "runs", "; ".join(filter(None, ("until stopped" if status is None else "to its end", why))))
 
 
 def _shortened(words: str) -> str:

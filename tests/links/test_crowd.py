@@ -1,5 +1,10 @@
-"""Too many clients of an instrument: those that say nothing give way to those that come."""
+"""Too many clients of an instrument: who makes no use of a place gives way to those that come.
 
+Over HTTP that is who asks nothing; where a stream is sent, who does not take it.
+"""
+
+import asyncio
+import socket
 import time
 
 import pytest
@@ -18,9 +23,10 @@ ASKED = {  # of a server: what a client says, and how the answer begins
     UgpsServer: (b"GET /api/v1/about HTTP/1.1\r\nHost: here\r\n\r\n", b"HTTP/1.1 200"),
     QtmServer: (wire.text_packet(1, "QTMVersion"), None),
 }
+PAGES, STREAMS = [UgpsServer], [DvlServer, QtmServer]
 
 
-@pytest.fixture(params=ASKED, ids=lambda server: server.__name__)
+@pytest.fixture(params=PAGES, ids=lambda server: server.__name__)
 def served(request, monkeypatch):
     """A server with room for four, its port, and how to ask something there."""
     monkeypatch.setattr(crowd, "IDLE", 0.3)
@@ -76,3 +82,57 @@ def test_where_nobody_is_silent_the_new_one_is_turned_away(served, monkeypatch):
     assert sum(is_closed(other, 0.3) for other in others) >= 4
     for other in others:
         other.close()
+
+
+@pytest.mark.parametrize("served", STREAMS, indirect=True, ids=lambda server: server.__name__)
+def test_who_only_reads_a_stream_stays_however_silent(served):
+    port, ask = served
+    readers = [connect(port) for _ in range(8)]
+    refused = {client for client in readers if is_closed(client, 0.3)}
+    readers = [client for client in readers if client not in refused]
+    assert 3 <= len(readers) <= 4
+    time.sleep(2 * crowd.IDLE)
+    newcomer = connect(port)
+    assert is_closed(newcomer, 1.0)
+    assert not any(is_closed(reader, 0.1) for reader in readers)
+    for client in (newcomer, *readers):
+        client.close()
+
+
+def test_who_does_not_take_a_stream_gives_way_to_a_new_one(monkeypatch):
+    monkeypatch.setattr(crowd, "IDLE", 0.3)
+
+    async def sends(client):
+        while client.stuck < 0.1 and not client.gone:
+            client.send(bytes(1024))
+            await asyncio.sleep(0.001)
+        await client.reader.read()  # until it is dropped
+
+    async def read(port):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        while await reader.read(1 << 16):
+            pass
+        writer.close()
+
+    async def run():
+        port, lines = free_port(), []
+        async with crowd.crowd("it", "127.0.0.1", port, sends, lines.append, 100, most=3) as people:
+            readers = [asyncio.create_task(read(port)) for _ in range(2)]
+            with socket.socket() as deaf:
+                deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                deaf.connect(("127.0.0.1", port))
+                await _until(lambda: len(people.clients) == 3 and max(one.stuck for one in people.clients) > 0.4)
+                newcomer = asyncio.create_task(read(port))
+                await _until(lambda: any("gave way" in text for text in lines))
+                await asyncio.sleep(0.1)
+                assert not any(task.done() for task in (*readers, newcomer)) and people.refused == 0
+                assert f"it: 127.0.0.1:{deaf.getsockname()[1]} gave way to another" in lines
+            for task in (*readers, newcomer):
+                task.cancel()
+
+    asyncio.run(asyncio.wait_for(run(), 20.0))
+
+
+async def _until(done):
+    while not done():
+        await asyncio.sleep(0.01)

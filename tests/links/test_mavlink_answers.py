@@ -169,7 +169,7 @@ def test_refusals_say_why():
 def test_what_is_said_once_is_bounded(monkeypatch):
     from rovtwin.links.mavlink import conversation
 
-    monkeypatch.setattr(conversation, "MOST_SAID", 5)
+    monkeypatch.setattr(conversation, "MOST_TEXTS", 5)
     with station() as (served, client):
         for i in range(20):
             client.mav.param_request_read_send(1, 1, f"X{i}".encode(), -1)

@@ -202,7 +202,7 @@ def test_lost_pilot_can_be_neutral_instead(pilot, said):
 
 def test_lost_ground_station_disarms_after_5_s(pilot):
     armed(pilot, 4)
-    pilot.obey(Order(target=HERE), 1.0)
+    pilot.obey(255, Order(target=HERE), 1.0)
     pilot.check(5.9)
     assert pilot.wish(5.9).target == HERE
     pilot.check(6.1)
@@ -214,6 +214,29 @@ def test_heartbeats_of_others_do_not_count(pilot):
     pilot.heartbeat(7, 5.5)
     pilot.check(6.0)
     assert not pilot.armed
+
+
+def test_set_points_of_others_are_flown_and_keep_no_fail_safe_from_acting(pilot):
+    armed(pilot, 4)
+    assert pilot.obey(7, Order(target=HERE), 4.0) and pilot.wish(4.0).target == HERE
+    pilot.check(5.1)
+    assert not pilot.armed
+
+
+def test_set_points_of_who_armed_are_a_sign_of_life(pilot):
+    assert pilot.set_mode(4) and pilot.arm(245, 0.0, "")
+    assert pilot.obey(245, Order(target=HERE), 4.0)
+    pilot.check(8.9)
+    assert pilot.armed
+
+
+def test_heights_above_the_water_are_its_surface():
+    assert order_of_local(local(z=-7.0), HERE, None).target[2] == 0.0
+    assert order_of_local(local(8, z=-7.0), HERE, None).target[2] == 0.0
+    message = SimpleNamespace(
+        coordinate_frame=6, type_mask=PLACE_ONLY, lat_int=634500000, lon_int=103600000, alt=12.0, yaw=0.0
+    )
+    assert order_of_global(message, HERE, None, Datum(), 0.0).target[2] == 0.0
 
 
 def test_sticks_do_not_outlive_disarming(pilot):
@@ -271,7 +294,7 @@ def test_velocity():
 
 def test_velocity_lasts_3_s(pilot):
     armed(pilot, 4)
-    pilot.obey(Order(velocity=(0.5, 0.0, 0.5, -2.0)), 1.0)
+    pilot.obey(255, Order(velocity=(0.5, 0.0, 0.5, -2.0)), 1.0)
     wish = pilot.wish(3.9)
     assert wish.motion == (0.5, 0.0, 1.0, 0.0, 0.0, -1.0) and wish.hold_position and wish.target is None
     assert not any(pilot.wish(4.1).motion)
@@ -292,13 +315,13 @@ def test_velocity_lasts_3_s(pilot):
 def test_bad_set_points_move_nothing(pilot, said, message):
     armed(pilot, 4)
     order = order_of_local(message, HERE, None)
-    assert order.refusal and not pilot.obey(order, 0.0)
+    assert order.refusal and not pilot.obey(255, order, 0.0)
     assert pilot.target is None and not any(pilot.wish(0.0).motion) and said
 
 
 def test_set_points_count_in_guided_only(pilot):
     armed(pilot, 2)
-    assert not pilot.obey(Order(target=HERE), 0.0) and pilot.wish(0.0).target is None
+    assert not pilot.obey(255, Order(target=HERE), 0.0) and pilot.wish(0.0).target is None
 
 
 def attitude(roll=0.0, pitch=0.0, yaw=0.0, thrust=0.5, mask=0):
@@ -326,7 +349,7 @@ def test_a_refusal_is_said_once_and_again_after_it_went_well(pilot, said):
     armed(pilot, 4)
     count = len(said)
     for order in (Order(refusal="no"), Order(refusal="no"), Order(target=HERE), Order(refusal="no")):
-        pilot.obey(order, 0.0)
+        pilot.obey(255, order, 0.0)
     assert said[count:] == ["Set-point refused: no"] * 2
 
 

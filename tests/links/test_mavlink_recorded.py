@@ -20,7 +20,7 @@ SECONDS = 10.0  # simulated
 
 
 @pytest.fixture(scope="module")
-def told():
+def messages():
     """All that is told in ten simulated seconds to a ground station that asks as the recorded one did."""
     with station(speed=10.0, how="tcp") as (served, client):
         for stream, rate in REAL["asked"].items():
@@ -38,8 +38,8 @@ def told():
         return found
 
 
-def test_the_same_messages_at_the_same_rates(told):
-    counts = Counter(message.get_type() for message in told)
+def test_the_same_messages_at_the_same_rates(messages):
+    counts = Counter(message.get_type() for message in messages)
     for kind, rate in REAL["rates"].items():
         if kind in ELSEWHERE:
             continue
@@ -47,14 +47,14 @@ def test_the_same_messages_at_the_same_rates(told):
         assert counts[kind] / SECONDS == pytest.approx(expected, rel=0.1), kind
 
 
-def test_named_values_are_the_firmwares(told):
-    names = list(dict.fromkeys(m.name for m in told if m.get_type() == "NAMED_VALUE_FLOAT"))
+def test_named_values_are_the_firmwares(messages):
+    names = list(dict.fromkeys(m.name for m in messages if m.get_type() == "NAMED_VALUE_FLOAT"))
     assert names == REAL["named_values"]
 
 
 @pytest.mark.parametrize("kind", REAL["fields"])
-def test_fields_are_within_the_firmwares(told, kind):
-    messages = [m for m in told if m.get_type() == kind]
+def test_fields_are_within_the_firmwares(messages, kind):
+    messages = [m for m in messages if m.get_type() == kind]
     assert messages
     for name, (low, high) in REAL["fields"][kind].items():
         found = {getattr(m, name) for m in messages}

@@ -76,12 +76,12 @@ def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed
     """
     file = place.folder / "scenario.yaml"
     file.write_text(dump_scenario(scenario), encoding="utf-8")
-    said = place.folder / "engine.log"
+    output = place.folder / "engine.log"
     arguments = ["--place", place.folder, "--scenario", file, "--link", link, "--speed", str(speed)]
     arguments += ["--runs", runs.resolve()]  # told to web servers that may be started elsewhere
     for sensor in sensors:
         arguments += ["--sensor", sensor]
-    with said.open("wb") as log:
+    with output.open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "rovtwin.console.engine", *arguments],
             stdin=subprocess.DEVNULL,
@@ -90,19 +90,19 @@ def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed
             start_new_session=True,
         )
     try:
-        _wait_for(process, place, said)
+        _wait_for(process, place, output)
     except BaseException:  # also Ctrl-C: nothing flies yet
         process.kill()
         raise
     return process.pid
 
 
-def _wait_for(process: subprocess.Popen[bytes], place: Place, said: Path) -> None:
+def _wait_for(process: subprocess.Popen[bytes], place: Place, output: Path) -> None:
     """Until an engine that was started has begun; ConfigError if it does not."""
     until = time.monotonic() + 60.0
     while running(place) is None:
         if process.poll() is not None or time.monotonic() > until:
-            lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            lines = output.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             raise ConfigError(f"the autopilot's process did not begin: {lines[-1] if lines else 'it said nothing'}")
         time.sleep(0.05)
 

@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 from rovtwin.core.aside import travels
@@ -125,6 +126,16 @@ def _main(pipe: Connection) -> None:
                 answer = function(*arguments), None
             except Exception as error:
                 answer = None, error if travels(error) else RuntimeError("".join(traceback.format_exception(error)))
-            pipe.send(answer)
+            _send(pipe, function, answer)
     except (EOFError, OSError):
         pass  # nobody is there to see
+
+
+def _send(pipe: Connection, function: Callable[..., Any], answer: tuple[Any, Exception | None]) -> None:
+    """Send an answer; of one that cannot be pickled an error that says so."""
+    try:
+        packed = ForkingPickler.dumps(answer)
+    except Exception as error:
+        name = getattr(function, "__qualname__", str(function))
+        packed = ForkingPickler.dumps((None, RuntimeError(f"{name}: what it gives cannot be sent: {error}")))
+    pipe.send_bytes(packed)

@@ -12,7 +12,7 @@ from rovtwin.core.errors import LinkError
 from rovtwin.links.server import address_taken
 
 MOST_CLIENTS = 16
-IDLE = 5.0  # a client that said nothing for so long gives way to a new one where there are too many [s]
+IDLE = 5.0  # after this a client gives way to a new one where there are too many: of what, see `crowd` [s]
 MOST_WAITING = 256 * 1024  # bytes that a client may leave unread before it is dropped, beside the kernel's buffers
 KERNEL_BUFFER = 64 * 1024  # bytes of the kernel's own sending buffer [as asked; Linux doubles it]
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))  # [s, s, probes]
@@ -34,7 +34,7 @@ class Client:
 
     Attributes:
         name: Its address, for people.
-        slow, idle: Whether it was dropped because it did not read, or because it was silent and others waited.
+        slow, idle: Whether it was dropped because it left too much unread, or because others waited.
         gone: Whether the connection is closed or being so.
     """
 
@@ -44,12 +44,19 @@ class Client:
         peer = writer.get_extra_info("peername")
         self.name = f"{peer[0]}:{peer[1]}" if peer else "a client"
         self.slow = self.idle = False
+        self._empty_at = self.came_at  # when all that was queued had last gone out [s, monotonic]
 
     @property
     def silence(self) -> tuple[float, float]:
         """How long it has been silent [s], by which clients give way: since it last said anything, since it came."""
         now = time.monotonic()
         return now - self.reader.heard_at, now - self.came_at
+
+    @property
+    def stuck(self) -> float:
+        """For how long it has not taken what waits for it [s]; 0 where nothing waits."""
+        waits = self._writer.transport.get_write_buffer_size() > 0
+        return time.monotonic() - self._empty_at if waits else 0.0
 
     @property
     def gone(self) -> bool:
@@ -60,6 +67,8 @@ class Client:
         transport = self._writer.transport
         if transport.is_closing():
             return
+        if transport.get_write_buffer_size() == 0:
+            self._empty_at = time.monotonic()
         self._writer.write(data)
         if transport.get_write_buffer_size() > MOST_WAITING:
             self.slow = True
@@ -70,7 +79,7 @@ class Client:
         """How it ended, for people."""
         if self.slow:
             return "did not read and was dropped"
-        return "was silent and gave way to another" if self.idle else "left"
+        return "gave way to another" if self.idle else "left"
 
     async def finish(self) -> None:
         """Close after what is queued has gone out, or after two seconds."""
@@ -87,21 +96,23 @@ class Client:
 class Crowd:
     """Those who are connected now, and how many could not be had."""
 
-    def __init__(self, say: Callable[[str], None]):
+    def __init__(self, say: Callable[[str], None], must_ask: bool = False):
         self.clients: set[Client] = set()
         self.refused = self.dropped = 0
-        self._say = say
+        self._say, self._must_ask = say, must_ask
         self._tasks: set[asyncio.Task[None]] = set()
 
     def make_room(self) -> bool:
-        """Drop the client that has been silent longest; whether one was silent for long enough."""
-        silent = [one for one in self.clients if min(one.silence) >= IDLE]
-        if not silent:
+        """Drop one client that makes no use of its place, if there is one; whether there was. See `crowd`."""
+        useless = [one for one in self.clients if one.stuck >= IDLE]
+        if not useless and self._must_ask:
+            useless = [one for one in self.clients if min(one.silence) >= IDLE]
+        if not useless:
             return False
-        quietest = max(silent, key=lambda one: one.silence)
-        quietest.idle = True
-        quietest.drop()
-        self.clients.discard(quietest)
+        first = max(useless, key=lambda one: (one.stuck, one.silence))
+        first.idle = True
+        first.drop()
+        self.clients.discard(first)
         return True
 
     def say_of(self, text: str) -> None:
@@ -114,7 +125,14 @@ Handle = Callable[[Client], Awaitable[None]]
 
 @asynccontextmanager
 async def crowd(
-    what: str, host: str, port: int, handle: Handle, say: Callable[[str], None], line: int, most: int = MOST_CLIENTS
+    what: str,
+    host: str,
+    port: int,
+    handle: Handle,
+    say: Callable[[str], None],
+    line: int,
+    most: int = MOST_CLIENTS,
+    must_ask: bool = False,
 ) -> AsyncIterator[Crowd]:
     """Listen on a port; each client that comes is given to `handle` in a task of its own, which ends with it.
 
@@ -125,13 +143,16 @@ async def crowd(
         handle: May end by any OSError or LinkError; the connection is closed then.
         say: What a user should know.
         line: Longest line that a client's reader takes [bytes].
-        most: Clients at a time. For one more the most silent gives way: one that never said anything, the oldest of
-            them, before others; where none was silent for `IDLE` seconds, the new one is turned away.
+        most: Clients at a time. For one more, a client gives way that has not taken what waits for it for `IDLE`
+            seconds, the longest first; where there is none, the new one is turned away.
+        must_ask: Whether a client gets nothing that it does not ask for. One that was silent for `IDLE` seconds gives
+            way, too: those that never said anything first, the oldest of them before others. Where clients are sent a
+            stream, silence is usual and no reason.
 
     Raises:
         LinkError: The address cannot be bound.
     """
-    people = Crowd(say)
+    people = Crowd(say, must_ask)
 
     async def meet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

@@ -100,7 +100,9 @@ def manoeuvre_table(flight: Flight) -> Table | None:
 def provenance_table(flight: Flight) -> Table:
     """Where the log comes from: all short metadata."""
     long = {"scenario", "summary", "vehicle_table", "mission", "waves", "faults", "test", "sensors", "thrusters"}
-    rows = [[key, value] for key, value in flight.log.metadata.items() if key not in long]
+    rows = [
+        [key, value] for key, value in flight.log.metadata.items() if key not in long and not key.startswith("missions")
+    ]
     if flight.datum is not None:
         rows = [[key, str(flight.datum) if key == METADATA_KEY else value] for key, value in rows]
     return Table("Provenance", ["Entry", "Value"], [*rows, *([["note", n] for n in flight.log.notes])])

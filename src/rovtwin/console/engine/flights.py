@@ -16,7 +16,7 @@ from rovtwin.core.flow import FINISHED, PHASES, Measurements, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
 from rovtwin.core.log.files import keeping
-from rovtwin.core.log.missions import FlownMission, missions_metadata
+from rovtwin.core.log.missions import FlownMission, mission_metadata, no_mission_yet
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
@@ -49,7 +49,7 @@ class FlightLog:
         self.folder, self.began = new_folder(folder), 0.0
         self._composed, self._helm, self._watch = composed, helm, watch
         self._monitor = None if watch is None else watch.begin()
-        metadata = metadata_of(scenario, composed, self.folder) | missions_metadata([])  # none was started yet
+        metadata = metadata_of(scenario, composed, self.folder) | no_mission_yet()
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, self._monitor)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder, self._monitor)
@@ -71,9 +71,9 @@ class FlightLog:
 
     def flown(self, scenario: Scenario, now: float) -> None:
         """What is flown from now on [s, by the clock of the helm's readings]."""
-        self._flown.append((now - self.began, scenario))
-        missions = [FlownMission(t, flown_points(one)) for t, one in self._flown]
-        self._log.annotate(missions_metadata(missions))
+        mission = FlownMission(now - self.began, flown_points(scenario))
+        self._log.annotate(mission_metadata(len(self._flown), mission))
+        self._flown.append((mission.t, scenario))
 
     def close(self, ending: str) -> dict[str, Any]:
         """Write what is left, what was flown and how it ended; the summary."""

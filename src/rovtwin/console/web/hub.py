@@ -156,8 +156,8 @@ class Hub:
     def attended(self) -> dict[str, Any]:
         """What pages need that show no flight, replays, to count down while nobody is in control of one."""
         state, setup = (self.client.last.get(kind, {}) for kind in ("state", "setup"))
-        told = {key: state.get(key) for key in ("armed", "phase", "operator_age")}
-        return told | {"operator_silent": setup.get("operator_silent")}
+        found = {key: state.get(key) for key in ("armed", "phase", "operator_age")}
+        return found | {"operator_silent": setup.get("operator_silent")}
 
     def tell_plan(self) -> None:
         self.send(self.plan())

@@ -56,10 +56,10 @@ def _verdict(scenario: Scenario, rows: list[dict[str, Any]]) -> Check:
     try:
         vehicle = vehicle_of(scenario)
         found = judge(scenario, vehicle.model(), sensors=sensors_of(scenario, vehicle))
-        worst, said = verdict(compose(scenario)) if moves(scenario) else ("holds", "")
+        worst, why = verdict(compose(scenario)) if moves(scenario) else ("holds", "")
     except RovtwinError as error:
         return {"level": "error", "what": f"in this sea: {error}"}
-    lines = [finding.line for finding in found] + ([f"in this sea: {said}"] if said else [])
+    lines = [finding.line for finding in found] + ([f"in this sea: {why}"] if why else [])
     if not lines:
         return {"level": "ok", "what": "nothing in it is beyond the vehicle"}
     level = "error" if any(finding.refused for finding in found) else LEVELS.get(worst, "error")

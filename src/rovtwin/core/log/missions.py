@@ -1,7 +1,8 @@
 """Missions in a log's metadata: which way-points were flown, and from when.
 
 `mission` has the way-points of the mission that was flown last. A log in which missions may change, of a flight from
-the console, has all of them in `missions`: a list of {"t": seconds, "waypoints": [...]} in order of time.
+the console, has a key for each that was started, `missions.0` and so on in order of time: {"t": seconds, "waypoints":
+[...]}. Earlier logs have them as one list under `missions`; where a log may get missions, that list is empty now.
 """
 
 import json
@@ -27,17 +28,26 @@ class FlownMission:
 
 def missions_of(metadata: Mapping[str, str]) -> list[FlownMission]:
     """Missions in order of time; empty where nothing was flown or where the log does not tell."""
-    if (several := _parsed(metadata.get(ALL))) is not None:
+    several = _list(metadata.get(ALL))
+    if several is not None:
+        number = 0
+        while (text := metadata.get(f"{ALL}.{number}")) is not None:
+            several.append(_parsed(text))
+            number += 1
         return [FlownMission(float(one["t"]), _points(one["waypoints"])) for one in several if _is_mission(one)]
-    only = _points(_parsed(metadata.get(LAST)) or [])
+    only = _points(_list(metadata.get(LAST)) or [])
     return [FlownMission(-float("inf"), only)] if only else []
 
 
-def missions_metadata(missions: Sequence[FlownMission]) -> dict[str, str]:
-    """Missions as metadata of a log that may get more of them."""
-    last = missions[-1].waypoints if missions else []
-    listed = [{"t": one.t, "waypoints": one.waypoints} for one in missions]
-    return {LAST: json.dumps(last), ALL: json.dumps(listed)}
+def no_mission_yet() -> dict[str, str]:
+    """Metadata of a log that may get missions."""
+    return {LAST: "[]", ALL: "[]"}
+
+
+def mission_metadata(number: int, mission: FlownMission) -> dict[str, str]:
+    """What a mission that is started, counted from 0, adds to such a log: itself, and nothing of those before it."""
+    points = json.dumps(mission.waypoints)  # once: this runs in a control loop
+    return {LAST: points, f"{ALL}.{number}": f'{{"t": {json.dumps(mission.t)}, "waypoints": {points}}}'}
 
 
 def mission_at(missions: Sequence[FlownMission], t: float) -> int:
@@ -50,12 +60,17 @@ def point_name(missions: Sequence[FlownMission], mission: int, point: int) -> st
     return str(point + 1) if len(missions) < 2 else f"{mission + 1}.{point + 1}"
 
 
-def _parsed(text: str | None) -> list[Any] | None:
-    """A list from JSON; None where there is none."""
+def _parsed(text: str | None) -> Any:
+    """From JSON; None where it is none."""
     try:
-        found = json.loads(text or "null")
+        return json.loads(text or "null")
     except ValueError:
         return None
+
+
+def _list(text: str | None) -> list[Any] | None:
+    """A list from JSON; None where there is none."""
+    found = _parsed(text)
     return found if isinstance(found, list) else None
 
 

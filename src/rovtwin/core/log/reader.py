@@ -1,5 +1,6 @@
 """A log in memory: its channels as arrays, from a file or from arrays."""
 
+import io
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -201,7 +202,7 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
         LogError: It can't be read.
     """
     try:
-        with open(checked(path, math.inf), "rb") as stream:
+        with io.BufferedReader(_Raw(checked(path, math.inf))) as stream:
             yield stream
     except FileNotFoundError as error:
         raise LogError(f"{path}: no such file. Check the name; `rovtwin fly` writes a log") from error
@@ -210,8 +211,30 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
         hint = f"Did you mean {str(inside[0])!r}?" if inside else "There is none in it"
         raise LogError(f"{path}: is a folder, expected an MCAP file. {hint}") from error
     except OSError as error:
-        what = error.strerror or error
-        raise LogError(f"{path}: cannot be read: {what}. Check the permissions and the disk") from error
+        raise _unreadable(path, error) from error
+
+
+class _Raw(io.FileIO):
+    """A file whose errors of reading name it, also inside a block that writes another file."""
+
+    def readinto(self, buffer: Any, /) -> int | None:
+        """Read into a buffer; the number of bytes. Raises LogError where the system cannot."""
+        try:
+            return super().readinto(buffer)
+        except OSError as error:
+            raise _unreadable(self.name, error) from error
+
+    def readall(self) -> bytes:
+        """The rest of the file. Raises LogError where the system cannot read it."""
+        try:
+            return super().readall()
+        except OSError as error:
+            raise _unreadable(self.name, error) from error
+
+
+def _unreadable(path: Any, error: OSError) -> LogError:
+    what = error.strerror or error
+    return LogError(f"{path}: cannot be read: {what}. Check the permissions and the disk")
 
 
 def check_start(start: bytes, path: Path) -> None:

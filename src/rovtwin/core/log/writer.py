@@ -147,7 +147,8 @@ class LogWriter:
             self._wait(self._added)
 
     def annotate(self, metadata: Mapping[str, Any]) -> None:
-        """Add to the provenance what is known only now, such as a verdict; it is written with the next samples.
+        """Add to the provenance what is known only now, such as a verdict; it is written within a second,
+        also where no samples follow.
 
         A key given before is replaced.
 

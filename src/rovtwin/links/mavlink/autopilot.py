@@ -80,9 +80,17 @@ class Autopilot:
             self._let_go()
         return True
 
+    def is_pilot(self, system: int) -> bool:
+        """Whether a system is the one whose silence disarms: SYSID_MYGCS, or who armed."""
+        return system in (int(self.parameters["SYSID_MYGCS"]), self._armed_by)
+
+    def has_pilot(self, now: float) -> bool:
+        """Whether that system has spoken lately."""
+        return now - self._heard_at <= self.parameters["FS_GCS_TIMEOUT"]
+
     def heartbeat(self, system: int, now: float) -> None:
         """A ground station is there."""
-        if system in (int(self.parameters["SYSID_MYGCS"]), self._armed_by):
+        if self.is_pilot(system):
             self._heard_at = now
 
     def steer(self, system: int, axes: np.ndarray | None, now: float) -> bool:
@@ -94,8 +102,8 @@ class Autopilot:
         self._neutral_said = False
         return True
 
-    def obey(self, order: Order, now: float) -> bool:
-        """An order of GUIDED; whether it counts."""
+    def obey(self, system: int, order: Order, now: float) -> bool:
+        """An order of GUIDED, from any system; whether it counts."""
         if self.mode is not GUIDED:
             return False
         if order.refusal:
@@ -104,7 +112,7 @@ class Autopilot:
             self._refused = order.refusal
             return False
         self._refused = ""
-        self._heard_at = now
+        self.heartbeat(system, now)  # set-points of others do not keep the fail-safe from acting
         self.target, self._velocity, self._velocity_at = order.target, order.velocity, now
         return True
 
@@ -112,7 +120,7 @@ class Autopilot:
         """Fail-safes: a pilot or a ground station that is not heard any more."""
         if not self.armed:
             return
-        if now - self._heard_at > self.parameters["FS_GCS_TIMEOUT"]:
+        if not self.has_pilot(now):
             self.say(CRITICAL, "MYGCS: heartbeat lost")
             self.disarm()
         elif self.mode is not GUIDED and now - self._input_at > self.parameters["FS_PILOT_TIMEOUT"]:

@@ -18,7 +18,7 @@ from rovtwin.links.mavlink.telemetry import MESSAGES, STREAMS, build
 from rovtwin.links.mavlink.wire import is_addressed, number
 
 GROUND_STATION = 6  # MAV_TYPE_GCS
-MOST_SAID = 1000  # different things said once; names of parameters come from outside
+MOST_TEXTS = 1000  # different things said once; names of parameters come from outside
 CAMERAS = range(100, 106)  # MAV_COMP_ID_CAMERA to CAMERA6
 # Messages that answer ours, or end a service: they want no answer.
 NO_QUESTION = ("COMMAND_ACK", "MISSION_ACK", "LOG_REQUEST_END", "PARAM_VALUE")
@@ -52,7 +52,7 @@ class Conversation:
     strangers: set[int] = field(default_factory=set)
     elsewhere: set[int] = field(default_factory=set)
     uploading: Peer | None = None
-    _said: set[tuple[int, str]] = field(default_factory=set)
+    _texts: set[tuple[int, str]] = field(default_factory=set)
 
     def take(self, message: Any, peer: Peer) -> bool:
         """Answer one message; whether it changed what the vehicle shall do."""
@@ -113,8 +113,8 @@ class Conversation:
 
     def tell_once(self, system: int, severity: int, text: str) -> None:
         """Say something that a client need not be told again; nothing new any more to whoever makes it say too much."""
-        if (system, text) not in self._said and len(self._said) < MOST_SAID:
-            self._said.add((system, text))
+        if (system, text) not in self._texts and len(self._texts) < MOST_TEXTS:
+            self._texts.add((system, text))
             self.autopilot.say(severity, text)
 
     def send_banner(self, peer: Peer) -> None:
@@ -170,7 +170,7 @@ def _local_target(talk: Conversation, message: Any, peer: Peer) -> bool:
     if not _in_guided(talk, message):
         return False
     order = order_of_local(message, talk.scene.place(), talk.autopilot.target)
-    return talk.autopilot.obey(order, talk.clock())
+    return talk.autopilot.obey(message.get_srcSystem(), order, talk.clock())
 
 
 def _global_target(talk: Conversation, message: Any, peer: Peer) -> bool:
@@ -178,14 +178,14 @@ def _global_target(talk: Conversation, message: Any, peer: Peer) -> bool:
         return False
     scene = talk.scene
     order = order_of_global(message, scene.place(), talk.autopilot.target, scene.datum, scene.ground)
-    return talk.autopilot.obey(order, talk.clock())
+    return talk.autopilot.obey(message.get_srcSystem(), order, talk.clock())
 
 
 def _attitude_target(talk: Conversation, message: Any, peer: Peer) -> bool:
     if not _in_guided(talk, message, "Attitudes"):
         return False
     order = order_of_attitude(message, talk.scene.place(), talk.autopilot.fastest[2])
-    return talk.autopilot.obey(order, talk.clock())
+    return talk.autopilot.obey(message.get_srcSystem(), order, talk.clock())
 
 
 def _command_long(talk: Conversation, message: Any, peer: Peer) -> bool:

@@ -166,4 +166,5 @@ def _checked(target: Place) -> Order:
         return Order(refusal="the set-point is no number")
     if math.dist((0.0, 0.0, 0.0), target[:3]) > FARTHEST:
         return Order(refusal=f"the place is further than {FARTHEST / 1000:g} km from the origin")
-    return Order(target=(target[0], target[1], target[2], math.remainder(target[3], math.tau)))
+    down = max(0.0, target[2])  # a height above the water is its surface
+    return Order(target=(target[0], target[1], down, math.remainder(target[3], math.tau)))

@@ -67,7 +67,7 @@ def _item(talk: "Conversation", message: Any, peer: Peer) -> None:
     missions, item = talk.autopilot.missions, Item.of(message)
     before = missions.upload
     known = item.command in talk.scene.dialect.enums["MAV_CMD"]
-    result = missions.take(item, message.seq, _client(message), known, talk.clock())
+    result = missions.take(item, message.mission_type, message.seq, _client(message), known, talk.clock())
     if result is None:
         _ask(talk, peer)
         return
@@ -135,7 +135,7 @@ def remind(talk: "Conversation", now: float) -> None:
     upload, peer = talk.autopilot.missions.upload, talk.uploading
     if upload is None or peer is None:
         return
-    if now - upload.heard_at > SILENT:
+    if now - upload.active_at > SILENT:
         talk.autopilot.missions.upload = None
         message = talk.scene.dialect.MAVLink_mission_ack_message
         peer.send(message(*upload.client, CANCELLED, upload.kind))

@@ -12,7 +12,7 @@ from typing import Any
 MISSION, FENCE = 0, 1  # MAV_MISSION_TYPE
 # MAV_MISSION_RESULT
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE = 0, 1, 2, 3, 4
-BAD_LATITUDE, BAD_LONGITUDE, BAD_ORDER, DENIED, CANCELLED = 10, 11, 13, 14, 15
+BAD_LATITUDE, BAD_LONGITUDE, BAD_HEIGHT, BAD_ORDER, DENIED, CANCELLED = 10, 11, 12, 13, 14, 15
 MOST = 500  # items of a list
 SILENT = 8.0  # an upload whose client is silent for longer is given up, as ArduPilot does [s]
 ASK_AGAIN = 1.0  # an item that did not come is asked for again after this [s]
@@ -20,6 +20,7 @@ ON_MAP, NO_FRAME = (0, 3, 5, 6), 2  # MAV_FRAME: latitude and longitude, heights
 LAST_COMMAND = 252  # of those that stand in missions: NAV_, CONDITION_ and DO_
 RETURN_POINT, POLYGONS, CIRCLES = 5000, (5001, 5002), (5003, 5004)  # MAV_CMD of a fence
 CORNERS = 3  # of a polygon, at least
+WHOLE = range(-(2**31), 2**31)  # what x and y of a MISSION_ITEM_INT hold
 
 Client = tuple[int, int]  # system and component
 
@@ -41,11 +42,14 @@ class Item:
 
     @classmethod
     def of(cls, message: Any) -> "Item":
-        """From a MISSION_ITEM_INT or a MISSION_ITEM, whose coordinates are degrees where they are a place's."""
+        """From a MISSION_ITEM_INT or a MISSION_ITEM, whose coordinates are degrees where they are a place's.
+
+        Coordinates that are no numbers become one that no list takes.
+        """
         x, y = message.x, message.y
         if message.get_type() == "MISSION_ITEM":
             scale = 1e7 if message.frame in ON_MAP else 1.0
-            x, y = (round(v * scale) if math.isfinite(v * scale) else 2**31 - 1 for v in (x, y))
+            x, y = (round(v * scale) if math.isfinite(v * scale) else WHOLE.stop for v in (x, y))
         params = (message.param1, message.param2, message.param3, message.param4)
         return cls(message.frame, message.command, message.autocontinue, *params, x, y, message.z)
 
@@ -57,7 +61,7 @@ class Upload:
     kind: int
     client: Client
     count: int
-    heard_at: float
+    active_at: float
     asked_at: float
     items: list[Item] = field(default_factory=list)
 
@@ -94,18 +98,19 @@ class Missions:
         self.upload = Upload(kind, client, count, now, now) if count else None
         return ACCEPTED if count else self.clear(kind)
 
-    def take(self, item: Item, sequence: int, client: Client, known: bool, now: float) -> int | None:
-        """An item of the upload; MAV_MISSION_RESULT, None where the next item is wanted.
+    def take(self, item: Item, kind: int, sequence: int, client: Client, known: bool, now: float) -> int | None:
+        """An item of the upload; MAV_MISSION_RESULT, None where the next item shall come.
 
         Args:
             item: The item.
+            kind: The list it is for; one for another list changes nothing.
             sequence: Its number.
             client: Who sends it.
             known: Whether its command is one of MAVLink's.
             now: Real time [s].
         """
         upload = self.upload
-        if upload is None or upload.client != client:
+        if upload is None or upload.client != client or upload.kind != kind:
             return DENIED
         if sequence != len(upload.items):
             return BAD_ORDER
@@ -113,7 +118,7 @@ class Missions:
             self.upload = None
             return fault
         upload.items.append(item)
-        upload.heard_at = upload.asked_at = now
+        upload.active_at = upload.asked_at = now
         if len(upload.items) < upload.count:
             return None
         self.upload = None
@@ -147,9 +152,12 @@ def _fault(kind: int, item: Item, known: bool) -> int:
         return UNSUPPORTED
     if kind == MISSION and not (known and item.command <= LAST_COMMAND):
         return UNSUPPORTED
-    if item.frame in ON_MAP and abs(item.x) > 90e7:
+    on_map = item.frame in ON_MAP
+    if item.x not in WHOLE or (on_map and abs(item.x) > 90e7):
         return BAD_LATITUDE
-    return BAD_LONGITUDE if item.frame in ON_MAP and abs(item.y) > 180e7 else ACCEPTED
+    if item.y not in WHOLE or (on_map and abs(item.y) > 180e7):
+        return BAD_LONGITUDE
+    return BAD_HEIGHT if on_map and not math.isfinite(item.z) else ACCEPTED
 
 
 def fence_fault(items: Sequence[Item]) -> str:

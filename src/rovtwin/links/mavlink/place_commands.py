@@ -1,7 +1,6 @@
 """Commands that name a place or a way: go there, turn, stay, come up; where home is."""
 
 import math
-from typing import Any
 
 from rovtwin.links.mavlink.commands import Request
 from rovtwin.links.mavlink.guided import GLOBAL, GLOBAL_RELATIVE, Order, order_to
@@ -38,11 +37,20 @@ def _on_map(request: Request) -> tuple[int, int] | None:
 
 
 def _go(request: Request) -> int:
-    """DO_REPOSITION, as ArduSub: in GUIDED, or with the flag that changes to it."""
+    """DO_REPOSITION, as ArduSub: in GUIDED, or with the flag that changes to it.
+
+    Stricter than ArduSub: while the pilot is there, nobody else takes the vehicle out of the pilot's mode by it.
+    """
     autopilot, scene = request.talk.autopilot, request.talk.scene
     flags = max(0, whole(request.values[1], 0))
     if autopilot.mode is not GUIDED and not flags & CHANGE_MODE:
         return request.refuse("Reposition: not in GUIDED", DENIED)
+    if (
+        autopilot.mode is not GUIDED
+        and not autopilot.is_pilot(request.by)
+        and autopilot.has_pilot(request.talk.clock())
+    ):
+        return request.refuse(f"Reposition: system {request.by} is not the pilot, who is there", DENIED)
     here, where = scene.place(), _on_map(request)
     if here is None or where is None:
         known = "its latitude and longitude are no numbers" if here else "the vehicle does not know where it is"
@@ -55,7 +63,7 @@ def _go(request: Request) -> int:
         return request.refuse(f"Reposition: {order.refusal}", DENIED)
     request.changed = True
     autopilot.set_mode(GUIDED.number)
-    return ACCEPTED if autopilot.obey(order, request.talk.clock()) else FAILED
+    return ACCEPTED if autopilot.obey(request.by, order, request.talk.clock()) else FAILED
 
 
 def _turn(request: Request) -> int:
@@ -70,11 +78,11 @@ def _turn(request: Request) -> int:
     psi = math.radians(angle) * (-1.0 if relative and way < 0.0 else 1.0) + (here[3] if relative else 0.0)
     request.changed = True
     order = Order(target=(kept[0], kept[1], kept[2], math.remainder(psi, math.tau)))
-    return ACCEPTED if autopilot.obey(order, request.talk.clock()) else FAILED
+    return ACCEPTED if autopilot.obey(request.by, order, request.talk.clock()) else FAILED
 
 
 def _set_home(request: Request) -> int:
-    """DO_SET_HOME: here, or a place; all clients are told."""
+    """DO_SET_HOME: here, or a place; all clients get it."""
     scene = request.talk.scene
     where: tuple[int, int, float] | None = None
     if request.values[0] == 1.0:
@@ -87,8 +95,7 @@ def _set_home(request: Request) -> int:
     if where is None or not _is_place(where):
         return request.refuse("Home not set: no such place")
     scene.home_given = (where[0] / DEGREES, where[1] / DEGREES, where[2])
-    told: Any = home(scene)
-    request.talk.everybody(told)
+    request.talk.everybody(home(scene))
     return ACCEPTED
 
 

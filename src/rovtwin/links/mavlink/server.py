@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,6 +24,8 @@ from rovtwin.links.mavlink.telemetry import MESSAGES, RATES, Schedule
 from rovtwin.links.mavlink.wire import Decoder, Encoder, dialect
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
+
+logger = logging.getLogger(__name__)
 
 REPEAT = 0.05  # a wish is repeated after this [s]; it holds for 0.3 s at the vehicle
 HEARTBEAT = 1.0  # [s], real time
@@ -131,10 +134,11 @@ class Session:
             self.autopilot, scene, server.system, 1, time.monotonic, self._everybody, server.firmware
         )
         self._wished_armed = False
-        self._leak_said = -LEAK_REPEAT
+        self._leak_text_at = -LEAK_REPEAT
         self._texts = 0  # numbers of texts that came in pieces
         self._datagrams = Decoder()
         self.broken = 0  # pieces of input that were no frame
+        self.failed: dict[str, int] = {}  # messages whose answer failed, by type
 
     async def open(self, open_things: contextlib.AsyncExitStack) -> None:
         """Bind the ports and say where; what is opened is closed with `open_things`."""
@@ -192,8 +196,8 @@ class Session:
 
     def _tell_of_leak(self, now: float) -> None:
         leak = self.talk.scene.reading("leak")
-        if leak is not None and leak.value[0] > 0.5 and now - self._leak_said > LEAK_REPEAT:
-            self._leak_said = now
+        if leak is not None and leak.value[0] > 0.5 and now - self._leak_text_at > LEAK_REPEAT:
+            self._leak_text_at = now
             self._say(WARNING, "Leak Detected")
 
     def _heartbeat(self) -> Any:
@@ -211,8 +215,8 @@ class Session:
         self._wished_armed = armed
 
     def _say(self, severity: int, text: str) -> None:
-        told = text.encode("ascii", "replace")
-        pieces = [told[i : i + TEXT] for i in range(0, len(told), TEXT)]
+        letters = text.encode("ascii", "replace")
+        pieces = [letters[i : i + TEXT] for i in range(0, len(letters), TEXT)]
         self._texts = self._texts % 65535 + 1
         for number, piece in enumerate(pieces):
             identity = self._texts if len(pieces) > 1 else 0  # by it the pieces find together
@@ -272,8 +276,20 @@ class Session:
     def _take(self, messages: list[Any], peer: Peer) -> None:
         peer.heard_at = time.monotonic()
         before = (self.autopilot.mode, self.autopilot.armed)
-        changed = [self.talk.take(message, peer) for message in messages]
+        changed = [self._answer(message, peer) for message in messages]
         if any(changed):
             self._wish()
         if (self.autopilot.mode, self.autopilot.armed) != before:
             self._everybody(self._heartbeat())  # sooner than an ArduSub tells it: nobody needs to wait a second
+
+    def _answer(self, message: Any, peer: Peer) -> bool:
+        """As `Conversation.take`; an error of ours costs the answer to this message, and not the server."""
+        try:
+            return self.talk.take(message, peer)
+        except Exception as error:
+            kind = message.get_type()
+            self.failed[kind] = self.failed.get(kind, 0) + 1
+            if self.failed[kind] == 1:
+                logger.error("mavlink: answering %s", kind, exc_info=error)
+                self._say(WARNING, f"{kind} is not answered: an error of the endpoint's")
+            return True  # it may have changed something before it failed

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 NO_LOGS = "It keeps no logs on board: serve --log keeps the truth"
 LOG_CHUNK = 90  # bytes of a LOG_DATA
 SERIAL_REPLY, SERIAL_BYTES = 1, 70  # SERIAL_CONTROL_FLAG_REPLY, bytes of a SERIAL_CONTROL
-FTP_NAK, FTP_UNKNOWN_COMMAND, FTP_BYTES = 129, 6, 251
+FTP_ANSWERS, FTP_NAK, FTP_UNKNOWN_COMMAND, FTP_BYTES = 128, 129, 6, 251  # answers have opcodes from 128
 
 
 def _ping(talk: "Conversation", message: Any, peer: Peer) -> None:
@@ -57,6 +57,8 @@ def _log_erase(talk: "Conversation", message: Any, peer: Peer) -> None:
 
 
 def _serial(talk: "Conversation", message: Any, peer: Peer) -> None:
+    if message.flags & SERIAL_REPLY:
+        return  # of another vehicle: two that answered answers would do so for ever
     text = b"no shell here\n"
     data = [*text, *[0] * (SERIAL_BYTES - len(text))]
     serial = talk.scene.dialect.MAVLink_serial_control_message
@@ -64,8 +66,10 @@ def _serial(talk: "Conversation", message: Any, peer: Peer) -> None:
 
 
 def _files(talk: "Conversation", message: Any, peer: Peer) -> None:
-    """MAVFTP: every command is one it does not know."""
+    """MAVFTP: every command is one it does not know; answers of others get no answer."""
     asked = list(message.payload)
+    if asked[3] >= FTP_ANSWERS:
+        return
     sequence = (int.from_bytes(bytes(asked[:2]), "little") + 1) % 65536
     head = [*sequence.to_bytes(2, "little"), asked[2], FTP_NAK, 1, asked[3], 0, 0, 0, 0, 0, 0, FTP_UNKNOWN_COMMAND]
     payload = [*head, *[0] * (FTP_BYTES - len(head))]

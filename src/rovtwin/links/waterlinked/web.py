@@ -43,7 +43,7 @@ async def serving_pages(what: str, host: str, port: int, pages: Pages, most: int
     def quiet(text: str) -> None:
         """Four connections a second are no news."""
 
-    async with crowd(what, host, port, serve, quiet, LONGEST_HEAD, most):
+    async with crowd(what, host, port, serve, quiet, LONGEST_HEAD, most, must_ask=True):
         yield
 
 

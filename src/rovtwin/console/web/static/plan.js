@@ -226,10 +226,10 @@ mount('plan', section => {
     live.on('rights', able),
   ];
   let before = '';
-  let heard = Boolean(live.last.state?.eta);
+  let hasEta = Boolean(live.last.state?.eta);
   release.push(live.on('state', state => {
-    if (Boolean(state.eta) !== heard) {
-      heard = Boolean(state.eta);
+    if (Boolean(state.eta) !== hasEta) {
+      hasEta = Boolean(state.eta);
       if (live.last.plan) checks.replaceChildren(...checked(live.last.plan, lines));
     }
     const now = `${state.armed}${state.phase}${state.submitted}${state.resumable}`;
