@@ -1,10 +1,13 @@
 """The command line as a user meets it: help, JSON, exit codes, and every kind of bad input as a table."""
 
+import ast
+import inspect
 import json
 import re
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -473,3 +476,25 @@ def test_ctrl_c_ends_with_a_readable_log_and_a_report(tmp_path):
     log = Log.read(folder / "log.mcap")
     assert log["truth/eta"].t[-1] == pytest.approx(said["duration_s"], abs=0.11)
     assert (folder / "report.html").stat().st_size > 10_000
+
+
+def _names_used(function: Any) -> set[str]:
+    """Names that a function's body reads."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+
+
+def test_no_command_leaves_an_option_unread():
+    """An option that nothing reads would be ignored in silence; those that have no role beside others are refused."""
+    count = 0
+    for words, command in _commands(typer.main.get_command(rovtwin.cli.app)):
+        given = {p.name for p in command.params} - {"help", "version"}
+        function = inspect.unwrap(command.callback) if command.callback else None
+        if function is None or not given:
+            continue
+        count += len(given)
+        if words[-1] == "schema":
+            given -= {"as_json"}  # a schema is JSON in any case
+        unread = given - _names_used(function)
+        assert not unread, f"{' '.join(words)}: {', '.join(sorted(unread))}"
+    assert count > 300

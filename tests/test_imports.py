@@ -36,7 +36,7 @@ WHERE_RULES_ARE = "RULES in tests/test_imports.py"
 # What may be imported while `rovtwin --help` starts; anything that computes goes inside the command's function.
 PROMPT = {"cli", "__main__", "__init__"}
 LIGHT_LIBRARIES = set(sys.stdlib_module_names) | {"typer", "rich", "click"}
-LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.core.jsontext", "rovtwin.__version__"}
+LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.core.files", "rovtwin.core.jsontext", "rovtwin.__version__"}
 
 
 @dataclass(frozen=True)

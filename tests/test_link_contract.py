@@ -121,7 +121,8 @@ def mavlink_rig() -> Rig:
     from tests.links.mavlink_vehicle import endpoint, measured, soon
     from tests.links.serving import serving
 
-    from rovtwin.links.mavlink.link import RATES, MavlinkLink
+    from rovtwin.links.mavlink.link import MavlinkLink
+    from rovtwin.links.mavlink.telemetry import RATES
 
     axes = [0, 1, 5]
     off = dict.fromkeys(RATES, 0.0)

@@ -1,4 +1,4 @@
-/** Stands in for the server: `window.emit(message)` to the views, `window.sent` from them, `window.refuse` to reject it. */
+/** Stands in for the server: `window.emit(message)` to the views, `window.sent` from them, `window.refuse` to reject it, `window.late` to answer late [ms]. */
 const heard = {};
 const last = {};
 window.emit = message => {
@@ -15,6 +15,7 @@ export const live = {
   css: name => getComputedStyle(document.body).getPropertyValue(name),
   async send(message) {
     window.sent.push(message);
+    if (window.late) await new Promise(done => setTimeout(done, window.late));
     if (window.refuse) throw new Error(window.refuse);
   },
 };

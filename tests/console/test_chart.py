@@ -251,3 +251,76 @@ def test_the_view_is_built_again_when_its_element_is_replaced(chart):
     page.mouse.click(*at(6, 0), button="right")
     page.get_by_role("menuitem", name="Delete way-point 2").click()
     assert [m["op"] for m in sent(page)] == ["delete"]
+
+
+def test_what_lies_under_the_pointer_stays_there_while_points_are_added(chart):
+    """A plan that grows fits itself again only where nobody aims at it."""
+    page = chart()
+    press(page, "Add way-points by clicking")
+    places = [(3, 3), (2, 8), (9, 9)]
+    for i, place in enumerate(places, start=1):
+        page.mouse.click(*at(*place))
+        emit(page, messages.plan(*SQUARE, *places[:i], (40 * i, 60 * i)))  # far beyond what is seen
+        drawn(page)
+    assert [(m["x"], m["y"]) for m in sent(page)] == [pytest.approx(place, abs=0.03) for place in places]
+
+
+def test_a_view_that_nobody_touched_shows_a_new_plan(chart):
+    page = chart()
+    emit(page, messages.plan(*SQUARE, (40, 60)))
+    drawn(page)
+    assert not page.evaluate(COLOUR, [*at(6, 6), "--plan"])  # it lies elsewhere now
+
+
+def test_the_vehicle_is_seen_above_the_way_points_of_a_survey(chart):
+    page = chart()
+    page.evaluate("""() => { window.shape = null; import('/static/chart_draw.js').then(({hull}) => {
+      window.shape = [hull([0.5, 0.8], 2), hull([0.5, 0.8], 200)]; }); }""")
+    page.wait_for_function("() => window.shape")
+    arrow, outline = page.evaluate(
+        "shape.map(points => Math.max(...points.map(([x]) => x)) - Math.min(...points.map(([x]) => x)))"
+    )
+    assert arrow * 2 == pytest.approx(28) and outline == pytest.approx(0.5)
+    survey = [(x, y) for y in range(0, 200, 2) for x in ((0, 200) if y % 4 else (200, 0))]
+    emit(page, messages.setup(room={"kind": "open", "floor": None}))
+    emit(page, messages.plan(*survey))
+    emit(page, messages.state(eta=[*survey[60], 3, 0, 0, 0], truth=None, reference=None, ellipse=None))
+    drawn(page)
+    scale = (600 - TOOLS["top"] - 2 * 54) / 200
+    x, y = survey[60]
+    u, v = 450 - TOOLS["right"] / 2 + (y - 99) * scale, 300 + TOOLS["top"] / 2 - (x - 100) * scale
+    assert page.evaluate(COLOUR, [u, v, "--track"])
+
+
+def test_an_area_begins_with_what_the_vehicle_can_do_and_says_why_it_cannot_be(chart):
+    """Lines at 0.3 m/s of 0.23, and the reason under the dialog."""
+    page = chart()
+    emit(page, messages.plan(*SQUARE) | {"draft": [{"x": 0, "y": 0, "depth": 3, "speed": 0.3}], "line_speed": 0.23})
+    press(page, "Draw an area for a lawn-mower plan")
+    page.mouse.move(*at(4, 2))
+    page.mouse.down()
+    page.mouse.move(*at(2.4, 5), steps=3)
+    page.mouse.up()
+    assert page.get_by_label("Speed").input_value() == "0.23"
+    assert page.get_by_text("At most 0.23 m/s").is_visible()
+    assert float(page.get_by_label("Line spacing").input_value()) <= 0.4  # four lines over 1.6 m
+    page.evaluate("window.refuse = 'swath: found 2 m, wider than the whole area'")
+    press(page, "Make plan")
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("alert").get_by_text("wider than the whole area").wait_for()
+    assert dialog.get_by_role("button", name="Make plan").is_enabled()
+
+
+def test_a_plan_that_is_being_made_says_so(chart):
+    page = chart()
+    press(page, "Draw an area for a lawn-mower plan")
+    page.mouse.move(*at(8, 2))
+    page.mouse.down()
+    page.mouse.move(*at(4, 9), steps=3)
+    page.mouse.up()
+    page.evaluate("window.late = 1500")
+    press(page, "Make plan")
+    page.get_by_role("button", name="Planning … 1 s").wait_for()
+    assert page.get_by_role("dialog").get_attribute("aria-busy") == "true"
+    page.evaluate("window.late = 0")
+    page.get_by_role("dialog").wait_for(state="hidden")

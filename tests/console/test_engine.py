@@ -15,7 +15,7 @@ from rovtwin.console.engine import engine as module
 from rovtwin.console.engine import flights, ticker, vessel
 from rovtwin.console.engine.bridge import Bridge
 from rovtwin.console.engine.helm import Helm
-from rovtwin.console.engine.state import plan_told
+from rovtwin.console.engine.state import Changes, plan_told
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LogError
 from rovtwin.core.flow import Command
@@ -84,7 +84,7 @@ class FakeYard:
 
     def __init__(self, wanted, speed, say):
         self.clock, self.speed, self.told = Clock(speed), speed, []
-        self._made = None
+        self._made = self.step = None
 
     def begin(self):
         link, ears = FakeLink(self.told), SimpleNamespace(read=list, drain=lambda: None, zero=0.0)
@@ -468,3 +468,36 @@ def test_the_console_does_not_begin_with_a_mission_that_cannot_be_flown():
     with pytest.raises(ConfigError, match=TOO_FAST):
         _require_flyable(scenario, "twin://")
     _require_flyable(scenario, "blueye://192.168.1.101,192.168.1.102")
+
+
+def test_what_is_made_ready_is_told_step_by_step(monkeypatch, tmp_path):
+    """First starts stood at one word for minutes: each step is told with its number and how long it takes so far."""
+    notes, steps = [], []
+
+    def say(stage, note):
+        notes.append((stage, note))
+        if yard.step is not None:
+            steps.append(yard.step.message())
+
+    def compiled():
+        yard._go_on(2)
+        time.sleep(0.02)
+        yard._go_on(3)
+        raise LinkError("no such vehicle")
+
+    yard = vessel.Shipyard(SimpleNamespace(is_twin=True, sensors=(), link="twin://"), 1.0, say)
+    monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(yard, "_compiled", compiled)
+    yard._make()
+    assert [(one["step"], one["of"], one["what"]) for one in steps[:3]] == [
+        (i + 1, 5, what) for i, what in enumerate(vessel.STEPS[:3])
+    ]
+    assert steps[2]["whole"] >= 0.02 > steps[2]["seconds"]
+    assert notes[1] == ("connecting", "compiling the autopilot (2 of 5)") and notes[-1] == ("lost", "no such vehicle")
+    assert yard.step is None
+
+
+def test_what_the_operator_asked_for_is_no_alarm():
+    changes = Changes()
+    assert changes.of("aborted", "operator") == ("warning", "aborted: operator")
+    assert changes.of("aborted", "leak") == ("danger", "aborted: leak")

@@ -1,11 +1,18 @@
 """Who may come in: every door of the server, from this machine and from others, by pages of ours and of others."""
 
+import asyncio
+import http.server
+import socket
+import threading
+import time
+from contextlib import contextmanager
+
 import pytest
 from tests.console.loops import ran
 
 pytest.importorskip("starlette", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
 
-from rovtwin.console.web.gate import COOKIE, Gate, Guard
+from rovtwin.console.web.gate import Gate, Guard, cookie_of
 
 HOME, AWAY, ELSEWHERE = "127.0.0.1:8800", "192.168.1.7:8800", "elsewhere.example"
 TOKEN = "a-token"
@@ -15,7 +22,7 @@ DOORS = (("http", "/"), ("http", "/stop"), ("websocket", "/live"), ("websocket",
 async def server(scope, receive, send):
     """Lets all in."""
     if scope["type"] == "http":
-        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
         await send({"type": "http.response.body", "body": b"come in"})
     else:
         await receive()
@@ -88,9 +95,134 @@ def test_another_machine_needs_the_token_once_and_then_has_a_cookie():
 def test_a_wrong_cookie_is_none():
     gate = Gate("0.0.0.0", TOKEN)
     for wrong in ("wrong", "wr\u00f6ng", ""):
-        assert open_doors(gate, AWAY, cookie=f"{COOKIE}={wrong}") == 0
+        assert open_doors(gate, AWAY, cookie=f"{cookie_of(AWAY)}={wrong}") == 0
 
 
 def test_no_other_page_may_show_the_console_within_itself():
     _, headers = knock(Gate("127.0.0.1", None), ("http", "/"), HOME)
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
+    assert headers["referrer-policy"] == "no-referrer"
+
+
+def test_consoles_at_two_ports_of_a_machine_have_a_cookie_each():
+    """Cookies know no ports: the second would take the first one's away."""
+    names = {cookie_of(host) for host in (AWAY, "192.168.1.7:8801", "[::1]:8802", "192.168.1.7")}
+    assert len(names) == 4 and not any(set(name) & set(":;=[] ") for name in names)
+
+
+@pytest.mark.parametrize(
+    "query, rest", [("", ""), ("&run=a%20b%26", "?run=a+b%26"), ("&run=%22%3E%3Cscript%3E", "?run=%22%3E%3Cscript%3E")]
+)
+def test_the_token_is_left_behind_by_a_browser_and_by_no_program(query, rest):
+    gate, door = Gate("0.0.0.0", TOKEN), ("http", "/replay")
+    for accept in ("*/*", "application/yaml"):  # a program that asks for a file gets it
+        assert body(gate, door, f"token={TOKEN}{query}", accept) == "come in"
+    page = body(gate, door, f"token={TOKEN}{query}", "text/html,*/*;q=0.8")
+    assert f'url=/replay{rest}"' in page and TOKEN not in page
+    assert 'url=/elsewhere.example/"' in body(gate, ("http", "//elsewhere.example/"), f"token={TOKEN}", "text/html")
+    assert "come in" not in body(gate, door, f"token=wrong{query}", "text/html")
+
+
+def body(gate, door, query, accept):
+    """What is answered to a request."""
+    scope = {"type": door[0], "path": door[1], "query_string": query.encode(), "method": "GET"}
+    scope["headers"] = [(b"host", AWAY.encode()), (b"accept", accept.encode())]
+    sent = []
+
+    async def receive():
+        return {"type": "http.request"}
+
+    async def send(message):
+        sent.append(message)
+
+    ran(Guard(server, gate)(scope, receive, send))
+    return b"".join(message.get("body", b"") for message in sent).decode()
+
+
+PAGE = b"""<!doctype html><title>console</title><link rel="icon" href="data:,"><script>
+fetch('/stop', {method: 'POST'}).then(answer => { window.stop_answered = answer.status; });
+new WebSocket(`ws://${location.host}/live`).onopen = () => { window.live_opened = true; };
+</script>"""
+
+
+async def console(scope, receive, send):
+    """A page that does what the console's does: STOP by a request, and a socket."""
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.accept"})
+        await receive()
+    elif scope["type"] == "http":
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
+        await send({"type": "http.response.body", "body": PAGE if scope["path"] == "/" else b""})
+
+
+@contextmanager
+def guarded():
+    """The page behind a guard with a token, at a free port."""
+    uvicorn = pytest.importorskip("uvicorn")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    guard = Guard(console, Gate("0.0.0.0", TOKEN))
+    config = uvicorn.Config(guard, port=port, lifespan="off", log_level="error", ws="wsproto")
+    serving = uvicorn.Server(config)
+    thread = threading.Thread(target=lambda: asyncio.run(serving.serve()), daemon=True)
+    thread.start()
+    while not serving.started:
+        time.sleep(0.01)
+    yield port
+    serving.should_exit = True
+    thread.join(5.0)
+
+
+class Elsewhere(http.server.BaseHTTPRequestHandler):
+    """A page of another site with a link to the console, as a chat in the browser has one."""
+
+    link = ""
+
+    def do_GET(self):
+        self.send_response(200)
+        self.send_header("content-type", "text/html")
+        self.end_headers()
+        self.wfile.write(f'<!doctype html><a href="{self.link}">console</a>'.encode())
+
+    def log_message(self, *_):
+        pass
+
+
+@contextmanager
+def elsewhere(link):
+    """Its address; another host than the console's, and so another site."""
+    other = http.server.ThreadingHTTPServer(("127.0.0.1", 0), type("Linking", (Elsewhere,), {"link": link}))
+    threading.Thread(target=other.serve_forever, daemon=True).start()
+    yield f"http://localhost:{other.server_port}/"
+    other.shutdown()
+
+
+@pytest.mark.parametrize("come_by", ["typing", "a link on another site"])
+def test_in_a_browser_the_token_leaves_the_address_and_everything_works(browser, come_by):
+    with guarded() as port:
+        context = browser.new_context()
+        page, clean = context.new_page(), f"http://127.0.0.1:{port}/"
+        page.set_default_timeout(15_000)
+        asked = []
+        page.on("request", lambda request: asked.append((request.url, request.headers.get("referer", ""))))
+        with elsewhere(f"{clean}?token={TOKEN}") as other:
+            if come_by == "typing":
+                page.goto(f"{clean}?token={TOKEN}")
+            else:
+                page.goto(other)
+                page.click("a")
+            page.wait_for_url(clean)
+        page.wait_for_function("() => window.stop_answered === 200 && window.live_opened")
+        assert not any(TOKEN in referer for _, referer in asked)
+        cookies = context.cookies()
+        assert [(one["httpOnly"], one["sameSite"]) for one in cookies] == [(True, "Strict")]
+        page.reload()
+        page.wait_for_function("() => window.stop_answered === 200 && window.live_opened")
+        page.go_back()
+        assert TOKEN not in page.url
+        stranger = browser.new_context().new_page()
+        assert stranger.goto(clean).status == 403
+        stranger.context.close()
+        context.close()

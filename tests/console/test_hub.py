@@ -2,10 +2,11 @@
 
 import asyncio
 import json
-import threading
+import os
 import time
 
 import pytest
+from tests.console import errands
 from tests.console.loops import ran
 
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
@@ -13,8 +14,11 @@ pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'r
 
 from starlette.websockets import WebSocketDisconnect
 
+from rovtwin.console.planning import MOST
 from rovtwin.console.web import browser, drafting, hub, sockets
+from rovtwin.console.web.app import LARGEST
 from rovtwin.console.wire import Place, encode
+from rovtwin.core import files
 from rovtwin.core.errors import LinkError
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
@@ -48,6 +52,7 @@ class FakeClient:
 @pytest.fixture
 def desk(tmp_path, monkeypatch):
     monkeypatch.setattr(hub, "Client", FakeClient)
+    monkeypatch.setattr(hub, "PATIENCE", 300.0)  # tests may run on a machine that is busy
     return hub.Hub(Place(tmp_path), load_scenario("lawnmower_calm"))
 
 
@@ -105,6 +110,7 @@ def test_junk_is_refused_with_an_answer(desk, text):
 def test_plans_are_laid_for_the_vehicle_that_is_flown(tmp_path, monkeypatch):
     """Faster than the Double Blueye could, also where the scenario describes the vehicle itself."""
     monkeypatch.setattr(hub, "Client", FakeClient)
+    monkeypatch.setattr(hub, "PATIENCE", 300.0)
     described = load_vehicle("sf30k").to_dict()
     desk = hub.Hub(Place(tmp_path), load_scenario("square").model_copy(update={"vehicle": described}))
     assert desk.plan()["own"] == {"speed": 0.4, "acceptance": 0.8}  # which the chart's form begins with
@@ -132,16 +138,9 @@ def test_only_who_is_in_control_gives_orders_and_anybody_stops(desk):
     assert obey(desk, other, {"id": 1, "do": "stop"})["ok"] and desk.client.did("stop") == 1
 
 
-def test_stop_does_not_wait_behind_a_large_file(desk, monkeypatch):
-    """A file that takes seconds to read is read in a thread."""
-
-    stopped = threading.Event()
-
-    def slow(text):
-        assert stopped.wait(10.0)
-        return [{"x": 1.0, "y": 2.0}]
-
-    monkeypatch.setattr(drafting, "rows_of", slow)
+def test_stop_does_not_wait_behind_a_file_that_is_read(desk, monkeypatch):
+    """By a process of its own: a thread that parses would let the server's own go on every now and then only."""
+    monkeypatch.setattr(drafting, "rows_of", errands.read_slowly)
 
     async def press():
         page = desk.come("b1")
@@ -149,11 +148,56 @@ def test_stop_does_not_wait_behind_a_large_file(desk, monkeypatch):
         await asyncio.sleep(0.02)
         await desk.obey(page, '{"do": "stop"}')
         assert desk.client.did("stop") == 1 and not reading.done()
-        stopped.set()
         await reading
-        assert len(desk.draft.rows) == 1
+        assert [row["x"] for row in desk.draft.rows] != [os.getpid()]
+        desk._worker.close()
 
     ran(press())
+
+
+def test_a_file_that_is_too_large_is_refused_with_the_limit(desk):
+    page = desk.come("b1")
+    large = "waypoints: []" + " " * files.MOST_UPLOAD
+    answer = obey(desk, page, {"id": 1, "do": "plan", "op": "import", "text": large})
+    assert not answer["ok"] and answer["error"] == "the file: found 100 kB, expected at most 100 kB"
+    assert len(json.dumps({"text": "\n" * files.MOST_UPLOAD})) < LARGEST  # what is allowed reaches the server
+
+
+def test_a_plan_as_long_as_can_be_is_a_file_that_can_be_read_again(desk):
+    row = {"x": -1234.567, "y": 1234.567, "depth": 123.456, "speed": 0.123, "acceptance": 0.123}
+    desk.draft.load([row | {"hold_time": 12.5, "heading_deg": -123.5, "altitude": 1.25}] * MOST)
+    assert len(desk.draft.as_yaml().encode()) < files.MOST_UPLOAD
+
+
+def test_a_flood_of_orders_is_answered_and_stop_among_them(desk, monkeypatch):
+    """Of changes to a plan only the newest is checked; what comes while too many wait is refused at once."""
+    checking = asyncio.Event()
+
+    async def slow(do, /, **what):
+        desk.client.given.append((do, time.monotonic()))
+        await checking.wait()
+        return {"ok": True}
+
+    monkeypatch.setattr(desk.client, "ask", slow)
+
+    async def flood():
+        page = desk.come("b1")
+        said(page)
+        orders = [{"id": i, "do": "plan", "op": "add", "x": float(i), "y": 0.0} for i in range(100)]
+        tasks = [asyncio.create_task(desk.obey(page, json.dumps(order))) for order in orders]
+        await asyncio.sleep(0.01)
+        await desk.obey(page, '{"id": "stop", "do": "stop"}')
+        early = {reply["id"]: reply for reply in said(page) if reply["kind"] == "reply"}
+        assert early["stop"]["ok"] and len(early) == 1 + 100 - hub.AT_ONCE
+        assert all("wait already" in reply["error"] for number, reply in early.items() if number != "stop")
+        checking.set()
+        await asyncio.gather(*tasks)
+        late = [reply for reply in said(page) if reply["kind"] == "reply"]
+        assert len(late) == hub.AT_ONCE == len(desk.draft.rows) and all(reply["ok"] for reply in late)
+        assert desk.client.did("check") <= 2
+        desk._worker.close()
+
+    ran(flood())
 
 
 def test_an_order_that_waited_in_the_network_is_not_given(desk):
@@ -225,7 +269,7 @@ class FakeSocket:
         await asyncio.sleep(0.02 if self._closes else 60.0)
         raise WebSocketDisconnect(1001)
 
-    async def close(self, code):
+    async def close(self, code, reason=""):
         if self._closes:
             raise self._closes
         self.closed = code
@@ -261,6 +305,66 @@ def test_the_socket_of_a_page_that_takes_nothing_is_closed(desk):
     assert socket.closed == 1013 and desk._browsers == []
 
 
+def test_a_page_that_says_too_much_is_read_more_slowly(desk, monkeypatch):
+    monkeypatch.setattr(sockets, "PACE", 100)
+    monkeypatch.setattr(sockets, "BURST", 0.2)
+    socket = FakeSocket()
+
+    async def chatter():
+        await asyncio.sleep(0.0)
+        return '{"do": "alive"}'
+
+    async def listen():
+        page = desk.come("b1")
+        receiving = asyncio.create_task(sockets._receive(desk, socket, page))
+        began = time.monotonic()
+        await asyncio.sleep(0.5)
+        receiving.cancel()
+        return time.monotonic() - began
+
+    monkeypatch.setattr(socket, "receive_text", chatter)
+    seconds = ran(listen())
+    assert 20 <= desk.client.did("alive") <= 100 * (seconds + 0.2) + 2
+
+
+@pytest.fixture
+def full(desk, monkeypatch):
+    """As many pages as there may be, and one more comes; their sockets, and that of the last."""
+    monkeypatch.setattr(sockets, "MOST_PAGES", 3)
+
+    def come(silent):
+        async def run():
+            first = [FakeSocket() for _ in range(3)]
+            serving = [asyncio.create_task(sockets.serve(desk, socket)) for socket in first]
+            await asyncio.sleep(0.01)
+            for browser_, seconds in zip(desk._browsers, silent, strict=True):
+                browser_._spoke_at = time.monotonic() - seconds
+            last = FakeSocket()
+            serving.append(asyncio.create_task(sockets.serve(desk, last)))
+            await asyncio.sleep(0.05)
+            ended = [task.done() for task in serving]
+            for task in serving:
+                task.cancel()
+            await asyncio.gather(*serving, return_exceptions=True)
+            return [socket.closed for socket in (*first, last)], ended
+
+        return ran(run())
+
+    return come
+
+
+def test_one_page_too_many_is_turned_away(full):
+    closed, ended = full([0.0, sockets.GONE / 2, 1.0])
+    assert closed == [None, None, None, sockets.LATER] and ended == [False, False, False, True]
+    assert not sockets._pages
+
+
+def test_the_most_silent_page_gives_way_to_a_new_one(full):
+    """Pages say something five times a second: connections that nobody is behind keep no operator out."""
+    closed, ended = full([0.0, 2 * sockets.GONE, sockets.GONE + 1.0])
+    assert closed == [None, sockets.LATER, None, None] and ended == [False, True, False, False]
+
+
 def test_nobody_in_control_is_said(desk):
     one, other = desk.come("b1"), desk.come("b2")
     desk.leave(one)
@@ -281,3 +385,10 @@ def test_an_engine_that_refuses_is_quoted(desk, monkeypatch):
     page = desk.come("b1")
     monkeypatch.setattr(desk.client, "ask", refuse)
     assert obey(desk, page, {"id": 1, "do": "start"})["error"] == "not armed"
+
+
+def test_pages_of_replays_hear_how_long_nobody_is_in_control(desk):
+    desk.client.last["state"] = {"armed": True, "phase": "go", "operator_age": 7.0, "eta": [0.0] * 6}
+    desk.client.last["setup"] = {"operator_silent": {"limit": 60.0, "action": "hold"}, "thrusters": []}
+    rule = {"limit": 60.0, "action": "hold"}
+    assert desk.attended() == {"armed": True, "phase": "go", "operator_age": 7.0, "operator_silent": rule}

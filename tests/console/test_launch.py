@@ -1,8 +1,10 @@
 """Finding, starting and ending engines: which process is one, and which only has its number."""
 
 import fcntl
+import importlib
 import json
 import os
+import signal
 import socket
 import tempfile
 import threading
@@ -14,6 +16,7 @@ from rovtwin.console import launch
 from rovtwin.console.engine import __main__ as begin
 from rovtwin.console.wire import LONGEST, Place
 from rovtwin.core.errors import ConfigError
+from rovtwin.scenario.files import load_scenario
 
 
 @pytest.fixture
@@ -82,6 +85,50 @@ def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):
         with pytest.raises(ConfigError, match=f"{port}: cannot be served at"):
             console(port=port, browser=False)
     assert done == []
+
+
+def test_sigterm_ends_the_autopilot_as_ctrl_c_does(monkeypatch, tmp):
+    """From systemd and docker. Without a handler the process would be gone before it ended anything."""
+    pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
+    module = importlib.import_module("rovtwin.cli.console")
+    from rovtwin.console.web import app
+
+    def serve(*_):
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    done = []
+    monkeypatch.setattr(launch, "start", lambda *_: done.append("start"))
+    monkeypatch.setattr(launch, "end", lambda *_: done.append("end"))
+    monkeypatch.setattr(app, "build", lambda *_: None)
+    monkeypatch.setattr(module, "_serve", serve)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with pytest.raises(SystemExit) as ended:
+        module.console(port=port, browser=False)
+    assert ended.value.code == 0 and done == ["start", "end"]
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_an_engine_whose_start_is_interrupted_is_ended(monkeypatch, place):
+    """By Ctrl-C, or SIGTERM: it would be there with nobody who knows of it."""
+    ended = []
+
+    class Starting:
+        def __init__(self, *_, **__):
+            pass
+
+        def poll(self):
+            raise KeyboardInterrupt
+
+        def kill(self):
+            ended.append(self)
+
+    monkeypatch.setattr(launch.subprocess, "Popen", Starting)
+    with pytest.raises(KeyboardInterrupt):
+        launch.start(place, load_scenario("square"), "twin://", [], 1.0, place.folder)
+    assert len(ended) == 1
 
 
 def test_a_free_port_is_free_and_stays_so():

@@ -94,3 +94,82 @@ def test_a_plan_that_was_changed_is_not_started_before_it_is_submitted(table):
 def test_one_way_point_is_one(table):
     assert table((0, 0)).inner_text("#plan-summary").startswith("1 way-point; ")
     assert table((0, 0), (4, 0)).inner_text("#plan-summary").startswith("2 way-points, ")
+
+
+FAULTS = [
+    {"level": "error", "what": "way-point 2: found 120 m deep, expected less than 100 m", "points": [1]},
+    {"level": "warning", "what": "way-points 1 to 3: faster than thrusters keep up"},
+    {"level": "ok", "what": "nothing in it is beyond the vehicle"},
+]
+
+
+def test_faults_stand_on_their_rows_and_lead_there(table):
+    page = table((0, 0), (1, 0), (2, 0), checks=FAULTS)
+    rows = page.locator("#plan tbody tr")
+    assert rows.evaluate_all("rows => rows.map(row => row.className)") == ["warning", "error", "warning"]
+    assert "120 m deep" in rows.nth(1).get_attribute("title") and "faster" in rows.nth(1).get_attribute("title")
+    shown = page.locator("#plan .checks li")
+    assert shown.evaluate_all("lines => lines.map(line => line.className)") == [
+        "error",
+        "warning",
+    ]  # nothing green beside
+    page.get_by_role("button", name="Go to way-point 2").click()
+    assert cell(page, "North [m]", 2).evaluate("one => one === document.activeElement")
+
+
+def test_what_was_not_checked_is_not_green(table):
+    page = table()
+    empty = page.locator("#plan .checks li")
+    assert empty.inner_text() == "Nothing to check: the plan is empty." and empty.get_attribute("class") == "note"
+    page = table((0, 0), checks=[{"level": "error", "what": "no vehicle yet (connecting)"}])
+    page.evaluate("message => window.emit(message)", messages.state(eta=None))
+    assert page.locator("#plan .checks li").get_attribute("class") == "note"
+
+
+def test_times_are_minutes_and_seconds(table):
+    page = table((0, 0), (1, 0), seconds=135.4)
+    assert "2:15 min at these speeds" in page.inner_text("#plan-summary")
+
+
+def test_undo_redo_and_delete_have_their_keys(table):
+    page = table((0, 0), (1, 0), undo=True, redo=True)
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+Shift+Z")
+    page.keyboard.press("Control+y")
+    page.get_by_role("button", name="Move way-point 2 up").focus()
+    page.keyboard.press("Delete")
+    cell(page, "North [m]", 1).fill("7")
+    page.keyboard.press("Control+z")  # of what is being typed
+    cell(page, "North [m]", 2).focus()
+    page.keyboard.press("Control+z")
+    assert [(m["op"], m.get("i")) for m in page.evaluate("window.sent") if m["op"] != "edit"] == [
+        *(("undo", None), ("redo", None), ("redo", None)), ("delete", 1), ("undo", None)
+    ]  # fmt: skip
+
+
+def test_question_mark_shows_the_keys_and_takes_them_away(table):
+    page = table((0, 0))
+    page.keyboard.press("?")
+    assert "undo the last change" in page.locator("#help").inner_text()
+    assert "play or pause" not in page.locator("#help").inner_text()  # there is no time line
+    page.keyboard.press("?")
+    assert page.locator("#help").count() == 0
+
+
+def test_a_long_plan_has_its_fields_where_it_is_looked_at(table):
+    """All of them at once took the browser 1.6 s, in which STOP could not be pressed."""
+    places = [(i % 40, i // 40) for i in range(512)]
+    page = table(*places, checks=[{"level": "error", "what": "way-point 500: too deep", "points": [499]}])
+    page.evaluate("""() => { document.querySelector('#plan .table').style.cssText = 'height: 300px; flex: none';
+      document.querySelector('#plan').className = 'form'; }""")
+    page.wait_for_timeout(100)
+    rows = page.locator("#plan tbody tr")
+    assert rows.count() == 512 and rows.nth(499).get_attribute("class") == "error"
+    assert page.locator("#plan .cell-input").count() < 512
+    assert rows.nth(300).inner_text().endswith("20, 7, 3 m; 0.2 m/s")
+    page.get_by_role("button", name="Go to way-point 500").click()
+    assert cell(page, "North [m]", 500).evaluate("one => one === document.activeElement")
+    cell(page, "Depth [m]", 505).fill("2")  # beside it, in sight
+    cell(page, "Depth [m]", 505).press("Tab")
+    assert page.evaluate("window.sent.at(-1)") == {"do": "plan", "op": "edit", "i": 504, "depth": 2}
+    assert page.locator("#plan .cell-input").count() < 6 * 100

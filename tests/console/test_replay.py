@@ -129,7 +129,7 @@ def test_log_without_estimate_shows_truth_or_else_what_was_measured(tmp_path):
 
 
 def test_plan_and_setup_are_those_of_the_scenario(recording):
-    rows = [(row["x"], row["y"], row["depth"], row["speed"]) for row in recording.plan()["flown"]]
+    rows = [(row["x"], row["y"], row["depth"], row["speed"]) for row in recording.plan(0)["flown"]]
     assert rows == [(0.6, 0.0, 0.5, 0.3), (0.6, 0.5, 0.5, 0.3)]
     setup = recording.setup()
     assert setup["vehicle"] == "double_blueye" and len(setup["thrusters"]) == 6 and setup["twin"]

@@ -80,7 +80,7 @@ def track_of(page):
 
 def test_slider_moves_bar_events_and_track(page):
     scrub(page, 30.0)
-    assert page.locator("#fact-time").inner_text().startswith("30.0 s")
+    assert page.locator("#fact-time").inner_text().startswith("0:30")
     assert page.locator("#fact-link").inner_text() == "short"
     shown = page.locator("#events li:not([hidden])")
     texts = shown.all_inner_texts()

@@ -1,5 +1,6 @@
 """Tests flown from the console: what their operator is told, when thrusters may run, what is logged and read again."""
 
+import itertools
 import json
 
 import numpy as np
@@ -12,6 +13,7 @@ from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.trial_helm import TrialHelm
 from rovtwin.console.engine.world import WorldLink
 from rovtwin.core.datum import datum_of
+from rovtwin.core.flow import PHASES, REASONS, Measurement
 from rovtwin.core.log import Log
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.scenario.composition import compose
@@ -105,6 +107,28 @@ def test_trial_helm_rests_until_started_and_after_an_abort_begins_anew(helm, com
     assert np.abs(helm.tick((), quiet).u).max() > 0.3
     helm.idle()
     assert not np.any(helm.tick((), quiet).u) and helm.is_idle
+
+
+def test_what_ended_first_is_how_a_test_ended(helm, composed, scenario):
+    """Minutes after a test the computer may be busy: it is no longer the test's."""
+
+    sizes, now = {"position": 2, "pressure": 1, "attitude": 3, "gyro": 3}, itertools.count()
+
+    def ticks(count, late=0.0):
+        for _ in range(count):
+            t = next(now) * scenario.control_dt
+            helm.tick([Measurement(name, np.zeros(n), t) for name, n in sizes.items()], (0.0, 0.0, late))
+        return PHASES[int(helm.output.setpoint.phase)], REASONS[int(helm.output.setpoint.reason)]
+
+    helm.restart(composed.start)
+    helm.start()
+    assert ticks(202) == ("finished", "")
+    assert ticks(150, late=100.0) == ("finished", "") and helm.is_over
+    helm.start()
+    ticks(10)
+    assert ticks(100, late=100.0) == ("aborted", "deadline missed")
+    assert ticks(300) == ("aborted", "deadline missed"), "the time of the test went on"
+    helm.idle()
 
 
 def test_flown_test_is_logged_on_its_own_clock_and_cut_where_a_hand_held(helm, composed, scenario, tmp_path):

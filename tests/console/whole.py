@@ -14,7 +14,8 @@ from pathlib import Path
 from rovtwin.console.launch import end
 from rovtwin.console.wire import Place
 
-READY = 120_000  # the autopilot is compiled first [ms]
+READY = 240_000  # the autopilot is compiled first, beside others on a busy machine [ms]
+SERVED = 180.0  # until a page is served there [s]
 SOON = 15_000
 
 
@@ -77,7 +78,7 @@ def opened(browser, served, width=1366, height=768):
     page.on("console", lambda message: page.complaints.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: page.complaints.append(error.stack or str(error)))
     page.on("request", lambda request: page.asked.add(request.url.split("/")[2].split(":")[0]))
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + SERVED
     while True:
         try:
             page.goto(served.url, wait_until="domcontentloaded")

@@ -12,8 +12,9 @@ from rovtwin.identification.joint.estimate import estimate
 from rovtwin.identification.joint.nodes import FADES
 from rovtwin.identification.joint.options import MOST_SEGMENTS, Options
 from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.segments import cut
-from rovtwin.identification.judgement.remarks import about_segments
+from rovtwin.identification.joint.segments import EFFECTS, cut
+from rovtwin.identification.joint.unmodelled import Effects, known_of
+from rovtwin.identification.judgement.remarks import about_effects, about_segments
 from rovtwin.report.identification_tables import disturbance_table
 from rovtwin.vehicle import load_vehicle
 
@@ -62,6 +63,46 @@ def test_with_an_exact_model_nothing_pushes(pushed):
     std = np.sqrt(np.diag(exact.covariance))
     assert np.all(std < 0.3 * pushed.std), "water that moves makes intervals wide"
     assert np.all(np.abs(exact.unknowns.theta) < 3.0 * std), "the file's values"
+    assert np.all(np.abs(exact.effects.size) < 3.0 * exact.effects.std)
+    assert np.all(exact.effects.std < 0.01), "nothing is late, and nothing lost"
+
+
+def test_drag_that_comes_late_is_named_and_covered(pushed):
+    """Drag that the tests show is not that of a steady speed."""
+    shooting = copy(pushed.problem.shooting)
+    shooting.segments = cut([log_of(Broken(memory=0.3, lag=0.6))], pushed.problem.segments.grid)
+    problem = Problem(shooting, pushed.prior)
+    found = estimate(problem)
+    effects = found.effects
+    assert 0.1 < effects.size[0] < 0.4 and effects.size[0] > 5.0 * effects.std[0]
+    assert 0.1 < effects.size[1] < 0.4 and effects.size[1] > 5.0 * effects.std[1]
+    assert np.all(np.abs(found.unknowns.theta) < 1.96 * np.sqrt(np.diag(found.covariance)))
+    lines = " ".join(about_effects(pushed.parameters, found))
+    assert "drag in translation that comes late" in lines and "of the quadratic drag" in lines
+
+
+def test_what_is_a_parameter_already_is_no_effect(pushed):
+    """An effect with the very force of a parameter: the tests know nothing of it, and it moves that one alone."""
+    problem, here, noise = pushed.problem, pushed.solution.unknowns, pushed.solution.noise
+    k = pushed.parameters.names.index("quadratic_damping.surge")
+    path = problem.shooting.trajectories(here.theta, here.nodes, problem.segments.arrays)
+    u = np.asarray(path.nu)[..., 0]
+    drag = float(np.asarray(pushed.parameters.model_at(here.theta)[0].quadratic_damping_ahead)[0, 0])
+    loads = np.zeros((*u.shape, 6, EFFECTS))
+    loads[..., 0, 0] = -drag * u * np.abs(u)
+    arrow = problem.assembled(problem.blocks(here, noise), here, noise)
+    found = known_of(problem, here, noise, arrow, loads, np.ones(EFFECTS))
+    # Beforehand it is 1; forces between grid points, as of an effect and of a parameter, differ by parts in a million.
+    assert 0.3 < found.std[0] <= 1.0 and found.std[1:] == pytest.approx(1.0)
+    assert found.shift[:, 0] == pytest.approx(-1.0 * (np.arange(3) == k), abs=0.15), "the prior holds it back a little"
+
+
+def test_no_effect_makes_an_interval_wider_than_the_prior():
+    effects = Effects(("drag",), np.array([2.0]), np.array([[0.01]]), np.array([[1.0], [-0.1]]))
+    square = 2.0**2 + 0.1**2
+    np.testing.assert_allclose(np.diag(effects.of_theta(np.ones(2))), [1.0, 0.01 * square])
+    np.testing.assert_allclose(effects.of_theta(np.ones(2))[0, 1], -0.1 * np.sqrt(square))
+    assert Effects.none(2).of_theta(np.ones(2)).shape == (2, 2) and not Effects.none(2).of_theta(np.ones(2)).any()
 
 
 def test_starts_that_are_measured_go_without(pushed):

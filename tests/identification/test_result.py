@@ -19,6 +19,7 @@ from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.estimate import Solution
 from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.problem import Noise, Unknowns
+from rovtwin.identification.joint.unmodelled import Effects
 from rovtwin.identification.judgement.validation import Prediction
 from rovtwin.identification.judgement.verdict import Blind
 from rovtwin.identification.judgement.whiteness import Residuals
@@ -85,7 +86,10 @@ def found(run):
     offsets = {"gyro": 1e-3 * rng.standard_normal(3), "depth": np.zeros(1)}
     unknowns = Unknowns(theta, np.concatenate(list(offsets.values())), nodes)
     noise = Noise(rng.uniform(size=4), rng.uniform(size=18))
-    solution = Solution(unknowns, noise, covariance, np.eye(n), np.full(4, 1e-3), np.ones(n), 4, True, 7, 1234.5678)
+    effects = Effects(("drag", "loss"), rng.standard_normal(2), np.eye(2) / 3, rng.standard_normal((n, 2)))
+    solution = Solution(
+        unknowns, noise, covariance, np.eye(n), np.full(4, 1e-3), np.ones(n), 4, True, 7, 1234.5678, effects=effects
+    )
     left = Residuals(np.arange(5) / 3, np.zeros(5, int), rng.standard_normal(5), 0.1 / 3, np.zeros(25), 0.05, 1.0)
     return replace(
         run, theta=theta, covariance=covariance, solution=solution, offsets=offsets, residuals={"gyro.p": left},

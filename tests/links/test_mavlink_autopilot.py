@@ -9,7 +9,7 @@ from tests.conftest import shared_folder
 
 from rovtwin.core.datum import Datum
 from rovtwin.links.mavlink.autopilot import Autopilot
-from rovtwin.links.mavlink.guided import Order, order_of_global, order_of_local
+from rovtwin.links.mavlink.guided import Order, order_of_attitude, order_of_global, order_of_local
 from rovtwin.links.mavlink.modes import MODES
 from rovtwin.links.mavlink.parameters import Parameters
 from rovtwin.links.mavlink.pilot import (
@@ -301,6 +301,35 @@ def test_set_points_count_in_guided_only(pilot):
     assert not pilot.obey(Order(target=HERE), 0.0) and pilot.wish(0.0).target is None
 
 
+def attitude(roll=0.0, pitch=0.0, yaw=0.0, thrust=0.5, mask=0):
+    (cf, ct, cp), (sf, st, sp) = np.cos(np.array([roll, pitch, yaw]) / 2), np.sin(np.array([roll, pitch, yaw]) / 2)
+    w, x = cf * ct * cp + sf * st * sp, sf * ct * cp - cf * st * sp
+    y, z = cf * st * cp + sf * ct * sp, cf * ct * sp - sf * st * cp
+    return SimpleNamespace(q=[float(v) for v in (w, x, y, z)], thrust=thrust, type_mask=mask)
+
+
+def test_attitude_turns_and_dives():
+    here = (0.0, 0.0, 2.0, 3.0)
+    order = order_of_attitude(attitude(yaw=-3.0, thrust=0.25), here, 0.3)  # over the seam: to the right
+    np.testing.assert_allclose(order.velocity, (0.0, 0.0, 0.15, math.tau - 6.0), atol=1e-9)
+    assert order_of_attitude(attitude(roll=0.05, pitch=-0.05), here, 0.3).velocity is not None
+    for wrong in (
+        *(attitude(roll=0.2), attitude(pitch=-0.2), attitude(thrust=math.nan), attitude(mask=64), attitude(mask=128)),
+        SimpleNamespace(q=[0.0] * 4, thrust=0.5, type_mask=0),
+        SimpleNamespace(q=[math.nan] * 4, thrust=0.5, type_mask=0),
+    ):
+        assert order_of_attitude(wrong, here, 0.3).refusal
+    assert order_of_attitude(attitude(), None, 0.3).refusal
+
+
+def test_a_refusal_is_said_once_and_again_after_it_went_well(pilot, said):
+    armed(pilot, 4)
+    count = len(said)
+    for order in (Order(refusal="no"), Order(refusal="no"), Order(target=HERE), Order(refusal="no")):
+        pilot.obey(order, 0.0)
+    assert said[count:] == ["Set-point refused: no"] * 2
+
+
 def test_places_need_a_place():
     assert order_of_local(local(), None, None).refusal
 
@@ -310,12 +339,12 @@ def test_global_place():
     message = SimpleNamespace(
         coordinate_frame=6, type_mask=PLACE_ONLY, lat_int=634501000, lon_int=103600000, alt=-4.0, yaw=0.0
     )
-    order = order_of_global(message, HERE, None, datum)
+    order = order_of_global(message, HERE, None, datum, datum.height)
     np.testing.assert_allclose(order.target[:3], (11.15, 0.0, 4.0), atol=0.05)
     message.lat_int = 2**31 - 1
-    assert order_of_global(message, HERE, None, datum).refusal
+    assert order_of_global(message, HERE, None, datum, datum.height).refusal
     message.coordinate_frame, message.alt = 5, math.nan
-    assert order_of_global(message, HERE, None, datum).refusal
+    assert order_of_global(message, HERE, None, datum, datum.height).refusal
 
 
 @pytest.mark.parametrize(("name", "value"), [("SYSID_THISMAV", 2), ("FS_PILOT_TIMEOUT", math.nan), ("NO", 1)])

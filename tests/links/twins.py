@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from rovtwin.links import apart
 from rovtwin.links.server import Server
 from rovtwin.scenario.pace import Pace
 from rovtwin.scenario.serving.host import ServedVehicle
 from rovtwin.scenario.serving.protocols import places_of, servers_of, world_for
 from rovtwin.scenario.serving.serve import serve
+from rovtwin.scenario.trimmed import trimmed
 
 
 def free_port() -> int:
@@ -93,7 +95,7 @@ def twin_served(
     log: Path | None = None,
 ) -> Iterator[ServedTwin]:
     """A served twin until the block is left."""
-    scenario = world_for(what, overrides, None)
+    scenario, _ = trimmed(world_for(what, overrides, None))
     twin = ServedTwin(ServedVehicle(scenario), speed)
     servers = [*servers_of(protocols, scenario, twin.vehicle, places_of(protocols, addresses)), *more]
     over = threading.Event()
@@ -107,7 +109,7 @@ def twin_served(
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + apart.STARTING + 10.0
         while len(twin.said) < len(servers) and not twin.failed and time.monotonic() < end:
             time.sleep(0.02)
         assert not twin.failed, twin.failed

@@ -16,6 +16,7 @@ from rovtwin.scenario.flight import fly
 from rovtwin.scenario.plan_survey import SurveyRequest, lay_out, survey_picture, write_survey
 from rovtwin.scenario.schema.mission import LONGEST
 from rovtwin.survey.energy import budget, thruster_powers
+from rovtwin.survey.pace import line_speed, top_of_lines
 from rovtwin.survey.room import Swath
 from rovtwin.vehicle import load_vehicle
 
@@ -46,6 +47,15 @@ def test_a_speed_that_was_asked_for_is_flown_by_a_vehicle_with_another_of_its_ow
     scenario = load_scenario(tmp_path / "mine.yaml")
     flown = fitted(scenario, load_vehicle("minerva").model())
     assert {w.speed for w in flown.waypoints} == {0.2} and flown.duration == scenario.duration
+
+
+@pytest.mark.parametrize("vehicle", ["double_blueye_thesis", "bluerov2", "blueye_x3", "minerva", "torpedo"])
+def test_lines_begin_with_a_speed_that_the_vehicle_has(vehicle):
+    """The thesis's vehicle has 0.17 m/s with half of its thrust, and 0.2 m/s of its own."""
+    model = load_vehicle(vehicle).model()
+    survey = lay_out(SurveyRequest(POOL, Swath(1.6), heading_deg=0.0, vehicle=vehicle))
+    assert 0.0 < survey.plan.pace.speed <= line_speed(model) < top_of_lines(model)
+    lay_out(SurveyRequest(POOL, Swath(1.6), heading_deg=0.0, vehicle=vehicle, speed=line_speed(model)))
 
 
 def test_speed_acceptance_settling_and_clearance_are_the_vehicle_s_own(pool):

@@ -17,6 +17,7 @@ from rovtwin.campaign.store import Store, left_in
 from rovtwin.campaign.workers import Workers
 from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import whole
 from rovtwin.core.numerics import jax
 from rovtwin.scenario.composition import compose
 from rovtwin.scenario.interrupt import Interrupt
@@ -140,5 +141,6 @@ def run_campaign(
 def write_csv(session: Session) -> Path:
     """The table as `samples.csv` beside the Parquet file."""
     path = session.folder / "samples.csv"
-    pyarrow.csv.write_csv(session.table, path)
+    with whole(path) as beside:
+        pyarrow.csv.write_csv(session.table, beside)
     return path

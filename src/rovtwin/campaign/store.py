@@ -6,7 +6,8 @@ samples.parquet    all of them, when a session ends
 """
 
 import fcntl
-import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from rovtwin.campaign.rows import table_schema
 from rovtwin.campaign.schema import Campaign
 from rovtwin.core.config import read_yaml
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import cannot, whole, write_text
 from rovtwin.core.yamlfile import dump_yaml
 
 FREE = ("samples", "name", "description", "scatter")  # may change from one session to the next: no draw depends on them
@@ -50,6 +52,8 @@ class Store:
             raise ConfigError(f"{folder}: another process flies this campaign; wait for it, or stop it") from None
         try:
             require_same(folder, campaign)
+            for left in (*folder.glob(".*.part"), *self._parts.glob(".*.part")):
+                left.unlink()  # a session that was killed was writing it
             _keep_campaign(folder, campaign)
             self.done = set(self.table()["index"].to_pylist())
         except BaseException:
@@ -63,12 +67,17 @@ class Store:
         self._lock.close()
 
     def add(self, rows: list[dict[str, Any]]) -> None:
-        """Keep rows of samples that are flown; those that are there already stay as they are."""
+        """Keep rows of samples that are flown; those that are there already stay as they are.
+
+        Raises:
+            ConfigError: They cannot be written; what was kept before is.
+        """
         new = [row for row in rows if row["index"] not in self.done]
         if not new:
             return
         table = pa.Table.from_pylist(new, schema=self._schema)
-        _write_atomically(table, self._parts / f"{new[0]['index']:07d}-{len(new)}.parquet")
+        with self._keeping():
+            _write_atomically(table, self._parts / f"{new[0]['index']:07d}-{len(new)}.parquet")
         self.done |= {row["index"] for row in new}
 
     def table(self) -> pa.Table:
@@ -76,12 +85,26 @@ class Store:
         return read_table(self.folder, self._schema)
 
     def gather(self) -> pa.Table:
-        """The whole table, and the parts become one file."""
+        """The whole table, and the parts become one file.
+
+        Raises:
+            ConfigError: It cannot be written; the parts stay.
+        """
         table = self.table()
-        _write_atomically(table, self.folder / "samples.parquet")
+        with self._keeping():
+            _write_atomically(table, self.folder / "samples.parquet")
         for part in self._parts.glob("*.parquet"):
             part.unlink()
         return table
+
+    @contextmanager
+    def _keeping(self) -> Iterator[None]:
+        """A block that writes: when it can't, the error says what is kept all the same."""
+        try:
+            yield
+        except OSError as error:
+            kept = f"{len(self.done)} missions are kept in {self.folder}: the same command goes on from there"
+            raise ConfigError(f"{cannot(error)}. {kept}") from None
 
 
 def read_table(folder: Path, schema: pa.Schema) -> pa.Table:
@@ -96,11 +119,8 @@ def read_table(folder: Path, schema: pa.Schema) -> pa.Table:
 
 def _write_atomically(table: pa.Table, path: Path) -> None:
     """Under another name first: whoever reads finds a whole file or none."""
-    beside = path.with_name(f".{path.name}.writing")
-    pq.write_table(table, beside)
-    with beside.open("rb") as file:
-        os.fsync(file.fileno())
-    beside.replace(path)
+    with whole(path) as beside:
+        pq.write_table(table, beside)
 
 
 def left_in(folder: Path, campaign: Campaign) -> int:
@@ -136,10 +156,7 @@ def require_same(folder: Path, campaign: Campaign) -> None:
 
 def _keep_campaign(folder: Path, campaign: Campaign) -> None:
     """Write the campaign's file."""
-    text = dump_yaml(campaign.model_dump(mode="json") | {"made_with": __version__})
-    beside = folder / ".campaign.yaml.writing"
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(folder / "campaign.yaml")
+    write_text(folder / "campaign.yaml", dump_yaml(campaign.model_dump(mode="json") | {"made_with": __version__}))
 
 
 def _places(kept: dict[str, Any], mine: dict[str, Any], keys: list[str], most: int = 4) -> list[str]:

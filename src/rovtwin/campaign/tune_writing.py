@@ -12,6 +12,7 @@ from rovtwin.campaign.tune_cost import FAILED, TERMS
 from rovtwin.campaign.tune_flights import failures
 from rovtwin.campaign.tune_parameters import Space, value_of
 from rovtwin.campaign.tune_result import Tuned, terms_table
+from rovtwin.core.files import write_text
 from rovtwin.core.numerics import jax
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.report.tuning import Moved, TuningResult, write_tuning_report
@@ -54,7 +55,7 @@ def write_tuned(tuned: Tuned, folder: Path, report: bool = True) -> dict[str, Pa
     folder.mkdir(parents=True, exist_ok=True)
     files = {"autopilot": folder / "autopilot.yaml"}
     text = file_text(tuned)
-    files["autopilot"].write_text(text, encoding="utf-8")
+    write_text(files["autopilot"], text)
     if report:
         files["report"] = write_tuning_report(result_of(tuned, text), folder)
     return files

@@ -31,6 +31,7 @@ from rovtwin.cli.tune import tune
 from rovtwin.cli.vehicles import vehicle_app
 from rovtwin.cli.watch import watch
 from rovtwin.core.errors import RovtwinError
+from rovtwin.core.files import cannot
 
 app = typer.Typer(
     name="rovtwin",
@@ -117,5 +118,5 @@ def main() -> None:
         sys.exit(0)
     except OSError as error:
         # A folder that cannot be written, a name that is too long, a full disk: the system says what and where.
-        report_error(error, as_json="--json" in sys.argv)
+        report_error(type(error)(cannot(error)), as_json="--json" in sys.argv)
         sys.exit(2)

@@ -7,6 +7,7 @@ import typer
 
 from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.positioning.calibration import Calibration
@@ -40,7 +41,7 @@ def calibrate(
     result = calibrate(images, _board(board), positive(square, LENGTH, "--square"))
     source = f"{len(result.used)} pictures of a chessboard {board}, {square}; {result.rms:.3f} px rms"
     data = as_data(name, result.lens, source)
-    out.write_text(dump_yaml(data, default_flow_style=None), encoding="utf-8")
+    write_text(out, dump_yaml(data, default_flow_style=None))
     if picture is not None:
         _draw(result, picture)
     values = [

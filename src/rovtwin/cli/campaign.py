@@ -130,14 +130,16 @@ def _duration(seconds: float) -> str:
 
 def _write(session: "Session", csv: bool, report: bool) -> dict[str, str]:
     from rovtwin.campaign.run import write_csv
+    from rovtwin.core.log.files import keeping
 
     files = {"samples": session.folder / "samples.parquet", "campaign": session.folder / "campaign.yaml"}
-    if csv:
-        files["csv"] = write_csv(session)
-    if report:
-        from rovtwin.campaign.reporting import write_report
+    with keeping(session.folder, f"All that was flown is kept: {files['samples']}"):
+        if csv:
+            files["csv"] = write_csv(session)
+        if report:
+            from rovtwin.campaign.reporting import write_report
 
-        files["report"] = write_report(session)
+            files["report"] = write_report(session)
     return {name: str(path) for name, path in files.items()}
 
 

@@ -1,5 +1,6 @@
 """rovtwin console: the operator console in the browser."""
 
+import gc
 import secrets
 import webbrowser
 from pathlib import Path
@@ -60,7 +61,7 @@ def console(
         raise ConfigError(
             f"the console needs {error.name}, which is not installed: pip install 'rovtwin[console]'"
         ) from None
-    from rovtwin.console.launch import end, require_free, running, start
+    from rovtwin.console.launch import end, require_free, running, sigterm_ends, start
     from rovtwin.console.video import camera_of, require_stream
     from rovtwin.console.wire import Place
     from rovtwin.scenario.files import load_scenario
@@ -91,12 +92,7 @@ def console(
     _require_flyable(wanted, link)
     require_free(host, port)  # or a second console that cannot begin would end the autopilot of the first
     found = running(place)
-    if found is None:
-        start(place, wanted, link, sensor or [], speed, runs)
-        screen.print(f"autopilot started: {wanted.name} over {link}", markup=False)
-        if ballast:
-            screen.print(ballast, markup=False, soft_wrap=True)
-    else:
+    if found is not None:
         screen.print(
             f"found an autopilot that flies {found.scenario} over {found.link} since before: watching that one. "
             "To start another, end it: Ctrl-C here, then start again",
@@ -104,14 +100,24 @@ def console(
             markup=False,
         )
         wanted, link = load_scenario(str(place.folder / "scenario.yaml"), (), None), found.link  # as it was given it
-    if token:
-        screen.print(f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False)
-    screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
-    try:
-        build(place, Gate(host, token), wanted, runs, link == "twin://", camera or camera_of(link))
-        _serve(host, port, address if browser else "")
-    finally:
-        end(place)
+    with sigterm_ends():
+        if found is None:
+            start(place, wanted, link, sensor or [], speed, runs)
+        try:
+            if found is None:
+                screen.print(f"autopilot started: {wanted.name} over {link}", markup=False)
+            if found is None and ballast:
+                screen.print(ballast, markup=False, soft_wrap=True)
+            if token:
+                screen.print(
+                    f"{host}: who has this address and token can fly the vehicle", style="yellow", markup=False
+                )
+            screen.print(f"open {address}   (Ctrl-C: thrusters off, end)", markup=False, soft_wrap=True)
+            build(place, Gate(host, token), wanted, runs, link == "twin://", camera or camera_of(link))
+            _serve(host, port, address if browser else "")
+        finally:
+            end(place)
+            gc.freeze()  # or Python would look through all there is once more before it ends: a second
 
 
 def _sized(wanted: "Scenario") -> "Scenario":

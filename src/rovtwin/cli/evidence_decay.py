@@ -7,6 +7,7 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.identification.decay.scale import Decay
@@ -82,7 +83,7 @@ def decay(
 
         save_figure(decay_figure(list(runs.values()), list(runs), axis), picture)
     if out:
-        out.write_text(_block(result, axis, rigid, ", ".join(path.name for path in files)), encoding="utf-8")
+        write_text(out, _block(result, axis, rigid, ", ".join(path.name for path in files)))
     if as_json:
         emit(_as_data(result, runs, axis, rigid))
     else:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
+from rovtwin.core.files import write_text
 
 Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the block `hydrodynamics:` of a vehicle file.")
@@ -63,7 +64,7 @@ def empirical(
     if stiffness[0] <= 0:
         notes.append("no righting moment in the file: no linear damping in rotation")
     if out is not None:
-        out.write_text(block(priors, "Eidsvik (2015), rovtwin evidence empirical: a prior"), encoding="utf-8")
+        write_text(out, block(priors, "Eidsvik (2015), rovtwin evidence empirical: a prior"))
     if as_json:
         said = {"vehicle": shown.name, "size_m": outline.size.tolist(), "areas_m2": outline.areas.tolist()}
         emit(said | {"density_kgm3": total.density, "priors": plain(priors, own), "notes": notes})

@@ -8,6 +8,7 @@ import typer
 from rovtwin.cli.evidence_towing import fit_data, fit_table, print_notes, save_figure
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.identification.logs.record import Record
@@ -57,7 +58,7 @@ def free_running(
         written += _figures(result, other, picture)
     if out:
         names = ", ".join(path.name for path in logs)
-        out.write_text(damping_yaml(result.fits, f"free running, {names}"), encoding="utf-8")
+        write_text(out, damping_yaml(result.fits, f"free running, {names}"))
     if as_json:
         emit(_as_data(result) | ({"thesis": _as_data(other)} if other else {}))
     else:

@@ -9,6 +9,7 @@ import typer
 
 from rovtwin.cli.evidence_empirical import Density, Out, block, finish, own_values, plain, print_priors
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, refuse_idle, table
+from rovtwin.core.files import write_text
 
 Length = str | None
 
@@ -67,7 +68,7 @@ def panel(
     own = {} if vehicle is None else own_values(vehicle.in_water(found.density))
     if out is not None:
         source = f"panel method (capytaine) of {mesher.name}, {found.surroundings}, {found.density:g} kg/m3"
-        out.write_text(block(priors, source, found.matrix), encoding="utf-8")
+        write_text(out, block(priors, source, found.matrix))
     if picture is not None:
         from rovtwin.report.surface import surface_figure
 

@@ -7,6 +7,7 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, refuse_idle, table
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.identification.steady.thrust import Bollard
@@ -68,7 +69,7 @@ def thrust(
 
         save_figure(thrust_and_damping_figure(joint, *drawn, dof) if drawn else thrust_figure(tests), picture)
     if out:
-        out.write_text(_curve_block(tests) if joint is None else _damping_block(joint, dof, speeds), encoding="utf-8")
+        write_text(out, _curve_block(tests) if joint is None else _damping_block(joint, dof, speeds))
     if as_json:
         emit({"method": "thrust", "tests": [_test_data(t) for t in tests], "speeds": _joint_data(joint, dof)})
         raise typer.Exit(DONE)

@@ -7,6 +7,7 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.identification.steady.damping_fit import DampingFit
@@ -66,7 +67,7 @@ def towing(
         save_figure(towing_figure(result, dof), picture)
     if out:
         names = ", ".join(path.name for path in files)
-        out.write_text(damping_yaml({dof: result.fit}, f"towing, {names}"), encoding="utf-8")
+        write_text(out, damping_yaml({dof: result.fit}, f"towing, {names}"))
     if as_json:
         emit(_as_data(result, dof))
     else:

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, refuse_idle, table
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.files import whole
 
 if TYPE_CHECKING:
     from rovtwin.identification.identify import Identification
@@ -98,6 +99,7 @@ def identify(
     predicted.yaml[/bold]
     """
     from rovtwin.cli.identify_logs import looked_over, read_logs, share_of
+    from rovtwin.core.log.files import keeping
     from rovtwin.identification.identify import identify as estimate
     from rovtwin.identification.joint.overlay import to_yaml
     from rovtwin.identification.logs.evidence_file import read_evidence
@@ -159,10 +161,13 @@ def identify(
     if written:
         # Meshes lie with the report: the file says nothing of the machine it was made on, and can be passed on.
         data = kept_beside(result.file(), out.parent, f"{out.stem}/{MESHES}")
-        out.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
-    # Beside a good file of before stays its own result.
-    held = result.save(out.with_suffix(".nc" if written else ".doubtful.nc"), overwrite=True)
-    page = _report(result, out) if report and result.solution is not None else None
+        with keeping(out.parent, "Nothing of the result was written"), whole(out) as beside:
+            beside.write_text(to_yaml(data, _command_line(vehicle, given, evidence, prior, more)), encoding="utf-8")
+            held = result.save(out.with_suffix(".nc"), overwrite=True)
+    else:  # beside a good file of before stays its own result
+        held = result.save(out.with_suffix(".doubtful.nc"), overwrite=True)
+    with keeping(out.parent, f"The result is kept: {held}"):
+        page = _report(result, out) if report and result.solution is not None else None
     if as_json:
         files = {"file": str(out) if written else None, "report": None if page is None else str(page)}
         files["result"] = str(held)

@@ -15,6 +15,7 @@ from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from rovtwin.core.log import Log
     from rovtwin.scenario.schema import Scenario
     from rovtwin.vehicle import Model
 
@@ -77,9 +78,7 @@ def fly(
         refuse_idle(given, "with --link the vehicle, its time and its cameras are not computed here")
         flight = fly_link(wanted, link, sensor or [], screen, out=out, thrust=thrust, armed=arm, speed=speed)
         if report and flight.summary.get("duration_s"):
-            from rovtwin.report import write_report
-
-            write_report(flight.log, flight.folder)
+            _report_beside(flight.log, flight.folder)
         _closing_table(flight, screen)
     elif sensor or not thrust or arm or speed != 1.0:
         raise ConfigError("fly: --sensor, --no-thrust, --arm and --speed go with --link; add one, or leave them out")
@@ -143,11 +142,22 @@ def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, s
         flight = fly_it(scenario, folder, realtime=realtime, progress=progress, say=say, **more)
         if report:
             bar.update(task, description=f"{scenario.name}: writing the report")
-            from rovtwin.report import write_report
-
-            write_report(flight.log, folder)
+            _report_beside(flight.log, folder)
     _closing_table(flight, screen)
     return flight
+
+
+def _report_beside(log: "Log", folder: Path) -> None:
+    """The report of a flight that is logged.
+
+    Raises:
+        LogError: It cannot be written; the log is whole.
+    """
+    from rovtwin.core.log.files import keeping
+    from rovtwin.report import write_report
+
+    with keeping(folder, f"The log is whole: {folder / 'log.mcap'}; `rovtwin report` makes the report from it"):
+        write_report(log, folder)
 
 
 def _closing_table(flight: Any, screen: Console) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from rovtwin.cli.output import AsJson, Overwrite, check_free, console, emit, table
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
     from rovtwin.vehicle.ballast import Piece
@@ -142,7 +143,7 @@ def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, ou
     if drawn and not shown.after.power_sources:
         notes.append(f"it draws {drawn:.3g} W; the vehicle's file has no battery")
     if out is not None:
-        out.write_text(shown.text, encoding="utf-8")
+        write_text(out, shown.text)
     if as_json:
         notes += [without] if without else []
         ballasting = [{"material": p.material, "mass_kg": p.mass, "position_m": list(p.position)} for p in pieces]

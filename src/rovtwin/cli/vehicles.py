@@ -9,6 +9,7 @@ import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit
 from rovtwin.cli.vehicle_changes import add, diff, remove
+from rovtwin.core.files import write_text
 
 vehicle_app = typer.Typer(
     no_args_is_help=True,
@@ -164,7 +165,7 @@ def urdf(
     from rovtwin.vehicle import load_vehicle
     from rovtwin.vehicle.urdf import urdf as urdf_of
 
-    out.write_text(urdf_of(load_vehicle(vehicle)), encoding="utf-8")
+    write_text(out, urdf_of(load_vehicle(vehicle)))
     console(False).print(f"wrote {out}", markup=False, soft_wrap=True)
 
 

@@ -56,8 +56,10 @@ def _course(recording: Recording, t: np.ndarray) -> list[Column]:
     to_go = np.linalg.norm(leg[:, 3:] - tape["eta"].at(t)[:, :3], axis=1)
     length = np.linalg.norm(leg[:, 3:] - leg[:, :3], axis=1)
     shares = [
-        progress(PHASES[phase], waypoint, recording.count, *distances)
-        for (phase, _, waypoint, _), *distances in zip(mode.tolist(), to_go.tolist(), length.tolist(), strict=True)
+        progress(PHASES[phase], waypoint, recording.count(at), *distances)
+        for at, (phase, _, waypoint, _), *distances in zip(
+            t.tolist(), mode.tolist(), to_go.tolist(), length.tolist(), strict=True
+        )
     ]
     return [("to_go", 0, to_go), ("progress", 0, np.array(shares))]
 

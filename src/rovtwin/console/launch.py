@@ -8,6 +8,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.scenario.files import dump_scenario
 from rovtwin.scenario.schema import Scenario
 
-ENDING = 10.0  # an engine that was told to end and has not is killed; its link's host stops the thrusters [s]
+ENDING = 20.0  # an engine that was to end and closes its log still is killed; thrusters have been off since [s]
 
 
 @dataclass(frozen=True)
@@ -87,14 +89,32 @@ def start(place: Place, scenario: Scenario, link: str, sensors: list[str], speed
             stderr=log,
             start_new_session=True,
         )
+    try:
+        _wait_for(process, place, said)
+    except BaseException:  # also Ctrl-C: nothing flies yet
+        process.kill()
+        raise
+    return process.pid
+
+
+def _wait_for(process: subprocess.Popen[bytes], place: Place, said: Path) -> None:
+    """Until an engine that was started has begun; ConfigError if it does not."""
     until = time.monotonic() + 60.0
     while running(place) is None:
         if process.poll() is not None or time.monotonic() > until:
-            process.kill()
             lines = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()
             raise ConfigError(f"the autopilot's process did not begin: {lines[-1] if lines else 'it said nothing'}")
         time.sleep(0.05)
-    return process.pid
+
+
+@contextmanager
+def sigterm_ends() -> Iterator[None]:
+    """Within, SIGTERM (systemd, docker) ends this process as Ctrl-C does: what is to be done at the end is done."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def end(place: Place) -> None:

@@ -5,7 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.console.clock import clock
+from rovtwin.console.engine.state import BY_OPERATOR, counted
 from rovtwin.console.replay import Recording
+from rovtwin.console.shelf import BY_HAND
 from rovtwin.core.flow import PHASES
 from rovtwin.scenario.decisions import courses, losses
 
@@ -16,7 +19,7 @@ MOST = 400  # that are told
 def marks_of(recording: Recording) -> list[dict[str, Any]]:
     """Each an event with its time t [s], in order of time.
 
-    `mark` says what it is: note, start, waypoint, phase, decision, fault, manoeuvre or end.
+    `mark` says what it is: note, start, mission, waypoint, phase, decision, fault, manoeuvre or end.
     """
     start = f"{recording.name} begins"
     found = [_mark(recording.start, "start", "info", start)]
@@ -29,8 +32,7 @@ def marks_of(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _mark(t: float, mark: str, level: str, text: str) -> dict[str, Any]:
-    clock = f"{int(t) // 60}:{int(t) % 60:02d}"
-    return {"kind": "event", "t": float(t), "clock": clock, "level": level, "text": text, "mark": mark}
+    return {"kind": "event", "t": float(t), "clock": clock(t), "level": level, "text": text, "mark": mark}
 
 
 def _course(recording: Recording) -> list[dict[str, Any]]:
@@ -40,8 +42,12 @@ def _course(recording: Recording) -> list[dict[str, Any]]:
     t, mode = recording.tape["mode"].t, recording.tape["mode"].values
     phase, waypoint = mode[:, 0].astype(int), mode[:, 2].astype(int)
     found = []
+    for one in recording.missions:
+        if one.t >= recording.start:
+            found.append(_mark(one.t, "mission", "info", f"mission started: {counted(len(one.waypoints))}"))
     for k in np.flatnonzero(np.diff(waypoint) > 0) + 1:
-        found.append(_mark(t[k], "waypoint", "info", f"way-point {waypoint[k]} of {recording.count} reached"))
+        if recording.mission_at(t[k]) == recording.mission_at(t[k - 1]):  # else it is the number of another plan
+            found.append(_mark(t[k], "waypoint", "info", f"way-point {waypoint[k]} of {recording.count(t[k])} reached"))
     for k in np.flatnonzero(np.diff(phase)) + 1:
         if PHASES[phase[k]] in OWN and PHASES[phase[k - 1]] in OWN:
             found.append(_mark(t[k], "phase", "info", PHASES[phase[k]]))
@@ -54,7 +60,11 @@ def _decisions(recording: Recording) -> list[dict[str, Any]]:
         found += courses(mode.t, mode.values[:, 0].astype(int), mode.values[:, 1].astype(int))
     if (health := recording.tape.get("health")) is not None:
         found += losses(health.t, health.values, recording.thrusters)
-    return [_mark(one["t"], "decision", "danger", f"{one['what']}: {one['cause']}") for one in found]
+    return [_decision(one["t"], one["what"], one["cause"]) for one in found]
+
+
+def _decision(t: float, what: str, cause: str) -> dict[str, Any]:
+    return _mark(t, "decision", "info" if cause == BY_OPERATOR else "danger", f"{what}: {cause}")
 
 
 def _planned(recording: Recording) -> list[dict[str, Any]]:
@@ -75,4 +85,6 @@ def _end(recording: Recording) -> list[dict[str, Any]]:
         return [_mark(recording.end, "end", "warning", "the log ends; it does not say how the run ended")]
     if summary.get("completed"):
         return [_mark(recording.end, "end", "info", "completed")]
-    return [_mark(recording.end, "end", "danger", f"not completed: {summary.get('reason') or summary.get('phase')}")]
+    reason = summary.get("reason") or summary.get("phase")
+    level = "warning" if reason in BY_HAND else "danger"
+    return [_mark(recording.end, "end", level, f"not completed: {reason}")]

@@ -83,10 +83,6 @@ class Draft:
             self._past.append(self.rows)
             self.rows = self._future.pop()
 
-    def waypoints(self) -> list[Waypoint]:
-        """As scenarios have them."""
-        return [Waypoint.model_validate(waypoint_of(row)) for row in self.rows]
-
     def as_yaml(self, name: str = "mission") -> str:
         """A mission file."""
         data = {"name": name, "waypoints": [waypoint_of(row) for row in self.rows]}
@@ -111,11 +107,15 @@ class Draft:
     def _change(self, rows: list[dict[str, Any]]) -> None:
         if len(rows) > MOST:
             raise ConfigError(f"the plan: found {len(rows)} way-points, expected at most {MOST}")
-        whole = [self.own | {key: value for key, value in row.items() if value is not None} for row in rows]
-        checked = [row_of(parse(Waypoint, waypoint_of(row), f"way-point {i + 1}")) for i, row in enumerate(whole)]
+        known = {id(row) for row in self.rows}  # checked already
+        checked = [row if id(row) in known else self._checked(row, i) for i, row in enumerate(rows)]
         self._past = [*self._past[1 - DEPTHS :], self.rows]
         self._future = []
         self.rows = checked
+
+    def _checked(self, row: dict[str, Any], i: int) -> dict[str, Any]:
+        whole = self.own | {key: value for key, value in row.items() if value is not None}
+        return row_of(parse(Waypoint, waypoint_of(whole), f"way-point {i + 1}"))
 
 
 KEYS = ("speed", "acceptance", "hold_time", "heading_deg", "altitude")

@@ -3,7 +3,6 @@
 What a log does not have is None in the state: the truth of a real flight, the filter of an identification test.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from rovtwin.console.tape import Consistency, readings_of, tape_of
 from rovtwin.core.errors import LogError, RovtwinError
 from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Measurement, Reference, Setpoint, Wrench
 from rovtwin.core.log import Log
+from rovtwin.core.log.missions import FlownMission, mission_at, missions_of
 from rovtwin.core.log.pictures import Album
 from rovtwin.core.yamlfile import parse_yaml
 from rovtwin.scenario.composition import vehicle_of
@@ -52,7 +52,7 @@ class Recording:
         readings: Those of each sensor.
         consistency: Of its filter.
         thrusters: Their names.
-        waypoints: Of its mission, as rows of a plan.
+        missions: Way-points that were flown, from when [s], as rows of a plan; in order of time.
         scenario, vehicle: What was flown; None where the log does not say.
         album: Pictures that were recorded beside it, or None.
         notes: What cannot be shown, and why.
@@ -69,7 +69,7 @@ class Recording:
         self.scenario, self.vehicle = self._flown()
         self.name = log.metadata.get("name") or path.stem
         self.thrusters = list(log["autopilot/command"].channel.fields) if "u" in self.tape else []
-        self.waypoints = self._waypoints()
+        self.missions = self._missions()
         self.album = self._album()
 
     @classmethod
@@ -96,10 +96,17 @@ class Recording:
         """Of its time [s]."""
         return self.log.end
 
-    @property
-    def count(self) -> int:
-        """Way-points of the mission that was flown; 0 where no autopilot flew."""
-        return len(self.waypoints) if "mode" in self.tape else 0
+    def mission_at(self, t: float) -> int:
+        """Number of the mission under way at a time [s], from 0; -1 before the first was started."""
+        return mission_at(self.missions, t)
+
+    def waypoints(self, mission: int) -> list[dict[str, Any]]:
+        """Of a mission by its number; none of -1."""
+        return self.missions[mission].waypoints if mission >= 0 else []
+
+    def count(self, t: float) -> int:
+        """Way-points of the mission under way at a time [s]; 0 where no autopilot flew."""
+        return len(self.waypoints(self.mission_at(t))) if "mode" in self.tape else 0
 
     def at(self, name: str, t: float) -> np.ndarray | None:
         """What the tape has of a name at a time [s]."""
@@ -107,7 +114,7 @@ class Recording:
 
     def state(self, t: float) -> dict[str, Any]:
         """All that was the case at a time [s]; the pace at which somebody looks at it is not in it."""
-        told = flown(self._output(t), self.count)
+        told = flown(self._output(t), self.count(t))
         told |= {key: None for name, keys in TOLD_OF.items() if name not in self.tape for key in keys}
         timing = self.at("timing", t)
         late, age, thrust = (None, 0.0, 1.0) if timing is None else timing
@@ -160,10 +167,10 @@ class Recording:
             {"kind": "setup", "size": SIZE, "home": home, "twin": "truth" in self.tape, "missing": []} | names | fixed
         )
 
-    def plan(self) -> dict[str, Any]:
-        """The way-points that were flown."""
+    def plan(self, mission: int) -> dict[str, Any]:
+        """The way-points of a mission by its number; none of -1."""
         state = {"submitted": True, "changed": False, "checks": [], "undo": False, "redo": False}
-        return {"kind": "plan", "draft": self.waypoints, "flown": self.waypoints} | state
+        return {"kind": "plan", "draft": self.waypoints(mission), "flown": self.waypoints(mission)} | state
 
     def _output(self, t: float) -> AutopilotOutput:
         """What the autopilot gave at a time, as far as it was logged; zeros where not."""
@@ -196,13 +203,11 @@ class Recording:
             self.notes.append(f"no plan, room and looks of the vehicle: {error}")
             return None, None
 
-    def _waypoints(self) -> list[dict[str, Any]]:
-        placed = self.log.metadata.get("mission")
-        if placed:
-            found = json.loads(placed)
-        else:
-            found = [] if self.scenario is None else [w.model_dump() for w in self.scenario.waypoints]
-        return [for_browser(row_from(waypoint)) for waypoint in found]
+    def _missions(self) -> list[FlownMission]:
+        found = missions_of(self.log.metadata)
+        if "mission" not in self.log.metadata and self.scenario is not None and self.scenario.waypoints:
+            found = [FlownMission(-np.inf, [w.model_dump() for w in self.scenario.waypoints])]
+        return [FlownMission(one.t, [for_browser(row_from(point)) for point in one.waypoints]) for one in found]
 
     def _album(self) -> Album | None:
         """Pictures of the first camera that `scenario.filming` recorded."""

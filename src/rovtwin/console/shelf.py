@@ -11,6 +11,7 @@ from rovtwin.console.replay import LOG
 from rovtwin.core.errors import ConfigError
 
 MOST = 300  # that are listed
+BY_HAND = ("disarmed", "stopped by the operator", "operator", "interrupted")  # endings that somebody chose
 _NAMED = re.compile(r"(\d{8}-\d{6})-(.+)")  # as scenario.flight.run_folder names them
 
 
@@ -24,6 +25,7 @@ class Run:
         date: When it began, local time, as people write it.
         verdict: `completed`, or why not; `unfinished` where nobody closed the log.
         completed: None where nobody knows.
+        level: Of the verdict: ok, danger, or "" for what somebody chose or nobody knows.
         duration: [s], or None.
     """
 
@@ -32,6 +34,7 @@ class Run:
     date: str
     verdict: str
     completed: bool | None
+    level: str
     duration: float | None
 
 
@@ -80,6 +83,7 @@ class Shelf:
             f"{began:%Y-%m-%d %H:%M}",
             verdict,
             completed,
+            "ok" if completed else "" if completed is None or verdict in BY_HAND else "danger",
             summary.get("duration_s"),
         )
 

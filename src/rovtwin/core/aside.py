@@ -90,12 +90,12 @@ def _main(pipe: Connection, tasks: list[Task]) -> None:
         try:
             found = task(lambda what: send("says", what))
         except Exception as error:
-            send("failed", error if _travels(error) else RuntimeError("".join(traceback.format_exception(error))))
+            send("failed", error if travels(error) else RuntimeError("".join(traceback.format_exception(error))))
             return
         send("gives", found)
 
 
-def _travels(error: Exception) -> bool:
+def travels(error: Exception) -> bool:
     """Whether it comes out of a pipe as it went in: some want more arguments than they keep."""
     try:
         return isinstance(pickle.loads(pickle.dumps(error)), type(error))

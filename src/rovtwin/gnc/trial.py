@@ -12,6 +12,7 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import (
     ABORTED,
     FINISHED,
+    NO_REASON,
     PAUSED,
     AutopilotInput,
     AutopilotOutput,
@@ -187,10 +188,14 @@ class Trial(Block):
         command = jnp.where(active, jnp.clip(self.mixing @ jnp.where(active, share, 0.0), -1.0, 1.0), 0.0)
 
         phase = jnp.where(over, FINISHED, jnp.where(paused, PAUSED, line.phase[row]))
-        phase = jnp.where(mode.mode == MODE_ABORTED, ABORTED, phase)
+        # The first end counts: thrusters are off after it, and what the supervisor thinks then is of no test.
+        aborted = ~over & (mode.mode == MODE_ABORTED)
+        phase, reason = jnp.where(aborted, ABORTED, phase), jnp.where(over, NO_REASON, mode.reason)
         still, place = jnp.zeros(6), memory.home[:3]
-        setpoint = Setpoint(memory.home, still, place, place, phase < 0, line.manoeuvre[row], phase, mode.reason)
-        after = TrialMemory(believed, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over, 0, 1))
+        setpoint = Setpoint(memory.home, still, place, place, phase < 0, line.manoeuvre[row], phase, reason)
+        after = TrialMemory(
+            believed, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over | aborted, 0, 1)
+        )
         path, wrench = Reference(memory.home, still, still), Wrench(still, still > 0.0)
         return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
 

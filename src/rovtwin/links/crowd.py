@@ -2,7 +2,9 @@
 
 import asyncio
 import contextlib
+import math
 import socket
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
@@ -10,9 +12,21 @@ from rovtwin.core.errors import LinkError
 from rovtwin.links.server import address_taken
 
 MOST_CLIENTS = 16
+IDLE = 5.0  # a client that said nothing for so long gives way to a new one where there are too many [s]
 MOST_WAITING = 256 * 1024  # bytes that a client may leave unread before it is dropped, beside the kernel's buffers
 KERNEL_BUFFER = 64 * 1024  # bytes of the kernel's own sending buffer [as asked; Linux doubles it]
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_KEEPCNT, 3))  # [s, s, probes]
+
+
+class _Reader(asyncio.StreamReader):
+    """Keeps in mind when bytes came last [s, monotonic]; -inf: never."""
+
+    heard_at = -math.inf
+
+    def feed_data(self, data: bytes) -> None:
+        """Bytes that came."""
+        self.heard_at = time.monotonic()
+        super().feed_data(data)
 
 
 class Client:
@@ -20,15 +34,22 @@ class Client:
 
     Attributes:
         name: Its address, for people.
+        slow, idle: Whether it was dropped because it did not read, or because it was silent and others waited.
         gone: Whether the connection is closed or being so.
     """
 
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter):
-        self.reader = reader
+    def __init__(self, reader: _Reader, writer: asyncio.StreamWriter):
+        self.reader, self.came_at = reader, time.monotonic()
         self._writer = writer
         peer = writer.get_extra_info("peername")
         self.name = f"{peer[0]}:{peer[1]}" if peer else "a client"
-        self.slow = False
+        self.slow = self.idle = False
+
+    @property
+    def silence(self) -> tuple[float, float]:
+        """How long it has been silent [s], by which clients give way: since it last said anything, since it came."""
+        now = time.monotonic()
+        return now - self.reader.heard_at, now - self.came_at
 
     @property
     def gone(self) -> bool:
@@ -43,6 +64,13 @@ class Client:
         if transport.get_write_buffer_size() > MOST_WAITING:
             self.slow = True
             transport.abort()
+
+    @property
+    def ending(self) -> str:
+        """How it ended, for people."""
+        if self.slow:
+            return "did not read and was dropped"
+        return "was silent and gave way to another" if self.idle else "left"
 
     async def finish(self) -> None:
         """Close after what is queued has gone out, or after two seconds."""
@@ -65,6 +93,17 @@ class Crowd:
         self._say = say
         self._tasks: set[asyncio.Task[None]] = set()
 
+    def make_room(self) -> bool:
+        """Drop the client that has been silent longest; whether one was silent for long enough."""
+        silent = [one for one in self.clients if min(one.silence) >= IDLE]
+        if not silent:
+            return False
+        quietest = max(silent, key=lambda one: one.silence)
+        quietest.idle = True
+        quietest.drop()
+        self.clients.discard(quietest)
+        return True
+
     def say_of(self, text: str) -> None:
         """Tell the user, in plain ASCII: what clients send goes nowhere near a terminal."""
         self._say(text.encode("ascii", "backslashreplace").decode())
@@ -86,7 +125,8 @@ async def crowd(
         handle: May end by any OSError or LinkError; the connection is closed then.
         say: What a user should know.
         line: Longest line that a client's reader takes [bytes].
-        most: Clients at a time; others are turned away.
+        most: Clients at a time. For one more the most silent gives way: one that never said anything, the oldest of
+            them, before others; where none was silent for `IDLE` seconds, the new one is turned away.
 
     Raises:
         LinkError: The address cannot be bound.
@@ -96,8 +136,9 @@ async def crowd(
     async def meet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
+        assert isinstance(reader, _Reader)
         client = Client(reader, writer)
-        if len(people.clients) >= most:
+        if len(people.clients) >= most and not people.make_room():
             people.refused += 1
             client.drop()
             return
@@ -114,10 +155,13 @@ async def crowd(
             people.clients.discard(client)
             people._tasks.discard(task)
             people.dropped += client.slow
-            people.say_of(f"{what}: {client.name} {'did not read and was dropped' if client.slow else 'left'}")
+            people.say_of(f"{what}: {client.name} {client.ending}")
 
+    loop = asyncio.get_running_loop()
     try:
-        server = await asyncio.start_server(meet, host, port, limit=line)
+        server = await loop.create_server(
+            lambda: asyncio.StreamReaderProtocol(_Reader(line, loop), meet, loop), host, port
+        )
     except (OSError, OverflowError) as error:
         raise LinkError(address_taken(f"{what} at {host}:{port}", error)) from None
     try:

@@ -12,6 +12,7 @@ from rovtwin.core.datum import Datum, datum_of, said
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import PHASES
 from rovtwin.core.log import Log, Series
+from rovtwin.core.log.missions import FlownMission, missions_of, point_name
 from rovtwin.core.yamlfile import parse_yaml
 from rovtwin.report.series import at, sensor_values, wrapped
 
@@ -212,10 +213,18 @@ class Flight:
 
     @cached_property
     def waypoints(self) -> list[dict[str, Any]]:
-        """Way-points, each with its position as x, y and (if given) z."""
-        found = self.json("mission")
-        points = [_waypoint(one) for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []
+        """Way-points of all missions that were flown: position as x, y and (if given) z, `name`, number of mission."""
+        points = [
+            _waypoint(one) | {"name": point_name(self.missions, i, k), "mission": i}
+            for i, mission in enumerate(self.missions)
+            for k, one in enumerate(mission.waypoints)
+        ]
         return [point for point in points if _number(point.get("x")) and _number(point.get("y"))]
+
+    @cached_property
+    def missions(self) -> list[FlownMission]:
+        """Missions that were flown, in order of time."""
+        return missions_of(self.log.metadata)
 
     @cached_property
     def datum(self) -> Datum | None:

@@ -10,6 +10,7 @@ import jinja2
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from rovtwin.core.files import write_text
 from rovtwin.core.log import Log
 from rovtwin.report.catalogue import drawable, left_out
 from rovtwin.report.flight import Flight
@@ -107,5 +108,5 @@ def write_page(path: Path, template: str, **context: Any) -> Path:
         lstrip_blocks=True,
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(environment.get_template(template).render(**context), encoding="utf-8")
+    write_text(path, environment.get_template(template).render(**context))
     return path

@@ -103,8 +103,9 @@ def _legs(flight: Flight) -> list[tuple[float, float, float, float]]:
 
 
 def _mission(axes: Axes, flight: Flight) -> None:
-    points = np.array([[w["y"], w["x"]] for w in flight.waypoints], float).reshape(-1, 2)
-    axes.plot(*points.T, color=GREEN, linewidth=0.8, alpha=0.7, zorder=1)
+    for i in range(len(flight.missions)):
+        points = np.array([[w["y"], w["x"]] for w in flight.waypoints if w["mission"] == i], float).reshape(-1, 2)
+        axes.plot(*points.T, color=GREEN, linewidth=0.8, alpha=0.7, zorder=1)
     for x0, y0, x1, y1 in _legs(flight):
         axes.plot([y0, y1], [x0, x1], **MISSION)
     every = -(-len(flight.waypoints) // NUMBERS)
@@ -115,7 +116,7 @@ def _mission(axes: Axes, flight: Flight) -> None:
         if k % every:
             continue
         axes.annotate(
-            str(k + 1), (y, x), _label_side(flight, k), textcoords="offset points", ha="center", va="center",
+            point["name"], (y, x), _label_side(flight, k), textcoords="offset points", ha="center", va="center",
             fontsize=SMALL, color="#00664b", weight="bold", zorder=8,
         )  # fmt: skip
 

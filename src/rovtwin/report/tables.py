@@ -55,8 +55,11 @@ def mission_table(flight: Flight) -> Table | None:
     known = [("x", "North [m]"), ("y", "East [m]"), ("z", "Depth [m]"), ("speed", "Speed [m/s]"),
              ("acceptance", "Acceptance [m]"), ("hold_time", "Hold [s]"), ("heading_deg", "Heading [deg]")]  # fmt: skip
     shown = [(key, label) for key, label in known if any(w.get(key) is not None for w in flight.waypoints)]
-    rows = [[str(k + 1), *(text(_to_mm(w.get(key))) for key, _ in shown)] for k, w in enumerate(flight.waypoints)]
+    rows = [[w["name"], *(text(_to_mm(w.get(key))) for key, _ in shown)] for w in flight.waypoints]
     head, note = ["Way-point", *(label for _, label in shown)], ""
+    if len(flight.missions) > 1:
+        head.append("Flown from [s]")
+        rows = [[*row, f"{flight.missions[w['mission']].t:.1f}"] for row, w in zip(rows, flight.waypoints, strict=True)]
     if (datum := flight.datum) is not None and rows:
         head += ["Latitude [deg]", "Longitude [deg]"]
         places = np.array([[w["x"], w["y"], w.get("z") or 0.0] for w in flight.waypoints], dtype=float)

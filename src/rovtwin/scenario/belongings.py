@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import write_bytes, write_text
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.simulation.camera.sensor import CameraSection
 from rovtwin.simulation.scene import is_scene_file, load_scene
@@ -58,7 +59,7 @@ def _copy_scene(name: str, target: Path) -> None:
     copies = _copied([mesh["file"] for mesh in meshes], target.parent / within)
     for mesh in meshes:
         mesh["file"] = f"{within}/{copies[mesh['file']]}"
-    target.write_text(dump_yaml(data), encoding="utf-8")
+    write_text(target, dump_yaml(data))
 
 
 def _copied(files: Sequence[str], folder: Path) -> dict[str, str]:
@@ -69,7 +70,7 @@ def _copied(files: Sequence[str], folder: Path) -> dict[str, str]:
     contents = {name: Path(file).read_bytes() for file, name in names.items()}  # before any of them is written over
     for name, content in contents.items():
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(content)
+        write_bytes(folder / name, content)
     return names
 
 

@@ -19,15 +19,23 @@ BRIEF, SETTLING = 10.0, 20.0  # a stretch that does not count, and the time in w
 _OWN = (PAUSED, PILOTED, HELD, RETURNING, RETURNED, SURFACING, SURFACED, ABORTED)  # not the mission's own course
 
 
-def decisions(flown: Flown, thrusters: Sequence[str], scenario: Scenario, model: Model) -> list[dict[str, Any]]:
-    """Each with its time t [s], `what` and `cause`, in order of time; thrusters by name."""
+def decisions(
+    flown: Flown, thrusters: Sequence[str], missions: Sequence[tuple[float, Scenario]], model: Model
+) -> list[dict[str, Any]]:
+    """Each with its time t [s], `what` and `cause`, in order of time; thrusters by name.
+
+    `missions` are those that were flown, in order, each with the time at which it was started [s].
+    """
     found = courses(flown.t, flown.mode[:, 0].astype(int), flown.mode[:, 1].astype(int))
     if flown.health is not None:
         found += losses(flown.t, flown.health, thrusters)
-    if scenario.waypoints:
-        found += without_headway(flown, scenario, model)
-        found += badly_placed(flown, scenario)
-        found += [_one(one.t, one.what, reason_for(one, model)) for one in unmet_headings(flown, scenario)]
+    starts = [start for start, _ in missions] + [np.inf]
+    for i, (start, scenario) in enumerate(missions):
+        part = flown.during(start, starts[i + 1])
+        if scenario.waypoints and len(part.t):
+            found += without_headway(part, scenario, model)
+            found += badly_placed(part, scenario)
+            found += [_one(one.t, one.what, reason_for(one, model)) for one in unmet_headings(part, scenario)]
     return sorted(found, key=lambda one: one["t"])
 
 

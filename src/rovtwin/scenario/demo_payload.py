@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.config import parse
+from rovtwin.core.files import write_text
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.joint.overlay import to_yaml
 from rovtwin.identification.logs.readers import read_records
@@ -69,7 +70,7 @@ def refit_and_identify(folder: Path, say: Callable[[str], None] = lambda what: N
     say("payload: identifying")
     result = identify(vehicle, read_records(folder / "test" / "log.mcap", vehicle), free=FREE)
     file = folder / "identified.yaml"
-    file.write_text(to_yaml(result.file(), "rovtwin demo"), encoding="utf-8")
+    write_text(file, to_yaml(result.file(), "rovtwin demo"))
     names = result.parameters.names
     rows = [_row(name, result, vehicle.model(), truth) for name in names]
     inside = sum(low <= _of(truth, name) <= high for name in names for low, high in [result.interval(name)])
@@ -105,10 +106,10 @@ def bolted_on(folder: Path) -> Path:
     path, source = folder / "with_payload.yaml", VEHICLE
     for device, name, place in PAYLOAD:
         change = add(source, device, place, name=name, out=path)
-        path.write_text(change.text, encoding="utf-8")
+        write_text(path, change.text)
         source = str(path)
     pieces = trimming(load_vehicle(VEHICLE), change.after)
-    path.write_text(with_ballast(change, pieces, path).text, encoding="utf-8")
+    write_text(path, with_ballast(change, pieces, path).text)
     return path
 
 

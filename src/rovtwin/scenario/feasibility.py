@@ -13,7 +13,7 @@ what is not may still be hard.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from rovtwin.gnc.scales import ANY, VehicleScales
 from rovtwin.scenario.compose_sensors import sensors_of, together
 from rovtwin.scenario.compose_world import current_at
 from rovtwin.scenario.limits import TURNING, Limits, compass_point
+from rovtwin.scenario.point_numbers import counted
 from rovtwin.scenario.schema import (
     Scenario,
     ThesisSection,
@@ -435,9 +436,17 @@ def _unseen(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _once(found: list[Finding]) -> list[Finding]:
-    """What is said of several way-points in the same words but for their number, once."""
-    kept: dict[Any, Finding] = {}
+    """What is said of several way-points in the same words but for their number, once, with the other numbers."""
+    kept: dict[Any, list[tuple[Finding, str]]] = {}
     for finding in found:
         _, _, rest = finding.what.rpartition("way-point ")
-        kept.setdefault((rest.partition(":")[2] or rest, finding.instead), finding)
-    return list(kept.values())
+        number, _, words = rest.partition(":")
+        kept.setdefault((words or rest, finding.instead), []).append((finding, number))
+    return [_of_all(*alike) for alike in kept.values()]
+
+
+def _of_all(first: tuple[Finding, str], *others: tuple[Finding, str]) -> Finding:
+    """A finding that names the way-points of which the same was found."""
+    finding, own = first
+    points = sorted({int(number) - 1 for _, number in others if number.isdigit() and number != own})
+    return replace(finding, instead=f"{finding.instead} (likewise {counted(points)})") if points else finding

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import write_text
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.log.pictures import PictureWriter
 from rovtwin.core.numerics import jax
@@ -148,7 +149,7 @@ class _Film:
 
 
 def _write_yaml(path: Path, data: dict[str, Any]) -> None:
-    path.write_text(dump_yaml(data, default_flow_style=None), encoding="utf-8")
+    write_text(path, dump_yaml(data, default_flow_style=None))
 
 
 def jpeg(picture: np.ndarray) -> bytes:

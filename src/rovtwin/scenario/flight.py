@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import ConfigError, exists_already
+from rovtwin.core.files import write_text
 from rovtwin.core.flow import PHASES
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import Channel, Log, LogWriter
+from rovtwin.core.log.files import keeping
 from rovtwin.scenario.channels import log_channels
 from rovtwin.scenario.compose_sensors import assumed_sensors
 from rovtwin.scenario.composition import Composed, compose
@@ -107,7 +109,8 @@ def fly(
     if report:
         from rovtwin.report import write_report
 
-        write_report(flight.log, folder)
+        with keeping(folder, f"The log is whole: {folder / 'log.mcap'}"):
+            write_report(flight.log, folder)
     return flight
 
 
@@ -135,7 +138,7 @@ def _into_folder(
     """Log, scenario and pictures are written while the run goes on; its summary."""
     metadata = provenance(scenario, composed) | _truth(composed)
     metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
-    (folder / "scenario.yaml").write_text(metadata["scenario"], encoding="utf-8")
+    write_text(folder / "scenario.yaml", metadata["scenario"])
     with ExitStack() as stack:
         log = stack.enter_context(LogWriter(folder / "log.mcap", _channels(scenario, composed), metadata))
         recorder = Recorder(scenario, log.write_many)
@@ -148,7 +151,8 @@ def _into_folder(
         for name, (t, values) in _scores(flown, scenario).items():
             log.write_many(name, t, values)
         log.annotate(_closing(summary))
-    (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+    with keeping(folder, f"The log is whole: {folder / 'log.mcap'}"):
+        write_text(folder / "summary.json", to_json(summary) + "\n")
     return summary
 
 

@@ -1,5 +1,7 @@
 """Whether a run fits its tank: the hull between the walls at the start, and way-points that it can reach."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
@@ -28,18 +30,23 @@ def require_inside(scenario: Scenario, model: Model) -> None:
             f"start.position: found {_said(start)}, where the hull reaches {room:.2g} m beyond the {where}. "
             "Start further inside, or give it a larger tank"
         )
+    for i, what in unreachable(scenario, model):
+        raise ConfigError(f"mission.waypoints[{i}]: {what}")
+
+
+def unreachable(scenario: Scenario, model: Model) -> Iterator[tuple[int, str]]:
+    """Way-points that leave no room for the hull: number from 0, and the reason; arguments as above."""
+    corners = np.asarray(model.hull.corners)
     # The heading at a way-point is guidance's business: the narrowest side of the hull must fit.
     half = 0.5 * np.ptp(corners, axis=0)
     narrow = np.array([min(half[:2]), min(half[:2]), 0.0])
     bottom = np.array([0.0, 0.0, corners[:, 2].max()])
     for i, waypoint in enumerate(scenario.waypoints):
         place = np.asarray(waypoint.placed(scenario.origin), dtype=float)
-        for where, room in _beyond(scenario, np.stack([place - narrow, place + narrow, place + bottom])):
+        for where, room in _beyond(scenario, np.stack([place - narrow, place + narrow, place + bottom]))[:1]:
             if room > waypoint.acceptance:
-                raise ConfigError(
-                    f"mission.waypoints[{i}]: found {_said(place)}, where the hull would reach {room:.2g} m beyond the "
-                    f"{where}, more than the acceptance radius of {waypoint.acceptance:g} m: it can never be reached"
-                )
+                what = f"found {_said(place)}, where the hull would reach {room:.2g} m beyond the {where}, more than"
+                yield i, f"{what} the acceptance radius of {waypoint.acceptance:g} m: it can never be reached"
 
 
 def _beyond(scenario: Scenario, points: np.ndarray) -> list[tuple[str, float]]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from rovtwin.core.config import parse
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError
+from rovtwin.core.files import write_text
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.report.survey import SurveyPicture, draw_survey
@@ -25,7 +26,7 @@ from rovtwin.scenario.survey_request import SurveyRequest, refuse_doubles
 from rovtwin.survey.area import read_area
 from rovtwin.survey.energy import Budget, budget
 from rovtwin.survey.offset import corners_of_co
-from rovtwin.survey.pace import Pace
+from rovtwin.survey.pace import Pace, line_speed
 from rovtwin.survey.plan import SurveyPlan, plan_survey
 from rovtwin.vehicle import Model, Vehicle, load_vehicle
 from rovtwin.vehicle.assembly import Mounted
@@ -105,7 +106,10 @@ def lay_out(request: SurveyRequest, progress: Callable[[float], None] = lambda s
     echoes = measures(base, vehicle, "altimeter")
     depth = _depth(request, base, model, echoes)
     own = own_values(Limits.of(model), request.speed)
-    speed, acceptance = own["speed"] if request.speed is None else request.speed, own["acceptance"]
+    speed = own["speed"] if request.speed is None else request.speed
+    if request.speed is None and line_speed(model) > 0.0:
+        speed = min(speed, line_speed(model))
+    acceptance = own["acceptance"]
     pace = Pace.of(model, speed, SETTLING / VehicleScales.of(model).level_bandwidth)
     clearance = _clearance(model, MARGIN * acceptance) if request.clearance is None else request.clearance
     if not clearance >= 0:
@@ -287,7 +291,7 @@ def write_survey(survey: Survey, path: pathlib.Path) -> None:
     data |= survey.scenario.model_dump(mode="json", exclude_unset=True)
     body = dump_yaml(data, default_flow_style=None)
     try:
-        path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
+        write_text(path, "\n".join(head) + "\n" + body)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written ({error.strerror})") from None
 

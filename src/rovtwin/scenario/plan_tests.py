@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.files import write_text
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.gnc.rules import RULES
 from rovtwin.gnc.scales import VehicleScales
@@ -100,7 +101,7 @@ def write_plan(plan: Plan, path: pathlib.Path) -> None:
     data |= plan.scenario.model_dump(mode="json", exclude_defaults=True)
     body = dump_yaml(data, default_flow_style=None)
     try:
-        path.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
+        write_text(path, "\n".join(head) + "\n" + body)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written ({error.strerror})") from None
 

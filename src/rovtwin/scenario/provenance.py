@@ -40,11 +40,16 @@ def provenance(scenario: Scenario, composed: Composed) -> dict[str, str]:
         "waves": scenario.world.waves.model_dump_json() if scenario.world.waves else "",
         "faults": to_json(composed.faults),
         "datum": datum.metadata(),
-        "mission": to_json([w.model_dump() | {"position": w.placed(datum)} for w in scenario.waypoints]),
+        "mission": to_json(flown_points(scenario)),
         "test": to_json(spans_of(scenario)) if scenario.test else "",
         "thrusters": to_json(composed.thruster_names),
         "tether_length": str(composed.paid_out),
     }
+
+
+def flown_points(scenario: Scenario) -> list[dict[str, Any]]:
+    """A scenario's way-points as a log tells them: with their place in n, also where they were given on the map."""
+    return [w.model_dump() | {"position": w.placed(scenario.origin)} for w in scenario.waypoints]
 
 
 def beginning(scenario: Scenario, utc_start: str) -> dict[str, str]:

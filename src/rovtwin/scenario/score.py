@@ -1,6 +1,6 @@
 """Scores of a run, as `docs/scenarios.md` defines them: from the truth, never from the estimate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,10 @@ from rovtwin.core.flow import FINISHED, GO, HOLD, PHASES, REASONS, TURN
 SETTLED = 60.0  # NEES is averaged from here on [s]
 STATION = 10.0  # holding counts as keeping a station from this long on [s]
 DEPTH, NORTH_EAST = 2, slice(0, 2)
+SAMPLED = (  # parts of a Flown with a row for each instant
+    *("t", "eta", "nu", "eta_hat", "nu_hat", "covariance", "leg", "mode", "health", "reference", "setpoint", "tau"),
+    *("bias", "water", "outside", "progress"),
+)
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,19 @@ class Flown:
     outside: np.ndarray | None = None
     progress: np.ndarray | None = None
     pose: np.ndarray | None = None
+
+    def during(self, start: float, end: float = np.inf) -> "Flown":
+        """The instants from a start up to an end [s]; what is of every control tick stays whole."""
+        first, last = np.searchsorted(self.t, [start - 1e-9, end - 1e-9])
+        if first == 0 and last == len(self.t):
+            return self
+        parts = {name: getattr(self, name) for name in SAMPLED}
+        return replace(self, **{name: part[first:last] for name, part in parts.items() if part is not None})
+
+
+def finished(flown: Flown) -> bool:
+    """Whether the mission came to its own end, whatever came after it."""
+    return bool(np.any(flown.mode[:, 0] == FINISHED))
 
 
 def distance_to_leg(position: np.ndarray, leg: np.ndarray) -> np.ndarray:

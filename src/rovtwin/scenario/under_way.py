@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rovtwin.core.files import write_text
+
 _MARK = ".unfinished"
 
 
@@ -19,7 +21,7 @@ def under_way(folder: Path) -> Iterator[None]:
         yield
         return
     folder.parent.mkdir(parents=True, exist_ok=True)
-    mark.write_text(f"{folder.name} is not complete: what made it is still at it, or was stopped.\n", encoding="utf-8")
+    write_text(mark, f"{folder.name} is not complete: what made it is still at it, or was stopped.\n")
     try:
         yield
     except BaseException:

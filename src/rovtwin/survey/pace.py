@@ -7,6 +7,7 @@ the other half is kept for course and depth.
 Reference: Fossen (2021), ch. 6.5 (decoupled equations of motion).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +47,7 @@ class Pace:
             ConfigError: It cannot go as fast with half its thrust, or cannot turn.
         """
         (astern, ahead), (port, starboard) = reach(model)[0], reach(model)[5]
-        top = steady_speed(model, 0, SHARE * ahead) if ahead > 0 else 0.0
+        top = top_of_lines(model)
         if not 0 < speed < top:
             raise ConfigError(
                 f"speed: found {speed:g} m/s, expected more than 0 and less than the {top:.2g} m/s that half of the "
@@ -104,6 +105,17 @@ class Pace:
 def _peak(length: np.ndarray, ramps: float, speed: float) -> np.ndarray:
     """Time of a leg too short for the full speed: up and down without a steady part."""
     return 2.0 * np.sqrt(np.maximum(length, 0.0) * ramps) / speed
+
+
+def top_of_lines(model: Model) -> float:
+    """Speed ahead that SHARE of the thrust gives [m/s]: lines are flown slower; 0 without thrust ahead."""
+    ahead = float(reach(model)[0][1])
+    return steady_speed(model, 0, SHARE * ahead) if ahead > 0 else 0.0
+
+
+def line_speed(model: Model) -> float:
+    """Fastest speed to the centimetre at which lines can be flown [m/s]; 0 where there is none."""
+    return math.floor(100.0 * (top_of_lines(model) - 1e-6)) / 100.0 if top_of_lines(model) > 0.0 else 0.0
 
 
 def drag_ahead(model: Model, speed: float) -> float:

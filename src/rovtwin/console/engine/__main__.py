@@ -4,6 +4,7 @@ import argparse
 import fcntl
 import json
 import logging
+import multiprocessing
 import os
 import signal
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 from rovtwin.console.wire import Place
 
 TRIES = 10  # to lock a place
+PATIENCE = 1.0  # with a process that is to end [s]
 
 
 def main() -> None:
@@ -55,6 +57,17 @@ def main() -> None:
     finally:
         bridge.close()
         place.note.unlink(missing_ok=True)
+    if engine.is_making_ready:
+        _leave()
+
+
+def _leave() -> None:
+    """End at once: Python would wait for what is being compiled, and for the link's host to be there."""
+    for one in multiprocessing.active_children():
+        one.terminate()
+        one.join(PATIENCE)
+        one.kill()
+    os._exit(0)
 
 
 def _lock(place: Place) -> bool:

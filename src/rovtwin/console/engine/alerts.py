@@ -3,7 +3,8 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rovtwin.core.flow import PHASES
+from rovtwin.console.clock import lasting
+from rovtwin.core.flow import OPERATOR, PHASES, REASONS
 from rovtwin.core.sensors import kind_of
 
 # By core.flow.REASONS: why the supervisor acted, and what to do.
@@ -26,7 +27,7 @@ REMEDIES = {
     "altitude limit": ("too close to the floor", "Hold, then pilot it up"),
     "time out": ("the mission took longer than allowed", "check the path; raise the time limit"),
     "operator silent": ("nobody in control was heard", "take control, then Resume"),
-    "sensor silent": ("attitude or depth is not told any more", "check the vehicle's sensors"),
+    "sensor silent": ("attitude or depth is no longer heard", "check the vehicle's sensors"),
     "no way home": ("the vehicle does not get nearer", "check tether and current; pilot it"),
     "off course": (
         "the vehicle leaves its path and does not come back",
@@ -77,7 +78,8 @@ def _of_supervisor(state: dict[str, Any]) -> list[Alert]:
     cause, remedy = REMEDIES[reason]
     if state.get("trial"):  # which knows no Hold
         remedy = "put right what is wrong, then Start flies the test anew"
-    level = "danger" if state["phase"] in (PHASES[i] for i in (7, 11, 12)) else "warning"
+    grave = state["phase"] in (PHASES[i] for i in (7, 11, 12)) and reason != REASONS[OPERATOR]
+    level = "danger" if grave else "warning"
     return [Alert(level, f"{state['phase']}: {reason}", cause, remedy)]
 
 
@@ -85,9 +87,9 @@ def _of_sensors(state: dict[str, Any]) -> list[Alert]:
     found = []
     ages = [one["age"] for one in _of_kind(state, "position") if one.get("age") is not None]
     if ages and min(ages) > SILENT:
-        found.append(Alert("warning", f"no position for {min(ages):.0f} s", "the positioning is silent", "check it"))
+        found.append(Alert("warning", f"no position for {lasting(min(ages))}", "the positioning is silent", "check it"))
     if state["link_age"] > 1.0:
-        text = f"vehicle not heard for {state['link_age']:.0f} s"
+        text = f"vehicle not heard for {lasting(state['link_age'])}"
         found.append(Alert("danger", text, "the link is broken or the vehicle is off", "check tether and network"))
     if any((leak.get("value") or [0.0])[0] > 0.5 for leak in _of_kind(state, "leak")):
         found.append(Alert("danger", "LEAK", "water comes in", "recover the vehicle now"))

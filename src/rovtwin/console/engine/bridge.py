@@ -2,12 +2,15 @@
 
 import logging
 import time
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import zmq
 
 from rovtwin.console import orders
+from rovtwin.console.clock import lasting
+from rovtwin.console.engine.checks import Check, faults, kept, require_none
 from rovtwin.console.engine.engine import Engine
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import counted
@@ -16,16 +19,14 @@ from rovtwin.console.engine.vessel import Vessel
 from rovtwin.console.wire import FRESH, decode, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import Mission
-from rovtwin.core.numerics import as_array
-from rovtwin.gnc.rules import inside
-from rovtwin.scenario.feasibility import require_feasible
+from rovtwin.scenario import point_numbers
 from rovtwin.scenario.fitting import own_values
-from rovtwin.scenario.inside import require_inside
 from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
 
+TURN = 4e-3  # for orders, before it is looked whether a tick is due; one is heard at least [s]
 ANY_AGE = ("stop", "disarm", "abort", "quit")  # orders that are right however long they waited
 
 
@@ -46,24 +47,29 @@ class Bridge:
             time.sleep(seconds)
 
     def obey(self) -> None:
-        """All orders that have come."""
-        while self._socket.poll(0):
+        """Orders that have come; those that there is no time for now wait for the next turn, as ticks may not."""
+        until = time.monotonic() + TURN
+        while self._socket.poll(0) and not self._engine.over:
             who, *_, text = self._socket.recv_multipart()
             answer = self.answer(text)
             if answer is not None:
                 self._socket.send_multipart([who, encode(answer)])
+            if time.monotonic() > until:
+                break
 
     def close(self) -> None:
         self._socket.close()
 
     def answer(self, text: bytes) -> dict[str, Any] | None:
         """Do what one says; what to reply, nothing where nobody asked to be told."""
+        number = None
         try:
             message = decode(text)
+            number = message.get("id")
             order = orders.parse(message)
         except ValueError as error:
-            return {"id": None, "ok": False, "error": f"not understood: {error}"}
-        number, now = message.get("id"), time.monotonic()
+            return {"id": number, "ok": False, "error": f"not understood: {error}"}
+        now = time.monotonic()
         try:
             sent = float(message.get("sent", "nan"))
         except (TypeError, ValueError, OverflowError):
@@ -139,7 +145,7 @@ class Bridge:
         if test.running:
             raise ConfigError("the test is under way already: abort it first")
         self._engine.fly_test(helm, test)
-        self._engine.event("info", f"test started: {test.count} manoeuvres, {test.duration:.0f} s")
+        self._engine.event("info", f"test started: {test.count} manoeuvres, {lasting(test.duration)}")
 
     def _goto(self, order: orders.Goto) -> None:
         helm = self._for_missions(self._underway())
@@ -147,7 +153,7 @@ class Bridge:
         own = own_values(Limits.of(self._engine.vessel.composed.model))
         speed = own["speed"] if order.speed is None else order.speed
         there = Waypoint(position=[order.x, order.y, depth], speed=speed, acceptance=own["acceptance"])
-        self._engine.fly(helm, self._checked([there]), [there])
+        self._engine.fly(helm, self._checked([there], "the place"), [there])
         self._engine.event("info", f"going to north {order.x:.1f} m, east {order.y:.1f} m, depth {depth:.1f} m")
 
     def _pause(self, order: Any) -> None:
@@ -192,41 +198,33 @@ class Bridge:
 
     def _check(self, order: orders.Submit) -> dict[str, Any]:
         """What there is to say of way-points before they are submitted."""
-        try:
-            self._checked(order.waypoints)
-        except RovtwinError as error:
-            return {"checks": [{"level": "error", "what": line} for line in str(error).splitlines()]}
-        limits = self._engine.vessel.limits
-        fast = [i for i, w in enumerate(order.waypoints) if w.speed > limits.speed]
-        checks = [{"level": "ok", "what": _kept(self._engine.scenario_with(order.waypoints))}]
-        if fast:
-            numbers = ", ".join(str(i + 1) for i in fast)
-            checks.append(
-                {"level": "warning", "what": f"way-points {numbers}: faster than thrusters keep up, {limits.said}"}
-            )
-        return {"checks": checks}
+        found = self._faults(order.waypoints)
+        if not found:
+            found.append(kept(self._engine.scenario_with(order.waypoints)))
+            limits = self._engine.vessel.limits
+            if fast := [i for i, w in enumerate(order.waypoints) if w.speed > limits.speed]:
+                what = f"{point_numbers.counted(fast)}: faster than thrusters keep up, {limits.said}"
+                found.append(Check("warning", what, fast))
+        return {"checks": [asdict(one) for one in found]}
 
-    def _checked(self, waypoints: list[Waypoint]) -> Mission:
-        """The mission, if it can be flown here.
+    def _faults(self, waypoints: list[Waypoint]) -> list[Check]:
+        """What keeps way-points from being flown here; of a real vehicle the current is not known."""
+        vessel = self._engine.vessel
+        helm, scenario = self._for_missions(vessel), self._engine.scenario_with(waypoints)
+        twin, composed = self._engine.is_twin, vessel.composed
+        model = composed.loop.twin.model if twin else composed.model
+        here = self._from_here(scenario, helm)
+        return faults(scenario, here, model, has_terrain=helm.has_terrain, known_world=twin)  # half a millisecond
+
+    def _checked(self, waypoints: list[Waypoint], name: str = "way-point") -> Mission:
+        """The mission, if it can be flown here; `name` is what a refusal calls a way-point.
 
         Raises:
             ConfigError: It leads out of the tank or the fence, too deep, needs an altimeter that there is not, or
-                cannot be flown by this vehicle; of a real one the current is not known.
+                cannot be flown by this vehicle; every fault is named.
         """
-        vessel = self._engine.vessel
-        helm, scenario = self._for_missions(vessel), self._engine.scenario_with(waypoints)
-        limit = scenario.autopilot.supervisor.deepest
-        for i, waypoint in enumerate(scenario.waypoints):
-            if waypoint.depth >= limit:
-                raise ConfigError(f"way-point {i + 1}: found {waypoint.depth:g} m deep, expected less than {limit:g} m")
-            if waypoint.altitude and not helm.has_terrain:
-                raise ConfigError(f"way-point {i + 1}: has an altitude, but there is no altimeter on board")
-        require_inside(scenario, vessel.composed.model)
-        require_fenced(scenario)
-        twin, composed = self._engine.is_twin, vessel.composed
-        model = composed.loop.twin.model if twin else composed.model
-        require_feasible(self._from_here(scenario, helm), model, known_world=twin)  # half a millisecond
-        return helm.mission_of(scenario)
+        require_none(self._faults(waypoints), name)
+        return self._for_missions(self._engine.vessel).mission_of(self._engine.scenario_with(waypoints))
 
     def _from_here(self, scenario: Scenario, helm: Helm) -> Scenario:
         """The scenario, begun where the vehicle is; before it is armed, where the scenario says."""
@@ -263,26 +261,3 @@ def _fault(order: orders.Inject, thrusters: list[str], sensors: list[str]) -> tu
         return ("sensor", order.sensor, order.works), f"{order.sensor} {'works' if order.works else 'is silent'}"
     north, east = order.current or (0.0, 0.0)
     return ("current", north, east), f"a current of {np.hypot(north, east):.2f} m/s more"
-
-
-def _kept(scenario: Scenario) -> str:
-    """What a plan that was checked keeps within, in words."""
-    fence = scenario.autopilot.supervisor.geofence
-    bounds = ["the tank"] if scenario.world.tank is not None else []
-    bounds += ["the fence"] if fence.limit is not None or fence.polygon is not None else []
-    inside_of = f"inside {' and '.join(bounds)}, " if bounds else "no tank and no fence here; "
-    return f"{inside_of}above the depth limit of {scenario.autopilot.supervisor.deepest:g} m"
-
-
-def require_fenced(scenario: Scenario) -> None:
-    """Raise ConfigError where a way-point lies outside the supervisor's fence."""
-    fence, start = scenario.autopilot.supervisor.geofence, np.array(scenario.start.position)
-    for i, waypoint in enumerate(scenario.waypoints):
-        place = np.array(waypoint.placed(scenario.origin))
-        away = float(np.linalg.norm((place - start)[:2]))
-        if fence.limit is not None and away > fence.limit:
-            raise ConfigError(
-                f"way-point {i + 1}: found {away:.1f} m from the start, expected at most {fence.limit:g} m (the fence)"
-            )
-        if fence.polygon is not None and not inside(as_array(fence.polygon), as_array(place[:2])):
-            raise ConfigError(f"way-point {i + 1}: found it outside the fence, expected it inside: move it")

@@ -103,6 +103,11 @@ class Engine:
         return self._ticker.vessel
 
     @property
+    def is_making_ready(self) -> bool:
+        """Whether a vehicle is being made ready, in a thread that knows of no end."""
+        return self._yard.is_making
+
+    @property
     def is_twin(self) -> bool:
         return self._wanted.is_twin
 
@@ -148,7 +153,7 @@ class Engine:
         """Start a mission through way-points."""
         helm.start(mission)
         self.count = len(waypoints)
-        self._logbook.flown(self.scenario_with(waypoints))
+        self._logbook.flown(self.scenario_with(waypoints), self._now)
 
     def fly_test(self, helm: TrialHelm, test: Manoeuvres) -> None:
         """Start the test; its log begins with it, so that their times are the same."""
@@ -317,6 +322,7 @@ class Engine:
             "pid": os.getpid(),
             "stage": self._stage,
             "note": self._note,
+            "making": None if (step := self._yard.step) is None else step.message(),
             "scenario": self._wanted.scenario.name,
             "link": self._wanted.link,
             "speed": self._yard.speed,

@@ -11,17 +11,21 @@ import numpy as np
 from rovtwin.console.engine.steering import Steering
 from rovtwin.console.engine.watching import VehicleWatch
 from rovtwin.core.datum import utc_now
-from rovtwin.core.flow import Measurements, Slot
+from rovtwin.core.files import write_text
+from rovtwin.core.flow import FINISHED, PHASES, Measurements, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
+from rovtwin.core.log.files import keeping
+from rovtwin.core.log.missions import FlownMission, missions_metadata
 from rovtwin.scenario.composition import Composed
 from rovtwin.scenario.decisions import decisions
 from rovtwin.scenario.flight import new_folder, run_folder
 from rovtwin.scenario.live.beside import changed
 from rovtwin.scenario.live.flight import metadata_of, write_scenario
 from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
-from rovtwin.scenario.provenance import beginning
+from rovtwin.scenario.provenance import beginning, flown_points
 from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.score import finished
 
 logger = logging.getLogger(__name__)
 
@@ -45,13 +49,13 @@ class FlightLog:
         self.folder, self.began = new_folder(folder), 0.0
         self._composed, self._helm, self._watch = composed, helm, watch
         self._monitor = None if watch is None else watch.begin()
-        metadata = metadata_of(scenario, composed, self.folder)
+        metadata = metadata_of(scenario, composed, self.folder) | missions_metadata([])  # none was started yet
         channels = live_channels(scenario, composed.thruster_names, composed.sensor_names, self._monitor)
         self._log = LogWriter(self.folder / "log.mcap", channels, metadata)
         self._recorder = LiveRecorder(scenario, self._log.write_many, self.folder, self._monitor)
         self._rows: list[Any] = []
         self._scenario = scenario
-        self._flown: Scenario | None = None
+        self._flown: list[tuple[float, Scenario]] = []  # missions, and when they were started on the log's clock [s]
         self._chunk = round(CHUNK / scenario.control_dt)
 
     def begin(self, now: float, utc: str) -> None:
@@ -65,22 +69,25 @@ class FlightLog:
         if len(self._rows) >= self._chunk:
             self._flush()
 
-    def flown(self, scenario: Scenario) -> None:
-        """What is flown now; the log was opened with what was known at arming, and ends with the last mission."""
-        self._flown = scenario
+    def flown(self, scenario: Scenario, now: float) -> None:
+        """What is flown from now on [s, by the clock of the helm's readings]."""
+        self._flown.append((now - self.began, scenario))
+        missions = [FlownMission(t, flown_points(one)) for t, one in self._flown]
+        self._log.annotate(missions_metadata(missions))
 
     def close(self, ending: str) -> dict[str, Any]:
         """Write what is left, what was flown and how it ended; the summary."""
         try:
             self._flush()
-            if self._flown is not None:
-                self._log.annotate({"scenario": write_scenario(self._flown, self._composed, self.folder)})
+            if self._flown:
+                self._log.annotate({"scenario": write_scenario(self._flown[-1][1], self._composed, self.folder)})
             summary = self._summary(ending) | changed(self._monitor, self._watch.unwatched if self._watch else "")
             self._log.annotate({"summary": to_json(summary)})
         finally:
             self._log.close()
             self._recorder.close()
-        (self.folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+        with keeping(self.folder, f"The log is whole: {self.folder / 'log.mcap'}"):
+            write_text(self.folder / "summary.json", to_json(summary) + "\n")
         return summary
 
     def _flush(self) -> None:
@@ -95,10 +102,13 @@ class FlightLog:
             return {"completed": False, "phase": "idle", "reason": ending, "decisions": []}
         flown = self._recorder.flown()
         figures = live_figures(flown, test=self._composed.scenario.test is not None)
-        composed, scenario = self._composed, self._flown or self._composed.scenario
+        composed = self._composed
+        missions = self._flown if composed.scenario.test is None else [(0.0, composed.scenario)]
+        if missions and finished(flown.during(missions[-1][0])):  # whatever came after it, as a hold
+            figures |= {"completed": True, "phase": PHASES[FINISHED]}
         return figures | {
             "reason": "" if figures["completed"] else figures["reason"] or ending,
-            "decisions": decisions(flown, composed.thruster_names, scenario, composed.model),
+            "decisions": decisions(flown, composed.thruster_names, missions, composed.model),
         }
 
 
@@ -145,10 +155,13 @@ class Logbook:
             self._flight = opening.result()
             self._flight.begin(now, utc)
 
-    def flown(self, scenario: Scenario) -> None:
-        """The mission that is flown from now on, for the log of the flight under way."""
-        if self._flight is not None:
-            self._flight.flown(scenario)
+    def flown(self, scenario: Scenario, now: float) -> None:
+        """The mission that is flown from now on [s], for the log of the flight under way."""
+        try:
+            if self._flight is not None:
+                self._flight.flown(scenario, now)
+        except Exception as error:
+            self._fail(error)
 
     def add(self, late_ms: float, link_age: float) -> None:
         """The last tick of the flight under way."""
@@ -158,8 +171,12 @@ class Logbook:
                 if self._watch is not None and (news := self._watch.news()):
                     self._event("warning", news)
         except Exception as error:
-            self._event("danger", f"flying on without a log: {error}")
-            self.close("the log failed")
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """Fly on without the log."""
+        self._event("danger", f"flying on without a log: {error}")
+        self.close("the log failed")
 
     def close(self, ending: str) -> None:
         """Close the log of a flight that is over, or does not come."""

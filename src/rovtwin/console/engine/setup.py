@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rovtwin.core.flow import REASONS
 from rovtwin.core.sensors import SENSORS, kind_named, kind_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
@@ -31,8 +32,19 @@ def setup_of(
         "mesh": "/mesh/vehicle.glb" if pieces_of(composed.vehicle) else None,
         "home": np.asarray(readiness.start.position),
         "missing": list(readiness.missing),
+        "operator_silent": _operator_rule(composed),
         "test": test,
     }
+
+
+def _operator_rule(composed: "Composed") -> dict[str, Any]:
+    """What the autopilot does without an operator, one of gnc.rules.ACTIONS, and after how long [s]."""
+    from rovtwin.gnc.rules import ACTIONS  # not for a replay, which begins sooner without it
+
+    autopilot: Any = composed.loop.autopilot
+    rules = autopilot.supervisor.rules
+    i = REASONS.index("operator silent")
+    return {"limit": float(rules.limit[i] + rules.after[i]), "action": ACTIONS[int(rules.action[i])]}
 
 
 def values_of(sensors: list[str]) -> dict[str, dict[str, list[str]]]:

@@ -9,11 +9,12 @@ from scipy.special import gammaincinv
 
 from rovtwin.console.engine.world import TRUTH
 from rovtwin.core.datum import Datum
-from rovtwin.core.flow import HEADING_GIVEN_UP, PHASES, REASONS, AutopilotOutput, Measurement
+from rovtwin.core.flow import HEADING_GIVEN_UP, OPERATOR, PHASES, REASONS, AutopilotOutput, Measurement
 from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.scenario.schema import Waypoint
 
 WINDOW = 10.0  # over which innovations are compared with what the filter says of itself [s]
+BY_OPERATOR = REASONS[OPERATOR]  # what the operator asked for is no alarm
 TOLD = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))  # kinds whose values are shown
 
 
@@ -73,7 +74,7 @@ class Changes:
         gave_up, self._gave_up = self._gave_up, gives_up
         before, self._before = self._before, (phase, reason)
         if reason and reason != before[1]:
-            return "danger", f"{phase}: {reason}"
+            return "warning" if reason == BY_OPERATOR else "danger", f"{phase}: {reason}"
         if phase != before[0] and phase in ("finished", "returned", "surfaced"):
             return "info", phase
         if gives_up != gave_up:

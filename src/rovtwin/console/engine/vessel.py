@@ -2,10 +2,12 @@
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.trial_helm import TrialHelm
@@ -27,6 +29,14 @@ from rovtwin.vehicle.performance import performance
 TWIN = "twin://"
 COMPILING = 240.0  # longest wait for a twin, which is compiled first [s]
 
+STEPS = (  # that make a vessel ready; a twin is compiled by its own process at the same time
+    "reading vehicle and world",
+    "compiling the autopilot",
+    "compiling the monitor of what changes",
+    "opening the link",
+    "waiting for the sensors",
+)
+
 Say = Callable[[str, str], None]  # stage, note
 
 
@@ -42,6 +52,26 @@ class Wanted:
     @property
     def is_twin(self) -> bool:
         return self.link == TWIN
+
+
+@dataclass(frozen=True)
+class Step:
+    """One of the steps that make a vessel ready.
+
+    Attributes:
+        number: Of STEPS, from 1.
+        began, whole: When it and the first of them began [s, monotonic].
+    """
+
+    number: int
+    began: float
+    whole: float
+
+    def message(self) -> dict[str, Any]:
+        """For pages: what is done, its number, of how many, and how long it and all of them took so far [s]."""
+        now = time.monotonic()
+        done = {"what": STEPS[self.number - 1], "step": self.number, "of": len(STEPS)}
+        return done | {"seconds": now - self.began, "whole": now - self.whole}
 
 
 @dataclass(frozen=True)
@@ -90,6 +120,7 @@ class Shipyard:
     Attributes:
         clock: That readings are stamped with; of a twin it stands until the world is there.
         speed: At which it begins to run.
+        step: What is done to make a vessel ready; None where none is being made.
     """
 
     def __init__(self, wanted: Wanted, speed: float, say: Say):
@@ -98,12 +129,18 @@ class Shipyard:
         self._made: Vessel | None = None
         self._helm: Compiled | None = None
         self._thread: threading.Thread | None = None
+        self.step: Step | None = None
 
     def begin(self) -> None:
         """Start to make one, unless one is being made, or is made and nobody has taken it."""
         if self._made is None and (self._thread is None or not self._thread.is_alive()):
             self._thread = threading.Thread(target=self._make, daemon=True, name="making ready")
             self._thread.start()
+
+    @property
+    def is_making(self) -> bool:
+        """Whether one is being made."""
+        return self._thread is not None and self._thread.is_alive()
 
     def ready(self) -> Vessel | None:
         """The vessel, once."""
@@ -117,11 +154,20 @@ class Shipyard:
             self._say("lost", str(error))
         except Exception as error:  # a mistake of ours or of a driver: the operator has to see it, not a log
             self._say("lost", f"{type(error).__name__}: {error}")
+        finally:
+            self.step = None
+
+    def _go_on(self, number: int) -> None:
+        """Begin a step; its note is what the page says of it."""
+        now = time.monotonic()
+        self.step = Step(number, now, now if self.step is None else self.step.whole)
+        what = STEPS[number - 1]
+        self._say("listening" if number == len(STEPS) else "connecting", f"{what} ({number} of {len(STEPS)})")
 
     def _vessel(self) -> Vessel:
         wanted = self.wanted
         self.clock = Clock(0.0 if wanted.is_twin else self.speed)
-        self._say("connecting", f"opening {wanted.link}, compiling the autopilot")
+        self._go_on(1)
         with ThreadPoolExecutor(1) as pool:
             opening = pool.submit(self._open)
             try:
@@ -130,6 +176,7 @@ class Shipyard:
                 opening.add_done_callback(lambda done: done.exception() or done.result().close())
                 raise
             self._helm = composed, helm, limits, watch
+            self._go_on(4)
             link = opening.result()
         sources: list[Source] = []
         try:
@@ -138,7 +185,7 @@ class Shipyard:
             if wanted.is_twin:
                 link.tell(("pace", *self.clock.run(self.speed)))
             ears = Ears(link, sources)
-            self._say("listening", "waiting for the sensors")
+            self._go_on(5)
             names = composed.sensor_names
             needed, rotation = needed_by(wanted.scenario), rotated(composed.loop.twin.sensors).get("attitude")
             settle()
@@ -169,5 +216,7 @@ class Shipyard:
         scenario = self.wanted.scenario
         composed = compose(scenario)
         _ = composed.vehicle_table  # which a log has to tell: later it would stop the loop for seconds
-        kind = TrialHelm if scenario.test else Helm
-        return composed, kind(composed, scenario), Limits.of(composed), VehicleWatch(composed, scenario)
+        self._go_on(2)
+        helm = (TrialHelm if scenario.test else Helm)(composed, scenario)
+        self._go_on(3)
+        return composed, helm, Limits.of(composed), VehicleWatch(composed, scenario)

@@ -2,6 +2,7 @@
 
 import asyncio
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,9 @@ from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
 STATIC = Path(__file__).parent / "static"
-LARGEST = 2_000_000  # message of a browser [bytes]
+LARGEST = 250_000  # message of a browser [bytes]: a file of MOST_UPLOAD bytes, as JSON has it
+BACKLOG = 8  # connections that are let in between two looks at those there are: each takes a millisecond or two
+SWITCH = 1e-3  # until another thread may go on; by default five times as long, as often as there are threads [s]
 
 
 def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: bool, camera: str | None = None) -> Hub:
@@ -59,6 +62,10 @@ def build(place: Place, gate: Gate, scenario: Scenario, runs: Path, is_twin: boo
             return {"ok": True, "heard": await hub.client.stop()}
         except LinkError as error:
             return {"ok": False, "error": str(error)}
+
+    @app.get("/attended")
+    def attended() -> dict[str, Any]:
+        return hub.attended()
 
     @app.get("/camera.mjpg")
     async def picture() -> Response:
@@ -115,6 +122,7 @@ def open_to(gate: Gate) -> None:
 
 def run(host: str, port: int) -> None:
     """Serve until Ctrl-C."""
+    sys.setswitchinterval(SWITCH)
     ui.run(
         host=host,
         port=port,
@@ -125,6 +133,8 @@ def run(host: str, port: int) -> None:
         favicon=STATIC / "icon.svg",
         tailwind=False,
         uvicorn_logging_level="error",
+        backlog=BACKLOG,
         ws_max_size=LARGEST,
+        ws_per_message_deflate=False,  # twenty states a second to every page: packing them takes longer than sending
         timeout_graceful_shutdown=1,  # or Ctrl-C would wait for pages that are open, whose pictures never end
     )

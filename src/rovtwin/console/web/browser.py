@@ -12,10 +12,11 @@ class Browser:
 
     Attributes:
         name: Its own, which no other page has at the same time.
+        orders: That it gave and that are not answered yet.
     """
 
     def __init__(self, name: str):
-        self.name = name
+        self.name, self.orders = name, 0
         self._texts: deque[str] = deque()
         self._state: str | None = None
         self._news, self._over = asyncio.Event(), asyncio.Event()

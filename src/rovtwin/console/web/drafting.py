@@ -1,6 +1,7 @@
 """What browsers do to the plan on the table, and what there is to say of it before it is submitted."""
 
 import asyncio
+import math
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,27 +10,32 @@ import numpy as np
 
 from rovtwin.console.planning import MOST, rows_of, square, waypoint_of
 from rovtwin.console.web.sea_check import SeaCheck
+from rovtwin.console.worker import Worker
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
+from rovtwin.core.files import MOST_UPLOAD
 from rovtwin.core.yamlfile import dump_yaml
 
 if TYPE_CHECKING:
     from rovtwin.console.web.hub import Hub
 
 COLUMNS = ("x", "y", "depth", "speed", "acceptance", "hold_time", "heading_deg", "altitude")
-LARGEST = 1_000_000  # file that is taken [characters]
+LOOKS = 0.2  # from one look at the draft to the next: each costs the server some 20 ms, if the plan is long [s]
 BEYOND = 1e6  # all that is asked for, in metres
 
 
 class Drafting:
-    """Operations on a hub's draft.
+    """Operations on a hub's draft. Files are read and surveys are laid out by a worker: see there.
 
     Attributes:
         checks: What there is to say of the draft: `level` is ok, warning or error.
     """
 
-    def __init__(self, hub: "Hub", sea: SeaCheck):
-        self._hub, self._sea = hub, sea
+    def __init__(self, hub: "Hub", worker: Worker, sea: SeaCheck):
+        self._hub, self._worker, self._sea = hub, worker, sea
         self.checks: list[dict[str, str]] = []
+        self._one_at_a_time = asyncio.Lock()
+        self._look: asyncio.Task[None] | None = None  # that waits to begin
+        self._resting = -math.inf  # until when none is taken [s, of the event loop]
 
     async def do(self, what: dict[str, Any]) -> None:
         """One operation, `op`, with its arguments.
@@ -44,9 +50,18 @@ class Drafting:
         await self.look()
 
     async def look(self) -> None:
-        """Check the draft, and tell all."""
-        await self._check()
-        self._hub.tell_plan()
+        """Check the draft, and tell all. However fast changes come, one look is taken at a time, and one waits."""
+        if self._look is None:
+            self._look = asyncio.create_task(self._look_in_turn())
+        await asyncio.shield(self._look)  # others wait for it, too
+
+    async def _look_in_turn(self) -> None:
+        async with self._one_at_a_time:
+            await asyncio.sleep(self._resting - asyncio.get_running_loop().time())
+            self._look = None  # what is changed from here on has to be looked at again
+            await self._check()
+            self._hub.tell_plan()
+            self._resting = asyncio.get_running_loop().time() + LOOKS
 
     async def _add(self, what: dict[str, Any]) -> None:
         self._hub.draft.add(_columns(what))
@@ -79,9 +94,11 @@ class Drafting:
 
     async def _import(self, what: dict[str, Any]) -> None:
         text = what.get("text")
-        if not isinstance(text, str) or len(text) > LARGEST:
-            raise ConfigError(f"the file: expected text of at most {LARGEST:,} characters")
-        self._hub.draft.load(await asyncio.to_thread(rows_of, text))  # seconds for a large one: STOP must not wait
+        if not isinstance(text, str):
+            raise ConfigError(f"the file: found {type(text).__name__}, expected text")
+        if (size := len(text.encode(errors="replace"))) > MOST_UPLOAD:
+            raise ConfigError(f"the file: found {size / 1e3:,.0f} kB, expected at most {MOST_UPLOAD / 1e3:g} kB")
+        self._hub.draft.load(await self._worker.call(rows_of, text))
 
     async def _template(self, what: dict[str, Any]) -> None:
         depth, speed = _value(what, "depth", 1.0), _value(what, "speed", self._hub.draft.own["speed"])
@@ -91,9 +108,10 @@ class Drafting:
             rows = square(_value(what, "x", x), _value(what, "y", y), side, depth, speed)
         elif what.get("name") == "lawnmower":
             area, spacing = what.get("area"), _value(what, "spacing", 1.0)
+            speed = min(speed, self._hub.line_speed) if "speed" not in what else speed
             if not isinstance(inside := what.get("inside", False), bool):
                 raise ConfigError(f"template.inside: found {inside!r}, expected true or false")
-            rows = await asyncio.to_thread(_lawnmower, area, spacing, depth, speed, inside, self._hub.vehicle)
+            rows = await self._worker.call(_lawnmower, area, spacing, depth, speed, inside, self._hub.vehicle)
         else:
             raise ConfigError(f"template: found {what.get('name')!r}, expected square or lawnmower")
         self._hub.draft.load(rows)
@@ -115,7 +133,7 @@ class Drafting:
             self.checks = found.get("checks", [])
         except LinkError as error:
             self.checks = [{"level": "error", "what": str(error)}]
-        self._sea.ask(self._hub.draft.waypoints(), self._add_check)
+        self._sea.ask(rows, self._add_check)
 
     def _add_check(self, check: dict[str, str]) -> None:
         self.checks = [*self.checks, check]

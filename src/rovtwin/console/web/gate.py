@@ -1,16 +1,21 @@
 """Who may come in, by whatever door: pages, files, sockets of ours and of NiceGUI."""
 
 import secrets
+from html import escape
 from typing import Any
+from urllib.parse import parse_qsl, quote, urlencode
 
 from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection
-from starlette.responses import PlainTextResponse
+from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "rovtwin_token"
 REFUSED = "rovtwin console: open the address with its ?token=... as the terminal shows it"
+# A page that leads on, in place of a redirect: where a link on another site was followed, a browser sends no cookie of
+# SameSite=strict with what that link redirects to, but does with what a page of ours asks for.
+LEADS_ON = '<!doctype html><title>rovtwin</title><meta http-equiv="refresh" content="0; url={}">'
 
 
 class Gate:
@@ -35,8 +40,13 @@ class Gate:
             return False
         if self.token is None:
             return True
-        given = query.get("token") or cookies.get(COOKIE) or ""
+        given = query.get("token") or cookies.get(cookie_of(host)) or ""
         return secrets.compare_digest(given.encode(errors="replace"), self.token.encode())
+
+
+def cookie_of(host: str) -> str:
+    """Name of the cookie with the token; cookies know no ports, and another console may be served at the next one."""
+    return f"{COOKIE}_{host.rpartition(':')[2]}" if host.rpartition(":")[2].isdecimal() else COOKIE
 
 
 class Guard:
@@ -51,25 +61,37 @@ class Guard:
             return
         asked, is_socket = HTTPConnection(scope), scope["type"] == "websocket"
         if self._gate.admits(asked.headers, asked.cookies, asked.query_params):
-            new = bool(asked.query_params.get("token"))
-            await self._app(scope, receive, send if is_socket else self._marked(send, new))
+            if is_socket:
+                await self._app(scope, receive, send)
+                return
+            new = self._gate.token is not None and bool(asked.query_params.get("token"))
+            led_on = new and scope["method"] == "GET" and "text/html" in asked.headers.get("accept", "")
+            marked = self._marked(send, cookie_of(asked.headers.get("host", "")) if new else "")
+            await (_clean(scope) if led_on else self._app)(scope, receive, marked)
         elif is_socket:
             await receive()  # its wish to connect
             await send({"type": "websocket.close", "code": 1008})
         else:
             await PlainTextResponse(REFUSED, 403)(scope, receive, send)
 
-    def _marked(self, send: Send, new: bool) -> Send:
-        """Answers with a cookie for who came with the token, and which no other page may show within itself."""
+    def _marked(self, send: Send, cookie: str) -> Send:
+        """Answers that no other page may show or learn the address of; with the token in a cookie, if one is named."""
 
         async def marked(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 # Within a page of another site STOP's neighbours could be clicked unseen.
                 headers["Content-Security-Policy"] = "frame-ancestors 'none'"
-                if self._gate.token is not None and new:
-                    cookie = f"{COOKIE}={self._gate.token}; HttpOnly; Path=/; SameSite=strict"
-                    headers.append("Set-Cookie", cookie)
+                headers["Referrer-Policy"] = "no-referrer"
+                if cookie:
+                    headers.append("Set-Cookie", f"{cookie}={self._gate.token}; HttpOnly; Path=/; SameSite=strict")
             await send(message)
 
         return marked
+
+
+def _clean(scope: Scope) -> HTMLResponse:
+    """Leads on to the same address without the token, which would stay in the address bar and in what is kept of it."""
+    rest = [(key, value) for key, value in parse_qsl(scope["query_string"].decode("latin-1")) if key != "token"]
+    address = "/" + quote(scope["path"].lstrip("/")) + (f"?{urlencode(rest)}" if rest else "")
+    return HTMLResponse(LEADS_ON.format(escape(address)), headers={"Cache-Control": "no-store"})

@@ -17,11 +17,14 @@ from rovtwin.console.web.browser import Browser
 from rovtwin.console.web.drafting import Drafting
 from rovtwin.console.web.sea_check import SeaCheck
 from rovtwin.console.wire import Place, decode, encode
+from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
+from rovtwin.core.files import MOST_UPLOAD
 from rovtwin.scenario.composition import vehicle_of
 from rovtwin.scenario.fitting import own_values
 from rovtwin.scenario.limits import Limits
 from rovtwin.scenario.schema import Scenario
+from rovtwin.survey.pace import line_speed
 
 logger = logging.getLogger(__name__)
 
@@ -31,6 +34,8 @@ LATE = 4.0  # an order given on news older than this is not handed on: it waited
 PLAIN = ("arm", "disarm", "start", "pause", "resume", "abort", "hold", "reconnect")  # as they come, to the engine
 FULL = ("goto", "pace", "inject")
 ANY_AGE = ("disarm", "abort")  # right however long they waited, as STOP is
+AT_ONCE = 16  # orders of one page that are not answered yet; further ones are refused
+PATIENCE = 20.0  # with a file that is read, or a survey that is laid out [s]; pages wait for 30
 
 
 Do = Callable[[str, dict[str, Any]], Awaitable[str]]  # an order and what was said with it -> what to say
@@ -46,6 +51,7 @@ async def answer(browser: Browser, text: str, do: Do) -> None:
         return
     number, what = message.pop("id", None), message.pop("do", None)
     what = what[:40] if isinstance(what, str) else "?"
+    browser.orders += 1
     try:
         reply: dict[str, Any] = {"ok": True, "said": await do(what, message)}
     except RovtwinError as error:
@@ -53,6 +59,8 @@ async def answer(browser: Browser, text: str, do: Do) -> None:
     except Exception as error:  # a mistake of ours: whoever gave the order must not be left in doubt
         logger.exception("order %s", what)
         reply = {"ok": False, "error": f"{what}: the console failed at it ({type(error).__name__}: {error})"}
+    finally:
+        browser.orders -= 1
     if isinstance(number, int | float | str):
         browser.put(encode({"kind": "reply", "id": number} | reply).decode())
 
@@ -64,14 +72,17 @@ class Hub:
         client: To the engine.
         rights: Who is in control.
         vehicle: That is flown: its name, file or description.
+        line_speed: The fastest at which it flies the lines of a survey [m/s].
         draft: The plan on the table, which all see and one edits.
     """
 
     def __init__(self, place: Place, scenario: Scenario):
         self.client = Client(place, self._pass_on)
-        self.vehicle, own = scenario.vehicle, own_values(Limits.of(vehicle_of(scenario).model()))
+        model = vehicle_of(scenario).model()
+        self.vehicle, own, self.line_speed = scenario.vehicle, own_values(Limits.of(model)), line_speed(model)
         self.rights, self.draft = Rights(), Draft(own=own)
-        self._drafting = Drafting(self, SeaCheck(scenario))
+        self._worker = Worker("the plan", PATIENCE)
+        self._drafting = Drafting(self, self._worker, SeaCheck(scenario, self._worker))
         self._browsers: list[Browser] = []
         self._seen_plan = self._ready = False
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -79,8 +90,11 @@ class Hub:
 
     async def run(self) -> None:
         """Until cancelled."""
-        with contextlib.suppress(asyncio.CancelledError):
-            await asyncio.gather(self.client.listen(), self._pulse())
+        try:
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.gather(self.client.listen(), self._pulse())
+        finally:
+            self._worker.close()
 
     # To the browsers
 
@@ -139,6 +153,12 @@ class Hub:
         for browser in self._browsers:
             browser.put(self._text(self.rights.told(browser.name)))
 
+    def attended(self) -> dict[str, Any]:
+        """What pages need that show no flight, replays, to count down while nobody is in control of one."""
+        state, setup = (self.client.last.get(kind, {}) for kind in ("state", "setup"))
+        told = {key: state.get(key) for key in ("armed", "phase", "operator_age")}
+        return told | {"operator_silent": setup.get("operator_silent")}
+
     def tell_plan(self) -> None:
         self.send(self.plan())
 
@@ -153,11 +173,13 @@ class Hub:
             "submitted": bool(flown.get("submitted")),
             "changed": [_place(row) for row in self.draft.rows] != [_place(row) for row in rows],
             "own": self.draft.own,
+            "line_speed": self.line_speed,
             "undo": self.draft.can_undo,
             "redo": self.draft.can_redo,
             "length": self.draft.length(),
             "seconds": self.draft.seconds(),
             "checks": self._drafting.checks,
+            "largest": MOST_UPLOAD,
         }
 
     def _drafting_differs(self) -> bool:
@@ -169,7 +191,6 @@ class Hub:
 
     async def obey(self, browser: Browser, text: str) -> None:
         """Do what a message of a browser asks, and say what came of it."""
-        browser.spoke()
         await answer(browser, text, partial(self._do, browser))
 
     async def _do(self, browser: Browser, do: str, what: dict[str, Any]) -> str:
@@ -180,6 +201,8 @@ class Hub:
             if self.rights.holder == name:
                 self.client.tell("alive")
             return ""
+        if browser.orders > AT_ONCE:
+            raise RovtwinError(f"{browser.orders} orders of this page wait already. Give it again in a moment")
         if do in ("take", "ask", "give", "refuse"):
             said = self.rights.take(name) if do in ("take", "ask") else getattr(self.rights, do)(name) or ""
             self.tell_rights()

@@ -19,8 +19,8 @@ def page(is_test: bool = False) -> None:
     head()
     with ui.element("div").classes("console").props("id=console"):
         bar()
-        ui.element("div").props('id=alerts role=alert aria-live=assertive aria-label="Alerts"')
-        with ui.element("main").classes("views"):
+        ui.element("div").props('id=alerts role=region aria-label="Alerts"')
+        with ui.element("div").classes("views"):  # in NiceGUI's own main
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
             tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots"), "Changes": later("changes")})
             tabs("side", "Actions", acting | {title: section(name) for title, name in forms.items()})
@@ -37,11 +37,14 @@ def head() -> None:
     """Sheets and colours that all pages share."""
     ui.add_head_html('<link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/page.css">')
     ui.add_head_html('<link rel="stylesheet" href="/static/replay.css"><meta name="color-scheme" content="dark light">')
+    ui.add_head_html('<script>document.documentElement.lang = "en"</script>')  # screen readers choose a voice by it
 
 
 def bar(stop: bool = True) -> None:
     """STOP, where there is something to stop, and the state of things; `bar.js` fills it."""
     with ui.element("header").classes("bar"):
+        with ui.element("h1").classes("unseen"):
+            ui.html("rovtwin console", sanitize=False)
         if stop:
             ui.element("button").props('id=stop aria-label="STOP: thrusters off (Esc)"').classes("stop")
         ui.element("div").props('id=bar role=status aria-label="State of the vehicle"').classes("facts")

@@ -20,8 +20,8 @@ def replay_page(recording: Recording, run: str, flies: bool) -> None:
     ui.add_head_html(f'<meta name="rovtwin-live" content="{address}">')
     with ui.element("div").classes("console replaying").props("id=console"):
         bar(stop=flies)
-        ui.element("div").props('id=alerts role=alert aria-live=off aria-label="Alerts"')
-        with ui.element("main").classes("views"):
+        ui.element("div").props('id=alerts role=region aria-label="Alerts"')
+        with ui.element("div").classes("views"):
             tabs("left", "Views, left", {"Chart": chart, "3-D": later("scene")})
             tabs("right", "Views, right", {"Camera": hud, "Plots": later("plots")})
             tabs("side", "Runs", {"Runs": section("runs")})
@@ -39,7 +39,7 @@ def refused(why: str) -> None:
     """In place of it where a run cannot be opened: why, and the runs there are."""
     head()
     ui.add_head_html('<meta name="rovtwin-live" content="">')
-    with ui.element("main").classes("refused").props('role=alert id=refused aria-label="This run cannot be replayed"'):
+    with ui.element("div").classes("refused").props('role=alert id=refused aria-label="This run cannot be replayed"'):
         ui.label("This run cannot be replayed").style("font-weight: 600")
         ui.label(why)
     section("runs")()

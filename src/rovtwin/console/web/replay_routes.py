@@ -6,21 +6,22 @@ from collections.abc import Callable
 from fastapi import Response, WebSocket
 from nicegui import app, ui
 
-from rovtwin.console.reading import Reader
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import Shelf
 from rovtwin.console.web.replay_page import refused, replay_page
 from rovtwin.console.web.replaying import Library, Replaying, Stop
 from rovtwin.console.web.sockets import serve
+from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
+from rovtwin.core.log import Log
 
 OPENING = 60.0  # longest wait for a run [s]
 
 
 def add_replay(shelf: Shelf, given: Recording | None = None, stop: Stop | None = None) -> None:
     """Serve replays of a shelf's runs, and of the one that is given; `stop` stops what flies beside."""
-    reader = Reader()
-    library = Library(shelf, reader.read, given, stop)
+    reader = Worker("reading the log")
+    library = Library(shelf, lambda path: reader.call(Log.read, path), given, stop)
     app.on_shutdown(reader.close)
 
     @ui.page("/replay", title="rovtwin replay", response_timeout=OPENING)
@@ -43,7 +44,7 @@ def add_replay(shelf: Shelf, given: Recording | None = None, stop: Stop | None =
 
     @app.get("/replay/runs")
     async def runs() -> dict[str, object]:
-        reader.warm()
+        await asyncio.to_thread(reader.warm)  # somebody is about to choose a log
         return {"folder": str(shelf.folder), "runs": await asyncio.to_thread(shelf.runs)}
 
     @app.get("/replay/history")

@@ -31,11 +31,12 @@ Stop = Callable[[], Awaitable[bool]]  # thrusters off, of what flies beside; whe
 
 
 class Seat(Browser):
-    """A page that is open: where it is in the run [s], how fast it goes on, and whether."""
+    """A page that is open: where it is in the run [s], how fast it goes on, and whether; the mission that it shows."""
 
     def __init__(self, name: str, t: float):
         super().__init__(name)
         self.t, self.speed, self.running = t, 1.0, False
+        self.mission: int | None = None  # whose plan it has
         self.player: asyncio.Task[None] | None = None
 
 
@@ -59,7 +60,6 @@ class Replaying:
         marks = marks_of(recording)
         self._told = [
             self._setup(),
-            recording.plan(),
             {"kind": "marks", "marks": marks},
             {"kind": "history", "events": marks},
         ]
@@ -132,6 +132,9 @@ class Replaying:
             last = now
 
     def _show(self, seat: Seat) -> None:
+        if (mission := self.recording.mission_at(seat.t)) != seat.mission:
+            seat.mission = mission
+            seat.put(encode(self.recording.plan(mission)).decode())
         pace = {"speed": seat.speed, "running": seat.running, "sent": time.monotonic()}
         seat.put(encode(self.recording.state(seat.t) | pace).decode(), is_state=True)
 

@@ -1,12 +1,12 @@
 """Writing files without losing any: nothing is overwritten unasked, and no result is left half-written."""
 
 import errno
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from rovtwin.core.errors import LogError, exists_already
+from rovtwin.core.files import FULL, whole
 
 _FIXES = {
     errno.ENOENT: "Create the folder first",
@@ -14,8 +14,7 @@ _FIXES = {
     errno.ENOTDIR: "Part of the path is a file, not a folder",
     errno.EACCES: "Choose a folder you may write to",
     errno.EROFS: "Choose a folder you may write to",
-    errno.ENOSPC: "Free some space, then try again",
-    errno.EDQUOT: "Free some space, then try again",
+    **FULL,
 }
 
 
@@ -33,8 +32,13 @@ def write_error(path: Path, error: Exception) -> LogError:
 
 
 @contextmanager
-def atomic(path: Path, overwrite: bool) -> Iterator[Path]:
+def atomic(path: Path, overwrite: bool, kept: str = "") -> Iterator[Path]:
     """Gives a temporary path in the same folder; what is written there becomes `path` when the block ends well.
+
+    Args:
+        path: The file.
+        overwrite: Whether one that is there may be replaced.
+        kept: What an error says behind "Nothing of it was written".
 
     Raises:
         LogError: The file exists and may not be replaced, or can't be written.
@@ -43,13 +47,21 @@ def atomic(path: Path, overwrite: bool) -> Iterator[Path]:
         raise exists_error(path)
     if not path.parent.is_dir():
         raise LogError(f"{path}: cannot be written: there is no folder {path.parent}. Create it first")
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        yield temporary
-        with open(temporary, "rb+") as stream:
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
+        with whole(path) as temporary:
+            yield temporary
     except OSError as error:
-        raise write_error(path, error) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        raise LogError(f"{write_error(path, error)}. Nothing of it was written{kept}") from error
+
+
+@contextmanager
+def keeping(folder: Path, what: str) -> Iterator[None]:
+    """A block that writes into a folder: when it can't, the error ends with what is kept all the same.
+
+    Raises:
+        LogError: Something can't be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise LogError(f"{write_error(Path(error.filename or folder), error)}. {what}") from error

@@ -14,6 +14,7 @@ import numpy as np
 from rovtwin.core.datum import Datum, datum_of
 from rovtwin.core.errors import LogError
 from rovtwin.core.log.files import atomic
+from rovtwin.core.log.missions import missions_of, point_name
 from rovtwin.core.log.reader import Log, Series
 
 # Channels that are tracks, and what people call them.
@@ -113,13 +114,16 @@ def _track(name: str, t: np.ndarray, place: np.ndarray, datum: Datum) -> Track:
 
 
 def _waypoints(log: Log) -> list[tuple[str, np.ndarray]]:
-    """Number and place in n of the way-points in the metadata."""
+    """Name and place in n of the way-points in the metadata, of all missions that were flown."""
+    missions = missions_of(log.metadata)
     try:
-        points = json.loads(log.metadata.get("mission", "[]"))
-        places = [np.array(point["position"], dtype=float).reshape(3) for point in points]
+        return [
+            (point_name(missions, i, k), np.array(point["position"], dtype=float).reshape(3))
+            for i, mission in enumerate(missions)
+            for k, point in enumerate(mission.waypoints)
+        ]
     except (ValueError, TypeError, KeyError):
         return []
-    return [(str(k), place) for k, place in enumerate(places, start=1)]
 
 
 def _rows(track: Track) -> list[list[float]]:

@@ -8,7 +8,7 @@ import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from io import BytesIO
+from io import BufferedWriter, BytesIO
 from typing import BinaryIO, NamedTuple, TypeVar
 
 import lz4.frame
@@ -33,9 +33,10 @@ from mcap.records import (
 )
 
 MAGIC = b"\x89MCAP0\r\n"
+DECLARED_EVERY = 64  # chunks: so often one repeats the declarations, under its checksum
 FOOTER_SIZE = 9 + 20 + len(MAGIC)
 _HEADER = struct.Struct("<BQ")
-_SHORTEST_MESSAGE = 22
+SHORTEST_MESSAGE = 22
 _MESSAGE_HEADER = struct.Struct("<BQH")
 _R = TypeVar("_R", bound=McapRecord)
 
@@ -43,7 +44,7 @@ _R = TypeVar("_R", bound=McapRecord)
 class McapFile:
     """An MCAP file being written, chunk by chunk; every chunk is on its way to the disk when `chunk` returns."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BufferedWriter) -> None:
         self._stream = stream
         self._offset = self._crc = 0
         self._schemas: list[Schema] = []
@@ -52,6 +53,7 @@ class McapFile:
         self._metadata: list[MetadataIndex] = []
         self.counts: dict[int, int] = {}
         self.end_time = 0
+        self._kept = (0, 0, 0)  # bytes, their checksum and the last time [ns] that are with the operating system
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._append(MAGIC)
         self._append(_pack(Header(profile="ros2", library="rovtwin")))
@@ -78,10 +80,15 @@ class McapFile:
         self._append(record)
 
     def chunk(self, data: bytes) -> None:
-        """Write message records as one chunk with its index, and flush."""
-        found = message_offsets(data).messages
-        if not found:
+        """Write message records as one chunk with its index, and flush.
+
+        Now and then the declarations stand in it once more: a killed file has no other copy.
+        """
+        if not data:
             return
+        if len(self._chunks) % DECLARED_EVERY == 0:
+            data = b"".join(map(_pack, (*self._schemas, *self._channels))) + data
+        found = message_offsets(data).messages
         times = {channel: gather(data, offsets + 15, np.dtype("<u8")) for channel, offsets in found.items()}
         start, end = (int(f([f(t) for t in times.values()])) for f in (min, max))
         body = self._compressor.compress(data)
@@ -95,7 +102,6 @@ class McapFile:
                 data=body,
             )
         )
-        self.end_time = max(self.end_time, end)
         at = self._offset
         self._append(record)
         index_at, index_offsets = self._offset, {}
@@ -116,11 +122,33 @@ class McapFile:
                 uncompressed_size=len(data),
             )
         )
-        self._stream.flush()
+        self.end_time = max(self.end_time, end)
+        self.flush()
 
     def flush(self) -> None:
         """Hand what was added so far to the operating system."""
         self._stream.flush()
+        self._kept = (self._offset, self._crc, self.end_time)
+
+    def end_early(self) -> int | None:
+        """End a file that can't be written any further, as on a full disk: behind its last chunk, without an index.
+
+        The stream is closed. Cutting off what is in part there makes room for the few bytes of the end.
+
+        Returns:
+            The last time in it [ns], or None when that doesn't work either.
+        """
+        size, crc, last = self._kept
+        end = _pack(DataEnd(data_section_crc=crc)) + _pack(Footer(0, 0, 0)) + MAGIC
+        try:
+            os.ftruncate(self._stream.fileno(), size)
+            written = os.pwrite(self._stream.fileno(), end, size)
+            os.fsync(self._stream.fileno())
+        except (OSError, ValueError):  # ValueError: it is closed already
+            return None
+        finally:
+            self._stream.raw.close()  # past its buffer, which still holds what could not be written
+        return last if written == len(end) else None
 
     def finish(self) -> None:
         """Write the index and the end of the file. The stream stays open."""
@@ -190,8 +218,8 @@ def message_offsets(data: bytes) -> Contents:
         following = position + 9 + length
         if following > end:
             break
-        if opcode == Opcode.MESSAGE and length < _SHORTEST_MESSAGE:
-            raise ValueError(f"a message of {length} bytes, expected at least {_SHORTEST_MESSAGE}")
+        if opcode == Opcode.MESSAGE and length < SHORTEST_MESSAGE:
+            raise ValueError(f"a message of {length} bytes, expected at least {SHORTEST_MESSAGE}")
         if opcode != Opcode.MESSAGE:
             others.append((opcode, data[position + 9 : following]))
         elif channel in found:

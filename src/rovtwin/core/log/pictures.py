@@ -18,6 +18,7 @@ from rovtwin.core.log.files import exists_error, write_error
 from rovtwin.core.log.info import index_records
 from rovtwin.core.log.mcapfile import Contents, McapFile, decompress, iter_records, message_offsets, parse
 from rovtwin.core.log.reader import check_finished, open_mcap
+from rovtwin.core.log.writer import cut_short
 
 TYPE = "sensor_msgs/msg/CompressedImage"
 # Field by field the published interface definitions of ROS 2: names and types are the contract.
@@ -59,7 +60,7 @@ class PictureWriter:
             raise exists_error(self.path) from None
         except OSError as error:
             raise write_error(self.path, error) from error
-        self._file = McapFile(self._stream)
+        self._file, self._failed = McapFile(self._stream), False
         schema = self._file.schema(TYPE, "ros2msg", _DEFINITION.encode())
         self._channel = self._file.channel(f"/camera/{camera.replace('.', '_')}", schema, "cdr", {})
 
@@ -72,16 +73,20 @@ class PictureWriter:
         try:
             self._file.chunk(head + message)
         except OSError as error:
-            raise write_error(self.path, error) from error
+            self._failed = True
+            raise cut_short(self.path, error, self._file) from error
 
     def __enter__(self) -> "PictureWriter":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if self._failed:
+            return
         try:
             self._file.finish()
-        finally:
             self._stream.close()
+        except OSError as wrong:
+            raise cut_short(self.path, wrong, self._file) from wrong
 
 
 def read_pictures(

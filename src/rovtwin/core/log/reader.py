@@ -188,9 +188,20 @@ def open_mcap(path: Path) -> Iterator[BinaryIO]:
     Raises:
         LogError: It doesn't, or can't be read.
     """
+    with open_file(path) as stream:
+        check_start(stream.read(16), path)
+        yield stream
+
+
+@contextmanager
+def open_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file whatever it starts with.
+
+    Raises:
+        LogError: It can't be read.
+    """
     try:
         with open(checked(path, math.inf), "rb") as stream:
-            _check_start(stream.read(16), path)
             yield stream
     except FileNotFoundError as error:
         raise LogError(f"{path}: no such file. Check the name; `rovtwin fly` writes a log") from error
@@ -203,7 +214,8 @@ def open_mcap(path: Path) -> Iterator[BinaryIO]:
         raise LogError(f"{path}: cannot be read: {what}. Check the permissions and the disk") from error
 
 
-def _check_start(start: bytes, path: Path) -> None:
+def check_start(start: bytes, path: Path) -> None:
+    """Raises LogError when the first bytes of a file, at least 16 where it has them, aren't those of MCAP."""
     if start.startswith(MAGIC):
         return
     if MAGIC.startswith(start):

@@ -68,8 +68,8 @@ class LogWriter:
             self._stream = open(self.path, "wb" if overwrite else "xb")
         except OSError as error:
             raise exists_error(self.path) if error.errno == errno.EEXIST else write_error(self.path, error) from error
+        self._file = McapFile(self._stream)
         try:
-            self._file = McapFile(self._stream)
             self._file.metadata(METADATA_NAME, provenance)
             self._tracks = self._declare()
             self._file.flush()
@@ -147,7 +147,7 @@ class LogWriter:
             self._wait(self._added)
 
     def annotate(self, metadata: Mapping[str, Any]) -> None:
-        """Add to the provenance what is known only now, such as a verdict; it is written when the log is closed.
+        """Add to the provenance what is known only now, such as a verdict; it is written with the next samples.
 
         A key given before is replaced.
 
@@ -244,13 +244,15 @@ class LogWriter:
                 self._condition.wait_for(lambda: self._hurry, _FLUSH_PERIOD)
                 blocks, self._pending, self._pending_size = self._pending, [], 0
                 self._hurry, closed = False, self._closed
+                notes, self._annotations = self._annotations, {}
             try:
                 for chunk in _chunks(blocks):
                     self._file.chunk(chunk)
+                if notes:  # at once: what a killed process was flying is not lost with it
+                    self._file.metadata(METADATA_NAME, notes)
+                    self._file.flush()
                 self._report(len(blocks))
                 if closed:
-                    if self._annotations:
-                        self._file.metadata(METADATA_NAME, self._annotations)
                     self._file.finish()
                 if closed or time.monotonic() - synced > _SYNC_PERIOD:
                     self._sync()
@@ -274,13 +276,20 @@ class LogWriter:
     def _close_stream(self) -> None:
         try:
             self._stream.close()
-        except OSError:
-            pass  # reported by the write that failed
+        except (OSError, ValueError):
+            pass  # reported by the write that failed, which may have closed what lies below
 
     def _broken(self, error: Exception) -> LogError:
-        failure = write_error(self.path, error)
-        self._failure = LogError(f"{failure}. `rovtwin log repair {self.path}` saves what was written so far")
+        self._failure = cut_short(self.path, error, self._file)
         return self._failure
+
+
+def cut_short(path: Path, error: Exception, file: McapFile) -> LogError:
+    """End a log that can't be written any further; the error that says what is kept of it."""
+    last = file.end_early()
+    if last is None:
+        return LogError(f"{write_error(path, error)}. `rovtwin log repair {path}` saves what was written so far")
+    return LogError(f"{write_error(path, error)}. What was logged up to {last / message.NANOSECONDS:.2f} s is kept")
 
 
 @dataclass(slots=True)

@@ -8,15 +8,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.core.numerics import jax
 from rovtwin.identification.joint.agreement import stretches, widened, widening
 from rovtwin.identification.joint.apart import Apart, halves_apart, logs_apart
 from rovtwin.identification.joint.arrow import Arrow, Factored
 from rovtwin.identification.joint.middle import moved_to_the_middle
-from rovtwin.identification.joint.nodes import moved
 from rovtwin.identification.joint.noise import Variances
 from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
 from rovtwin.identification.joint.shooting import Blocks
+from rovtwin.identification.joint.unmodelled import Effects, effects
 
 _NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
 _REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
@@ -34,7 +33,7 @@ class Solution:
     Attributes:
         unknowns: In the middle of the posterior, see `middle`; the nodes at its maximum.
         noise: As estimated.
-        covariance: Of theta, shape (n, n), with the widening.
+        covariance: Of theta, shape (n, n), with the widening and the effects.
         information: Of theta from the readings and static evidence alone, without the prior, at the maximum, (n, n).
         offset_std: Standard deviation of the offsets, shape (G,).
         widening: By how much the widths are larger than the curvature's, since stretches of the tests disagree, (n,).
@@ -44,6 +43,7 @@ class Solution:
         cost: Sum of squares at the end.
         apart: What each log says by itself; None where there is one log, or nothing has settled.
         halves: The same of the halves of a single log.
+        effects: What the model leaves out, as far as the tests speak of it; none where nothing has settled.
     """
 
     unknowns: Unknowns
@@ -58,6 +58,7 @@ class Solution:
     cost: float
     apart: Apart | None = None
     halves: Apart | None = None
+    effects: Effects | None = None
 
 
 def estimate(
@@ -148,7 +149,7 @@ def _better(
             tries.insert(0, (1.0, _going(corner, before)))
         for k, (share, step) in enumerate(tries):
             nodes = factored.nodes(step)
-            trial = _stepped(here, share * nodes if share < 1.0 else _not_astray(nodes), share * step)
+            trial = here.moved(share * nodes if share < 1.0 else _not_astray(nodes), share * step)
             new = problem.cost(trial, noise)
             if np.isfinite(new) and new <= cost * (1 + 1e-9):
                 change = np.inf if held_back or damping > 1e-2 or share < 1.0 else change
@@ -201,12 +202,6 @@ def _rescaled(problem: Problem, here: Unknowns, noise: Noise, cost: float) -> tu
     return (trial, new) if new < cost else (here, cost)
 
 
-def _stepped(here: Unknowns, x: np.ndarray, corner: np.ndarray) -> Unknowns:
-    n = len(here.theta)
-    nodes = jax.tree.map(np.asarray, _moved_all(here.nodes, x))
-    return replace(here, theta=here.theta + corner[:n], offsets=here.offsets + corner[n:], nodes=nodes)
-
-
 def _solution(
     problem: Problem,
     here: Unknowns,
@@ -228,15 +223,14 @@ def _solution(
     theta, covariance = moved_to_the_middle(problem, here.theta, told - static)
     divisions = stretches(problem, here.nodes)
     wider = widening(problem, here.theta, blocks, noise, arrow, divisions)
-    covariance = widened(covariance, wider)
+    bound = np.diag(problem.prior.covariance) + (here.theta - problem.prior.mean) ** 2
+    left_out = effects(problem, here, noise, arrow) if converged else Effects.none(n)
+    covariance = widened(covariance, wider) + left_out.of_theta(bound)
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
     given = problem, here.theta, blocks, noise, arrow, divisions
     apart, halves = (logs_apart(*given), halves_apart(*given)) if converged else (None, None)
     return Solution(
         replace(here, theta=theta), noise, covariance, told, offset_std, wider, most, converged, steps, cost, apart,
-        halves,
+        halves, left_out,
     )  # fmt: skip
-
-
-_moved_all = jax.jit(jax.vmap(moved))

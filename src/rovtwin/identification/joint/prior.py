@@ -5,7 +5,7 @@ supply voltage, the water inside the hulls), so that widths of a kind are correl
 together would pretend to know the common scale of all forces, which no motion can tell.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -17,7 +17,7 @@ from rovtwin.identification.joint.couplings import BOTH_WAYS, SKEW
 from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.parameters import INFLOW, Parameters
 from rovtwin.identification.priors.widths import prior_widths
-from rovtwin.vehicle import Vehicle
+from rovtwin.vehicle import Model, Vehicle
 from rovtwin.vehicle.reach import wrench_limits
 from rovtwin.vehicle.trim import steady_speed
 
@@ -48,7 +48,7 @@ COMMON: dict[str, float] = {
     "thrusters.*.force_*": 0.7,
     "thrusters.*.exponent": 0.5,
 }
-_LOST = 0.3  # share of the thrust at top speed, one standard deviation
+LOST = 0.3  # share of the thrust at top speed, one standard deviation
 _SLOWEST, _FASTEST = 0.1, 5.0  # top speeds that are believed [m/s]
 _WAYS = ("value", "sd", "factor", "common")
 
@@ -98,13 +98,18 @@ def _inflow_widths(parameters: Parameters) -> dict[str, float]:
     At top speed a propeller that suits its vehicle has lost a fifth to a half of its pull (thrust falls about linearly
     with the advance speed: van Lammeren et al. 1969, The Wageningen B-screw series).
     """
-    model, found = parameters.model, {}
+    return {
+        f"thrusters.{group}.{INFLOW}": LOST / top_speed(parameters.model, members)
+        for group, members in parameters.groups.items()
+    }
+
+
+def top_speed(model: Model, thrusters: Sequence[int]) -> float:
+    """Of the vehicle in the direction in which these thrusters push most [m/s]; within what vehicles reach."""
     T, (low, high) = np.asarray(model.thrusters.configuration), wrench_limits(model.thrusters)
-    for group, members in parameters.groups.items():
-        axis = int(np.abs(T[:3, list(members)]).sum(axis=1).argmax())
-        top = max(steady_speed(model, axis, float(low[axis])), steady_speed(model, axis, float(high[axis])))
-        found[f"thrusters.{group}.{INFLOW}"] = _LOST / min(max(top, _SLOWEST), _FASTEST)
-    return found
+    axis = int(np.abs(T[:3, list(thrusters)]).sum(axis=1).argmax())
+    top = max(steady_speed(model, axis, float(low[axis])), steady_speed(model, axis, float(high[axis])))
+    return min(max(top, _SLOWEST), _FASTEST)
 
 
 def _width(name: str) -> float:

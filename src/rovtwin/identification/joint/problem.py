@@ -13,7 +13,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.identification.joint.arrow import Arrow
 from rovtwin.identification.joint.balance import balanced
 from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.nodes import FADES, NODE, Nodes, difference, undisturbed
+from rovtwin.identification.joint.nodes import FADES, NODE, Nodes, difference, moved, undisturbed
 from rovtwin.identification.joint.readings import HUBER
 from rovtwin.identification.joint.segments import Segments, nodes_from_data
 from rovtwin.identification.joint.shooting import Blocks, Shooting
@@ -56,6 +56,12 @@ class Unknowns:
     theta: np.ndarray
     offsets: np.ndarray
     nodes: Nodes
+
+    def moved(self, nodes: np.ndarray, corner: np.ndarray) -> "Unknowns":
+        """Others, by errors of the nodes (S, 18) and by steps of theta and offsets (n + G,)."""
+        n = len(self.theta)
+        there = jax.tree.map(np.asarray, _moved_all(self.nodes, nodes))
+        return Unknowns(self.theta + corner[:n], self.offsets + corner[n:], there)
 
 
 def offset_widths(groups: Sequence[tuple[str, int]]) -> np.ndarray:
@@ -128,7 +134,7 @@ class Problem:
         return unknowns, Noise(sigma, _DEFECT.copy())
 
     def blocks(self, unknowns: Unknowns, noise: Noise, segments: Segments | None = None) -> Blocks:
-        """Of the readings and defects, as NumPy arrays; segments: with other readings than the problem's own."""
+        """Of the readings and defects, as NumPy arrays; segments: with other readings or effects."""
         arrays = (segments or self.segments).arrays
         found = self.shooting.blocks(unknowns.theta, unknowns.offsets, unknowns.nodes, noise.sigma, arrays)
         return jax.tree.map(np.asarray, found)
@@ -207,3 +213,4 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 _differences = jax.jit(jax.vmap(difference))
+_moved_all = jax.jit(jax.vmap(moved))

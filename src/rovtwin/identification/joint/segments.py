@@ -19,6 +19,7 @@ from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.identification.logs.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 
+EFFECTS = 3  # by which derivatives are taken beside theta, see `unmodelled`
 _MOST = 4  # commands within one step of the grid
 
 
@@ -46,7 +47,9 @@ class Segments:
         arrays: For the compiled part: `command` (S, K, m, n), up to m of them one after the other in a step, and the
             share of the step that each is held, `held` (S, K, m); `fresh` (S, K) 1 where a record starts, `linked`
             (S,) 1 where the next segment continues this one, `current` (S, 3), `tether` (S,) paid-out length, `ballast`
-            (S, k, 4) weight in water and place, `ballast_mass` (S, 6, 6); per signal `row`, `share`, `value`, `used`.
+            (S, k, 4) weight in water and place, `ballast_mass` (S, 6, 6); `effects` (S, K, 3, 6, C) wrenches at the
+            start, middle and end of a step by which derivatives are taken beside theta, zero unless they are put there;
+            per signal `row`, `share`, `value`, `used`.
         first: Index of the first segment of each record.
         sigma: Declared noise by signal, shape (k,); NaN where nobody said.
         levers: By signal, shape (3,).
@@ -111,6 +114,7 @@ def cut(records: Sequence[Record], grid: Grid) -> Segments:
         **_of_one_size(pieces),
         "fresh": np.concatenate([p.fresh for p in pieces]),
         "linked": np.concatenate([p.linked for p in pieces]),
+        "effects": np.zeros((sum(counts), grid.steps, 3, 6, EFFECTS)),
         "current": np.repeat([r.current for r in records], counts, axis=0),
         "tether": np.repeat([r.tether_length or 0.0 for r in records], counts),
         **_ballast(records, counts),

@@ -30,7 +30,22 @@ from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import inflow_wrench
 
 _OF_THRUSTERS = ("command", "held", "fresh")  # arrays of segments, as `thrust_history` takes them
+_OF_RECORDS = (*_OF_THRUSTERS, "effects")
 _CHUNK = 8  # segments at most that are simulated side by side, with all their derivatives: what fits into the cache
+
+
+class OfEffects(NamedTuple):
+    """What the normal equations have of C effects that are not estimated, see `unmodelled`; per segment.
+
+    Attributes:
+        readings: J'WJ_c per group with unit noise, shape (S, G, m + C, C); rows: as in `Blocks`, then the effects.
+        slopes: J_c'Wr per group, shape (S, G, C).
+        defect_jacobian: By the effects, shape (S, 18, C).
+    """
+
+    readings: Any
+    slopes: Any
+    defect_jacobian: Any
 
 
 class Blocks(NamedTuple):
@@ -43,6 +58,7 @@ class Blocks(NamedTuple):
         weights: Sum of w per group, shape (S, G).
         defect: x_{s+1} - f(x_s), shape (S, 18); zero where nothing follows.
         defect_jacobian: By node, theta and next node, shape (S, 18, 18 + n + 18).
+        effects: The same of what is not estimated.
     """
 
     readings: Any
@@ -51,6 +67,7 @@ class Blocks(NamedTuple):
     weights: Any
     defect: Any
     defect_jacobian: Any
+    effects: OfEffects
 
 
 class Shooting:
@@ -85,10 +102,11 @@ class Shooting:
         return eqx.partition(model, eqx.is_inexact_array)[0], extras
 
     def _linearised(self, theta: Array, arrays: dict[str, Any]) -> tuple[Any, Any, Array, Array]:
-        """Parts and thrust with their derivatives by theta, leading axis n and shape (S, K, 3, .., n)."""
-        n = len(self.parameters)
+        """Parts and thrust with derivatives by theta and C effects, leading axis n + C and (S, K, 3, .., n + C)."""
+        n, effects = len(self.parameters), jnp.asarray(arrays["effects"])
+        every = n + effects.shape[-1]
         parts = self._parts(theta)
-        d_parts = jax.vmap(lambda e: jax.jvp(self._parts, (theta,), (e,))[1])(jnp.eye(n))
+        d_parts = jax.vmap(lambda e: jax.jvp(self._parts, (theta,), (e,))[1])(jnp.eye(every, n))
         # Few parameters are the thrusters' own, or their commands'.
         of_thrust = [name.startswith(("thrusters.", "commands.")) for name in self.parameters.names]
         own = np.flatnonzero(of_thrust)
@@ -97,7 +115,8 @@ class Shooting:
         d_own = jax.vmap(lambda d: jax.jvp(wrenches, (parts,), (d,))[1], out_axes=-1)(
             jax.tree.map(lambda x: x[own], d_parts)
         )
-        return parts, d_parts, tau, jnp.zeros((*tau.shape, n)).at[..., own].set(d_own)
+        d_tau = jnp.zeros((*tau.shape, every)).at[..., own].set(d_own)
+        return parts, d_parts, tau, d_tau.at[..., :WRENCH, n:].set(effects)
 
     # One segment.
 
@@ -162,13 +181,13 @@ class Shooting:
     def _per_segment(self, nodes: Nodes, arrays: dict[str, Any]) -> tuple[Nodes, dict[str, Any]]:
         """Next nodes, and what belongs to each segment apart from commands."""
         following = jax.tree.map(lambda x: jnp.roll(x, -1, axis=0), nodes)
-        own = {key: value for key, value in arrays.items() if key not in _OF_THRUSTERS}
+        own = {key: value for key, value in arrays.items() if key not in _OF_RECORDS}
         return following, own
 
     def _blocks(self, theta: Array, offsets: Array, nodes: Nodes, sigma: Array, arrays: dict[str, Any]) -> Blocks:
         """Normal equations at theta (n,), offsets (G,), nodes; sigma (G,) decides which readings are outliers."""
         parts, d_parts, tau, d_tau = self._linearised(theta, arrays)
-        mounting, d_mounting = parts[1].mounting, jnp.zeros((3, NODE + len(self.parameters)))
+        mounting, d_mounting = parts[1].mounting, jnp.zeros((3, NODE + d_tau.shape[-1]))
         if mounting is not None:
             d_mounting = d_mounting.at[:, NODE:].set(d_parts[1].mounting.T)
         following, own = self._per_segment(nodes, arrays)
@@ -195,9 +214,20 @@ class Shooting:
             )(jnp.zeros(NODE), jnp.zeros(NODE))
             defect_jacobian = own["linked"] * jnp.concatenate([by_end @ S[-1], by_next], axis=1)
             found = squared(self._names, value, columns, own, offsets, sigma)
-            return Blocks(*found, own["linked"] * difference(next_node, end), defect_jacobian)
+            return self._apart(found, own["linked"] * difference(next_node, end), defect_jacobian)
 
         return _chunked(one, (nodes, following, tau, d_tau, own))
+
+    def _apart(self, found: tuple[Array, ...], defect: Array, defect_jacobian: Array) -> Blocks:
+        """Blocks of a segment, with what belongs to effects apart."""
+        readings, slopes, squares, weights = found
+        estimated = NODE + len(self.parameters)
+        effects = np.arange(estimated, defect_jacobian.shape[1] - NODE)
+        rest = np.delete(np.arange(readings.shape[-1]), effects)
+        rows = np.concatenate([rest, effects])
+        of_effects = OfEffects(readings[:, rows][:, :, effects], slopes[:, effects], defect_jacobian[:, effects])
+        kept = readings[:, rest][:, :, rest], slopes[:, rest], squares, weights
+        return Blocks(*kept, defect, jnp.delete(defect_jacobian, effects, axis=1), of_effects)
 
     def _residuals(
         self, theta: Array, offsets: Array, nodes: Nodes, arrays: dict[str, Any]

@@ -12,6 +12,7 @@ from rovtwin.identification.joint.gaussian import Gaussian
 from rovtwin.identification.joint.nodes import FADES
 from rovtwin.identification.joint.parameters import INFLOW, MOUNTING, Parameters
 from rovtwin.identification.joint.payload import without_shape
+from rovtwin.identification.joint.unmodelled import UNITS
 from rovtwin.identification.judgement.validation import Prediction, judged
 from rovtwin.identification.judgement.verdict import COARSE, scale_width
 from rovtwin.identification.judgement.whiteness import Residuals
@@ -26,6 +27,8 @@ _SAME_WATER = 0.005  # relative difference of densities: 1.5 N on a vehicle of 3
 _FORM = 0.003
 PUSHED = 0.05  # of the thrust, beyond which a push is a finding
 ASKEW = np.deg2rad(1.0)  # of a gyro, beyond which it is told
+_CLEAR = 3.0  # standard deviations from zero, beyond which an effect is named
+_MOVED = 0.5  # of a width, by which an effect moves a parameter that is named
 _BY_SCALE = 0.5  # share of a variance that the scale of positions makes, beyond which it is told
 
 
@@ -184,6 +187,7 @@ def about_solution(
             "lacks something that the vehicle does"
         )
     said += _about_widths(solution)
+    said += about_effects(parameters, solution)
     said += about_narrow(parameters, solution.covariance)
     said += _about_validation(fitted, held_out)
     return said
@@ -221,6 +225,25 @@ def _about_widths(solution: Solution) -> list[str]:
         f"{len(solution.widening)} intervals are "
         f"{np.median(wider):.1f} times (median, at most {wider.max():.1f}) as wide as an exact model's would be"
     ]
+
+
+def about_effects(parameters: Parameters, solution: Solution) -> list[str]:
+    """What the tests say of effects that the model leaves out, see `joint.unmodelled`."""
+    effects, found, width = solution.effects, [], np.sqrt(np.diag(solution.covariance))
+    if effects is None:
+        return []
+    for c, name in enumerate(effects.names):
+        size, std = effects.size[c], effects.std[c]
+        share = np.abs(size * effects.shift[:, c]) / width
+        moved = [parameters.names[i] for i in np.argsort(-share) if share[i] > _MOVED]
+        if abs(size) < _CLEAR * std or not moved:
+            continue
+        named = ", ".join(moved[:3]) + (f" and {len(moved) - 3} more" if len(moved) > 3 else "")
+        found.append(
+            f"the tests show what the model leaves out: {name}, {size:.2g} +- {std:.1g} {UNITS[c]}; the intervals "
+            f"cover that, above all those of {named}"
+        )
+    return found
 
 
 def about_narrow(parameters: Parameters, covariance: np.ndarray) -> list[str]:

@@ -18,6 +18,7 @@ from rovtwin.identification.joint.nodes import Nodes
 from rovtwin.identification.joint.options import Options
 from rovtwin.identification.joint.parameters import INFLOW, Parameter, Parameters
 from rovtwin.identification.joint.problem import Noise, Unknowns
+from rovtwin.identification.joint.unmodelled import Effects
 from rovtwin.identification.judgement.validation import Prediction, Score
 from rovtwin.identification.judgement.verdict import Blind
 from rovtwin.identification.judgement.whiteness import Residuals
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _TOLD = ("findings", "seconds", "doubts", "version")  # fields that are words as they are
 _SOLVED = ("converged", "steps", "cost", "stretches")  # of the solution
 _SOLVED_ARRAYS = ("information", "offset_std", "widening")
+_OF_EFFECTS = ("size", "covariance", "shift")
 _LEARNED = "discrepancy."  # what leaves of the model begin with that it has only where something was learned
 _SERIES = ("t", "measured", "predicted")
 _folders: list[tempfile.TemporaryDirectory[str]] = []  # mesh files of what was loaded, for as long as the process runs
@@ -76,6 +78,8 @@ def packed(result: Identification) -> Packed:
     arrays |= meshes
     if result.solution is not None:
         words["solution"] = {key: getattr(result.solution, key) for key in _SOLVED}
+        found = result.solution.effects
+        words["effects"] = None if found is None else list(found.names)
         arrays |= _solution_packed(result.solution)
     for group in ("fitted", "held_out"):
         words[group] = [_prediction_packed(p, f"{group}/{k}/", arrays) for k, p in enumerate(getattr(result, group))]
@@ -113,7 +117,7 @@ def unpacked(held: Packed, where: str) -> dict[str, Any]:
         "offsets": offsets,
         "options": Options.read(words["options"]),
         "discrepancy": None if learned is None else LearnedDiscrepancy.model_validate(learned),
-        "solution": None if solved is None else _solution_unpacked(solved, a, theta, covariance, offsets),
+        "solution": None if solved is None else _solution_unpacked(words, a, theta, covariance, offsets),
         **{
             group: [_prediction_unpacked(p, f"{group}/{k}/", a) for k, p in enumerate(words[group])]
             for group in ("fitted", "held_out")
@@ -192,11 +196,13 @@ def _solution_packed(solution: Solution) -> dict[str, np.ndarray]:
     found = {name: getattr(solution, name) for name in _SOLVED_ARRAYS}
     found |= {"sigma": solution.noise.sigma, "defect": solution.noise.defect}
     found |= {f"nodes_{name}": value for name, value in solution.unknowns.nodes._asdict().items()}
+    if solution.effects is not None:
+        found |= {f"effects_{key}": getattr(solution.effects, key) for key in _OF_EFFECTS}
     return {f"solution/{name}": np.asarray(value) for name, value in found.items()}
 
 
 def _solution_unpacked(
-    said: Mapping[str, Any],
+    words: Mapping[str, Any],
     arrays: Mapping[str, np.ndarray],
     theta: np.ndarray,
     covariance: np.ndarray,
@@ -210,7 +216,10 @@ def _solution_unpacked(
         noise=Noise(kept["sigma"], kept["defect"]),
         covariance=covariance,
         **{name: kept[name] for name in _SOLVED_ARRAYS},
-        **said,
+        effects=None
+        if words["effects"] is None
+        else Effects(tuple(words["effects"]), *(kept[f"effects_{key}"] for key in _OF_EFFECTS)),
+        **words["solution"],
     )
 
 

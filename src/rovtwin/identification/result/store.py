@@ -16,7 +16,7 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError, RovtwinError
-from rovtwin.core.log.files import atomic, write_error
+from rovtwin.core.log.files import atomic
 from rovtwin.identification.result.packing import Packed, packed, unpacked
 
 if TYPE_CHECKING:
@@ -36,23 +36,24 @@ def save(result: Identification, path: Path, overwrite: bool) -> Path:
     import netCDF4
 
     held = packed(result)
-    try:
-        with atomic(path, overwrite) as temporary, netCDF4.Dataset(temporary, "w", format="NETCDF4") as file:
-            file.setncatts(
-                {
-                    "title": f"Identification of {result.vehicle.name}",
-                    "format": FORMAT,
-                    "format_version": np.int32(VERSION),
-                    "source": f"rovtwin {result.version}",
-                }
-            )
-            file.createDimension("parameter", len(result.theta))
-            file.createDimension("parameter_2", len(result.theta))
-            for place, values in held.arrays.items():
-                _add(file, place, values)
-            _add_text(file, "words", (), np.array(json.dumps(held.words, default=_plain), dtype=object))
-    except RuntimeError as error:  # of the netCDF library, such as a full disk
-        raise write_error(path, error) from error
+    # In memory first: of a full disk the netCDF library says "HDF error" only.
+    file = netCDF4.Dataset(path.name, "w", format="NETCDF4", memory=1)
+    file.setncatts(
+        {
+            "title": f"Identification of {result.vehicle.name}",
+            "format": FORMAT,
+            "format_version": np.int32(VERSION),
+            "source": f"rovtwin {result.version}",
+        }
+    )
+    file.createDimension("parameter", len(result.theta))
+    file.createDimension("parameter_2", len(result.theta))
+    for place, values in held.arrays.items():
+        _add(file, place, values)
+    _add_text(file, "words", (), np.array(json.dumps(held.words, default=_plain), dtype=object))
+    content = file.close()
+    with atomic(path, overwrite) as temporary:
+        temporary.write_bytes(content)
     return path
 
 

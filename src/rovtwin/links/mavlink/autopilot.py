@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rovtwin.links.mavlink.guided import Order, Place
+from rovtwin.links.mavlink.missions import Missions
 from rovtwin.links.mavlink.mixing import Mixer, clean_axes
 from rovtwin.links.mavlink.modes import GUIDED, MANUAL, MODES, Mode, refusal
 from rovtwin.links.mavlink.parameters import Parameters
@@ -28,6 +29,7 @@ class Autopilot:
         fastest: Largest velocity ahead, to the right, down [m/s] and turn rate [rad/s] that a share of 1 of a held
             motion stands for.
         drone: Name for its wishes.
+        missions: The lists that clients uploaded.
     """
 
     parameters: Parameters
@@ -39,12 +41,14 @@ class Autopilot:
     armed: bool = False
     axes: np.ndarray = field(default_factory=lambda: np.zeros(6))
     target: Place | None = None
+    missions: Missions = field(default_factory=Missions)
     _velocity: tuple[float, float, float, float] | None = None
     _velocity_at: float = 0.0
     _input_at: float = -np.inf
     _heard_at: float = -np.inf
     _armed_by: int = 0
     _neutral_said: bool = False
+    _refused: str = ""
 
     def arm(self, by: int, now: float, ready: str) -> bool:
         """Arm for system `by`; `ready` says what is missing, if anything is. Whether it is armed now."""
@@ -95,8 +99,11 @@ class Autopilot:
         if self.mode is not GUIDED:
             return False
         if order.refusal:
-            self.say(WARNING, f"Set-point refused: {order.refusal}")
+            if order.refusal != self._refused:  # set-points come many times a second
+                self.say(WARNING, f"Set-point refused: {order.refusal}")
+            self._refused = order.refusal
             return False
+        self._refused = ""
         self._heard_at = now
         self.target, self._velocity, self._velocity_at = order.target, order.velocity, now
         return True
@@ -115,6 +122,11 @@ class Autopilot:
             self.axes = np.zeros(6)
             if self.parameters["FS_PILOT_INPUT"] == 2:
                 self.disarm()
+
+    @property
+    def failing(self) -> bool:
+        """Whether a fail-safe acts: the pilot is not heard any more."""
+        return self.armed and self._neutral_said
 
     def wish(self, now: float) -> Wish:
         """What the vehicle shall do now."""

@@ -1,24 +1,42 @@
-"""COMMAND_LONG and COMMAND_INT: what each does, and its MAV_RESULT."""
+"""COMMAND_LONG and COMMAND_INT: what each does, and its MAV_RESULT. What is refused says why, once to each client."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rovtwin.links.mavlink.autopilot import WARNING
+from rovtwin.links.mavlink.mission_service import choose
 from rovtwin.links.mavlink.peers import Peer
-from rovtwin.links.mavlink.telemetry import MESSAGES, build
+from rovtwin.links.mavlink.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
+from rovtwin.links.mavlink.telemetry import MESSAGES
 from rovtwin.links.mavlink.wire import whole
 
 if TYPE_CHECKING:
     from rovtwin.links.mavlink.conversation import Conversation
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 # MAV_CMD
 DO_SET_MODE, COMPONENT_ARM_DISARM, GET_HOME = 176, 400, 410
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES = 510, 511, 512, 520
+SET_MISSION_CURRENT, RUN_PREARM_CHECKS, SEND_BANNER, FENCE_ENABLE, TERMINATE = 224, 401, 42428, 207, 185
+CALIBRATE = 241
 FIRMWARE = (4, 5)  # the ArduSub whose behaviour this endpoint has
 RELEASE = 255  # FIRMWARE_VERSION_TYPE: an official one
-# MAV_PROTOCOL_CAPABILITY: float parameters, COMMAND_INT, set-points in n and on the map, MAVLink 2.
-CAPABILITIES = 2 | 8 | 128 | 256 | 8192
+# MAV_PROTOCOL_CAPABILITY: missions, float parameters, COMMAND_INT, set-points in n and on the map, termination,
+# MAVLink 2, fences.
+CAPABILITIES = 1 | 2 | 4 | 8 | 128 | 256 | 2048 | 8192 | 16384
+CALIBRATIONS = "The twin's sensors have no calibration"
+NO_CAMERA = "There is no camera here"
+# Why a command that is none of this vehicle's is refused, by its number; others say that they are not supported.
+REASONS = {
+    **{20: "No return to launch: send it there in GUIDED", 22: "No take-off: a submarine dives, in ALT_HOLD"},
+    **{34: "No orbit: send places in GUIDED", 178: "Its speed in GUIDED is not settable", 209: "No motor test"},
+    **{211: "There is no gripper", 246: "No reboot: end serve and start it anew", 300: "AUTO is not flown here"},
+    **{420: "No failures by command: give a scenario's faults to serve", 42600: "There is no winch"},
+    **dict.fromkeys((42424, 42425, 42426, 42429, 42006), CALIBRATIONS),
+    **dict.fromkeys((203, 205, 206, 521, 522, 525, 526, 527, 530, 2000, 2001, 2500, 2501, 2504, 2505), NO_CAMERA),
+    **dict.fromkeys((1000, 1001), "There is no gimbal"),
+}
 
 
 @dataclass
@@ -29,7 +47,8 @@ class Request:
         talk: The conversation it came in.
         peer: Who sent it.
         by: System that sent it.
-        values: param1 to param7, NaN where they are no number.
+        values: param1 to param7, NaN where they are no number; latitude and longitude of a COMMAND_INT in 1e-7 deg.
+        frame: MAV_FRAME of a COMMAND_INT, None of a COMMAND_LONG.
         answers: Messages to send after the acknowledgement.
         changed: Whether the vehicle shall do something else now.
     """
@@ -38,8 +57,14 @@ class Request:
     peer: Peer
     by: int
     values: tuple[float, ...]
+    frame: int | None = None
     answers: list[Any] = field(default_factory=list)
     changed: bool = False
+
+    def refuse(self, text: str, result: int = FAILED) -> int:
+        """Say why not; the result."""
+        self.talk.autopilot.say(WARNING, text)
+        return result
 
 
 def _arm(request: Request) -> int:
@@ -51,8 +76,21 @@ def _arm(request: Request) -> int:
     if wanted == 0.0:
         autopilot.disarm()
         return ACCEPTED
-    armed = autopilot.arm(request.by, request.talk.clock(), request.talk.readiness())
+    armed = autopilot.arm(request.by, request.talk.clock(), request.talk.scene.readiness())
     return ACCEPTED if armed else FAILED  # as ArduPilot answers a failed pre-arm check
+
+
+def _checks(request: Request) -> int:
+    missing = request.talk.scene.readiness()
+    return request.refuse(f"PreArm: {missing}", ACCEPTED) if missing else ACCEPTED
+
+
+def _terminate(request: Request) -> int:
+    if not request.values[0] > 0.5:
+        return FAILED
+    request.changed = True
+    request.talk.autopilot.disarm()
+    return ACCEPTED
 
 
 def _mode(request: Request) -> int:
@@ -66,7 +104,7 @@ def _mode(request: Request) -> int:
 def _interval(request: Request) -> int:
     name = _message_name(request)
     interval = request.values[1]
-    if name not in MESSAGES or interval != interval:
+    if name not in MESSAGES or math.isnan(interval):
         return DENIED
     if interval == 0.0:  # back to what it was at first
         request.peer.schedule.reset_rate(name)
@@ -85,28 +123,22 @@ def _interval_asked(request: Request) -> int:
 
 
 def _message(request: Request) -> int:
-    name = _message_name(request)
-    scene = request.talk.scene
-    if name in ONCE:
-        request.answers.append(ONCE[name](scene.dialect, request.talk))
-        return ACCEPTED
-    if name not in MESSAGES:
-        return DENIED
-    message = build(scene, name)
-    if message is None:  # nothing is measured that could be told
-        return FAILED
-    request.answers.append(message)
-    return ACCEPTED
+    """As ArduPilot: FAILED for what it cannot send, also where nothing is measured."""
+    return _send(request, _message_name(request))
+
+
+def _send(request: Request, name: str) -> int:
+    found = request.talk.telemetry(name)
+    request.answers += found
+    return ACCEPTED if found else FAILED
 
 
 def _capabilities(request: Request) -> int:
-    request.answers.append(version(request.talk.scene.dialect, request.talk))
-    return ACCEPTED
+    return _send(request, "AUTOPILOT_VERSION")
 
 
 def _home(request: Request) -> int:
-    request.answers.append(home(request.talk.scene.dialect, request.talk))
-    return ACCEPTED
+    return _send(request, "HOME_POSITION")
 
 
 def _message_name(request: Request) -> str:
@@ -114,30 +146,43 @@ def _message_name(request: Request) -> str:
     return found.msgname if found else ""
 
 
-def version(dialect: Any, talk: "Conversation") -> Any:
-    """AUTOPILOT_VERSION; the custom version says that it is no ArduSub."""
-    number = int.from_bytes(bytes((*talk.firmware, 0, RELEASE)), "big")
-    custom = list(b"rovtwin\0")
-    return dialect.MAVLink_autopilot_version_message(
-        CAPABILITIES, number, 0, 0, 0, custom, custom, custom, 0, 0, talk.system
-    )
+def _banner(request: Request) -> int:
+    request.talk.send_banner(request.peer)
+    return ACCEPTED
 
 
-def home(dialect: Any, talk: "Conversation") -> Any:
-    """HOME_POSITION: the origin of n."""
-    datum = talk.scene.datum
-    place = (round(datum.latitude * 1e7), round(datum.longitude * 1e7), round(datum.height * 1000.0))
-    return dialect.MAVLink_home_position_message(*place, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+def _current(request: Request) -> int:
+    return ACCEPTED if choose(request.talk, whole(request.values[0])) else FAILED
 
 
-ONCE: dict[str, Callable[[Any, "Conversation"], Any]] = {"AUTOPILOT_VERSION": version, "HOME_POSITION": home}
+def _fence(request: Request) -> int:
+    """What nothing watches over can be switched off, not on."""
+    return ACCEPTED if request.values[0] == 0.0 else request.refuse("Nothing watches over fences here", UNSUPPORTED)
+
+
+def _calibrate(request: Request) -> int:
+    if request.talk.autopilot.armed:
+        return request.refuse("Disarm before calibration")
+    return request.refuse(CALIBRATIONS, UNSUPPORTED)
+
+
+def _start(request: Request) -> int:
+    return request.refuse(REASONS[300])
+
 
 COMMANDS: dict[int, Callable[[Request], int]] = {
     COMPONENT_ARM_DISARM: _arm,
+    RUN_PREARM_CHECKS: _checks,
+    TERMINATE: _terminate,
     DO_SET_MODE: _mode,
     GET_HOME: _home,
     SET_MESSAGE_INTERVAL: _interval,
     GET_MESSAGE_INTERVAL: _interval_asked,
     REQUEST_MESSAGE: _message,
     REQUEST_CAPABILITIES: _capabilities,
+    SEND_BANNER: _banner,
+    SET_MISSION_CURRENT: _current,
+    FENCE_ENABLE: _fence,
+    CALIBRATE: _calibrate,
+    300: _start,  # MISSION_START
 }

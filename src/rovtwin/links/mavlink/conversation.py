@@ -4,16 +4,24 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from rovtwin.links.mavlink import mission_service, motion_messages, services
 from rovtwin.links.mavlink.autopilot import INFO, WARNING, Autopilot
-from rovtwin.links.mavlink.commands import COMMANDS, FIRMWARE, UNSUPPORTED, Request
-from rovtwin.links.mavlink.guided import order_of_global, order_of_local
+from rovtwin.links.mavlink.commands import CAPABILITIES, COMMANDS, FIRMWARE, NO_CAMERA, REASONS, RELEASE, Request
+from rovtwin.links.mavlink.guided import order_of_attitude, order_of_global, order_of_local
+from rovtwin.links.mavlink.modes import GUIDED
 from rovtwin.links.mavlink.peers import Peer
 from rovtwin.links.mavlink.pilot import EXTENDED_SINCE, Sticks, axes_of_channels, axes_of_sticks
-from rovtwin.links.mavlink.telemetry import STREAMS, Scene
+from rovtwin.links.mavlink.place_commands import PLACE_COMMANDS
+from rovtwin.links.mavlink.results import UNSUPPORTED
+from rovtwin.links.mavlink.scene import Scene
+from rovtwin.links.mavlink.telemetry import MESSAGES, STREAMS, build
 from rovtwin.links.mavlink.wire import is_addressed, number
 
 GROUND_STATION = 6  # MAV_TYPE_GCS
-REFUSED_MISSION = 3  # MAV_MISSION_UNSUPPORTED
+MOST_SAID = 1000  # different things said once; names of parameters come from outside
+CAMERAS = range(100, 106)  # MAV_COMP_ID_CAMERA to CAMERA6
+# Messages that answer ours, or end a service: they want no answer.
+NO_QUESTION = ("COMMAND_ACK", "MISSION_ACK", "LOG_REQUEST_END", "PARAM_VALUE")
 
 
 @dataclass
@@ -27,7 +35,10 @@ class Conversation:
         clock: Real time [s].
         everybody: Sends a message to all peers.
         firmware: Major and minor version of the ArduSub whose behaviour this is.
-        ignored: Messages that nobody here understands, by type: counted, not answered.
+        ignored: Messages that nobody here understands, by type: counted, and said once to whoever aims one at us.
+        strangers: Systems whose sticks do not count and that know it.
+        elsewhere: Other components of the vehicle that were heard: they answer for themselves.
+        uploading: Who sends the list that is under way.
     """
 
     autopilot: Autopilot
@@ -39,19 +50,78 @@ class Conversation:
     firmware: tuple[int, int] = FIRMWARE
     ignored: dict[str, int] = field(default_factory=dict)
     strangers: set[int] = field(default_factory=set)
+    elsewhere: set[int] = field(default_factory=set)
+    uploading: Peer | None = None
+    _said: set[tuple[int, str]] = field(default_factory=set)
 
     def take(self, message: Any, peer: Peer) -> bool:
         """Answer one message; whether it changed what the vehicle shall do."""
-        if (message.get_srcSystem(), message.get_srcComponent()) == (self.system, self.component):
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        if system == self.system and component != self.component:
+            self.elsewhere.add(component)
+        if (system, component) == (self.system, self.component):
             return False  # our own, sent back by a router
         if not is_addressed(message, self.system, self.component):
-            return False
+            return self._refuse_elsewhere(message, peer)
         answer = ANSWERS.get(message.get_type())
         if answer is None:
-            kind = message.get_type()
-            self.ignored[kind] = self.ignored.get(kind, 0) + 1  # bounded: only types of the dialect come here
+            self._ignore(message)
             return False
         return bool(answer(self, message, peer))
+
+    def _ignore(self, message: Any) -> None:
+        kind = message.get_type()
+        self.ignored[kind] = self.ignored.get(kind, 0) + 1  # bounded: only types of the dialect come here
+        if getattr(message, "target_system", 0) == self.system and kind not in NO_QUESTION:
+            self.tell_once(message.get_srcSystem(), WARNING, f"{kind} is not supported")
+
+    def _refuse_elsewhere(self, message: Any, peer: Peer) -> bool:
+        """Answer for a component that the vehicle does not have, such as a camera."""
+        component = getattr(message, "target_component", 0)
+        if getattr(message, "target_system", 0) != self.system or component in self.elsewhere:
+            return False
+        text = NO_CAMERA if component in CAMERAS else f"There is no component {component} here"
+        self.tell_once(message.get_srcSystem(), WARNING, text)
+        if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
+            peer.send(self._ack(message, UNSUPPORTED), component)
+        return False
+
+    def _ack(self, message: Any, result: int) -> Any:
+        make = self.scene.dialect.MAVLink_command_ack_message
+        return make(message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent())
+
+    def command(self, message: Any, peer: Peer, values: tuple[float, ...], frame: int | None) -> bool:
+        """Do a command and acknowledge it; whether it changed what the vehicle shall do."""
+        handler = COMMANDS.get(message.command) or PLACE_COMMANDS.get(message.command)
+        request = Request(self, peer, message.get_srcSystem(), values, frame)
+        result = UNSUPPORTED if handler is None else handler(request)
+        if handler is None:
+            known = self.scene.dialect.enums["MAV_CMD"].get(message.command)
+            name = known.name.removeprefix("MAV_CMD_") if known else f"command {message.command}"
+            self.tell_once(request.by, WARNING, REASONS.get(message.command, f"{name} is not supported"))
+        peer.send(self._ack(message, result))
+        for answer in request.answers:
+            peer.send(answer)
+        return request.changed
+
+    def telemetry(self, name: str) -> list[Any]:
+        """Messages of a name as of now; empty where there are none, or nothing is measured that they could tell."""
+        if name in ONCE:
+            made = ONCE[name](self)
+            return [] if made is None else [made]
+        return build(self.scene, name) if name in MESSAGES else []
+
+    def tell_once(self, system: int, severity: int, text: str) -> None:
+        """Say something that a client need not be told again; nothing new any more to whoever makes it say too much."""
+        if (system, text) not in self._said and len(self._said) < MOST_SAID:
+            self._said.add((system, text))
+            self.autopilot.say(severity, text)
+
+    def send_banner(self, peer: Peer) -> None:
+        """What it is, as ArduPilot says it to whoever asks for its parameters."""
+        version = ".".join(str(part) for part in (*self.firmware, 0))
+        for text in (f"ArduSub V{version} (rovtwin)", "Frame: VECTORED_6DOF"):
+            peer.send(self.scene.dialect.MAVLink_statustext_message(INFO, text.encode()))
 
     def steer(self, message: Any, axes: Any) -> bool:
         """A pilot's input; a stranger is told once why it does not count."""
@@ -62,10 +132,6 @@ class Conversation:
             self.strangers.add(system)
             self.autopilot.say(WARNING, f"Input of system {system} ignored: SYSID_MYGCS is {mine}")
         return taken
-
-    def readiness(self) -> str:
-        """What is missing before the vehicle may be armed; empty when nothing is."""
-        return "" if self.scene.attitude() is not None else "no attitude yet"
 
 
 def _heartbeat(talk: Conversation, message: Any, peer: Peer) -> None:
@@ -93,37 +159,43 @@ def _set_mode(talk: Conversation, message: Any, peer: Peer) -> bool:
     return bool(message.base_mode & 1) and talk.autopilot.set_mode(message.custom_mode)
 
 
+def _in_guided(talk: Conversation, message: Any, what: str = "Set-points") -> bool:
+    if talk.autopilot.mode is GUIDED:
+        return True
+    talk.tell_once(message.get_srcSystem(), WARNING, f"{what} count in GUIDED only")
+    return False
+
+
 def _local_target(talk: Conversation, message: Any, peer: Peer) -> bool:
+    if not _in_guided(talk, message):
+        return False
     order = order_of_local(message, talk.scene.place(), talk.autopilot.target)
     return talk.autopilot.obey(order, talk.clock())
 
 
 def _global_target(talk: Conversation, message: Any, peer: Peer) -> bool:
-    order = order_of_global(message, talk.scene.place(), talk.autopilot.target, talk.scene.datum)
+    if not _in_guided(talk, message):
+        return False
+    scene = talk.scene
+    order = order_of_global(message, scene.place(), talk.autopilot.target, scene.datum, scene.ground)
+    return talk.autopilot.obey(order, talk.clock())
+
+
+def _attitude_target(talk: Conversation, message: Any, peer: Peer) -> bool:
+    if not _in_guided(talk, message, "Attitudes"):
+        return False
+    order = order_of_attitude(message, talk.scene.place(), talk.autopilot.fastest[2])
     return talk.autopilot.obey(order, talk.clock())
 
 
 def _command_long(talk: Conversation, message: Any, peer: Peer) -> bool:
     values = tuple(number(getattr(message, f"param{i}"), float("nan")) for i in range(1, 8))
-    return _command(talk, message, peer, values)
+    return talk.command(message, peer, values, None)
 
 
 def _command_int(talk: Conversation, message: Any, peer: Peer) -> bool:
     values = (*(number(getattr(message, f"param{i}"), float("nan")) for i in range(1, 5)), message.x, message.y)
-    return _command(talk, message, peer, (*values, number(message.z)))
-
-
-def _command(talk: Conversation, message: Any, peer: Peer, values: tuple[float, ...]) -> bool:
-    handler = COMMANDS.get(message.command)
-    request = Request(talk, peer, message.get_srcSystem(), values)
-    result = UNSUPPORTED if handler is None else handler(request)
-    ack = talk.scene.dialect.MAVLink_command_ack_message(
-        message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
-    )
-    peer.send(ack)
-    for answer in request.answers:
-        peer.send(answer)
-    return request.changed
+    return talk.command(message, peer, (*values, number(message.z, float("nan"))), message.frame)
 
 
 def _send_parameter(talk: Conversation, peer: Peer, name: str, index: int) -> None:
@@ -140,31 +212,27 @@ def _name(value: Any) -> str:
 
 
 def _parameter_list(talk: Conversation, message: Any, peer: Peer) -> None:
+    talk.send_banner(peer)
     for index in range(len(talk.autopilot.parameters)):
         _send_parameter(talk, peer, "", index)
 
 
 def _parameter_read(talk: Conversation, message: Any, peer: Peer) -> None:
-    _send_parameter(talk, peer, _name(message.param_id), message.param_index)
+    name = _name(message.param_id)
+    if talk.autopilot.parameters.find(name, message.param_index) is None:
+        what = name if message.param_index < 0 else f"number {message.param_index}"
+        talk.tell_once(message.get_srcSystem(), WARNING, f"No parameter {what}")
+    _send_parameter(talk, peer, name, message.param_index)
 
 
 def _parameter_set(talk: Conversation, message: Any, peer: Peer) -> None:
     name = _name(message.param_id)
-    if not talk.autopilot.parameters.set(name, message.param_value):
+    if talk.autopilot.parameters.find(name, -1) is None:
+        talk.tell_once(message.get_srcSystem(), WARNING, f"No parameter {name}")
+    elif not talk.autopilot.parameters.set(name, message.param_value):
         talk.autopilot.say(WARNING, f"{name}: not set, out of range or read only")
     # The value that holds now: what a client takes for the answer, also when nothing was set.
     _send_parameter(talk, peer, name, -1)
-
-
-def _missions(talk: Conversation, message: Any, peer: Peer) -> None:
-    count = talk.scene.dialect.MAVLink_mission_count_message
-    peer.send(count(message.get_srcSystem(), message.get_srcComponent(), 0, message.mission_type))
-
-
-def _mission_offered(talk: Conversation, message: Any, peer: Peer) -> None:
-    ack = talk.scene.dialect.MAVLink_mission_ack_message
-    peer.send(ack(message.get_srcSystem(), message.get_srcComponent(), REFUSED_MISSION, message.mission_type))
-    talk.autopilot.say(INFO, "Missions are not flown by this endpoint")
 
 
 def _timesync(talk: Conversation, message: Any, peer: Peer) -> None:
@@ -185,13 +253,29 @@ ANSWERS: dict[str, Answer] = {
     "SET_MODE": _set_mode,
     "SET_POSITION_TARGET_LOCAL_NED": _local_target,
     "SET_POSITION_TARGET_GLOBAL_INT": _global_target,
+    "SET_ATTITUDE_TARGET": _attitude_target,
     "COMMAND_LONG": _command_long,
     "COMMAND_INT": _command_int,
     "PARAM_REQUEST_LIST": _parameter_list,
     "PARAM_REQUEST_READ": _parameter_read,
     "PARAM_SET": _parameter_set,
-    "MISSION_REQUEST_LIST": _missions,
-    "MISSION_COUNT": _mission_offered,
     "TIMESYNC": _timesync,
     "REQUEST_DATA_STREAM": _data_stream,
+    **mission_service.ANSWERS,
+    **services.ANSWERS,
+}
+
+
+def _version(talk: Conversation) -> Any:
+    """AUTOPILOT_VERSION; the custom version says that it is no ArduSub."""
+    number = int.from_bytes(bytes((*talk.firmware, 0, RELEASE)), "big")
+    custom = list(b"rovtwin\0")
+    make = talk.scene.dialect.MAVLink_autopilot_version_message
+    return make(CAPABILITIES, number, 0, 0, 0, custom, custom, custom, 0, 0, talk.system)
+
+
+# Messages that are sent when asked for only, beside telemetry.
+ONCE: dict[str, Callable[[Conversation], Any]] = {
+    "AUTOPILOT_VERSION": _version,
+    "GPS_GLOBAL_ORIGIN": lambda talk: motion_messages.origin(talk.scene) if talk.scene.home else None,
 }

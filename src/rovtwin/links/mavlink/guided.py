@@ -1,4 +1,7 @@
-"""GUIDED: SET_POSITION_TARGET_LOCAL_NED and its global sister, as a place to go to or as a velocity to keep."""
+"""GUIDED: SET_POSITION_TARGET_LOCAL_NED and its global sister, as a place to go to or as a velocity to keep.
+
+SET_ATTITUDE_TARGET becomes a velocity too: a turn to its heading, and up or down by its thrust.
+"""
 
 import math
 from dataclasses import dataclass
@@ -15,6 +18,9 @@ GLOBAL, GLOBAL_RELATIVE = (0, 5), (3, 6)  # height over the ellipsoid; over the 
 # POSITION_TARGET_TYPEMASK: what to ignore
 IGNORE_PLACE, IGNORE_VELOCITY = (1, 2, 4), (8, 16, 32)
 IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
+IGNORE_THRUST_OR_ATTITUDE = 64 | 128  # ATTITUDE_TARGET_TYPEMASK
+LEVEL = 0.1  # roll or pitch that is level enough to be flown by a vehicle that keeps level by itself [rad]
+TURN_GAIN = 1.0  # rate of turn by what is missing of the heading [1/s]
 
 Place = tuple[float, float, float, float]  # north, east, down [m], heading [rad]
 
@@ -53,19 +59,63 @@ def order_of_local(message: Any, here: Place | None, before: Place | None) -> Or
     return _velocity(message, here)
 
 
-def order_of_global(message: Any, here: Place | None, before: Place | None, datum: Datum) -> Order:
-    """Order of a SET_POSITION_TARGET_GLOBAL_INT: places only."""
-    frame, mask = message.coordinate_frame, message.type_mask
-    if frame not in GLOBAL + GLOBAL_RELATIVE or any(mask & bit for bit in IGNORE_PLACE):
-        return Order(refusal="of global set-points only whole places are taken, heights over ellipsoid or water")
-    depth = -message.alt if frame in GLOBAL_RELATIVE else datum.height - message.alt
+def order_of_global(message: Any, here: Place | None, before: Place | None, datum: Datum, ground: float) -> Order:
+    """Order of a SET_POSITION_TARGET_GLOBAL_INT: places only; `ground` as of `order_to`."""
+    if any(message.type_mask & bit for bit in IGNORE_PLACE):
+        return Order(refusal="of global set-points only whole places are taken")
+    heading = _heading(message, False, here, before)
+    return order_to(message.lat_int, message.lon_int, message.alt, message.coordinate_frame, heading, datum, ground)
+
+
+def order_to(
+    latitude: int, longitude: int, altitude: float, frame: int, heading: float, datum: Datum, ground: float
+) -> Order:
+    """Order to go to a place on the map.
+
+    Args:
+        latitude: [1e-7 deg].
+        longitude: [1e-7 deg].
+        altitude: Over the ellipsoid or over home, by the frame [m]; it may be no number.
+        frame: MAV_FRAME.
+        heading: [rad].
+        datum: Origin of n.
+        ground: Height of home over the ellipsoid [m].
+    """
+    if frame not in GLOBAL + GLOBAL_RELATIVE:
+        return Order(refusal="of global set-points only heights over the ellipsoid or over home are taken")
+    depth = datum.height - altitude - (ground if frame in GLOBAL_RELATIVE else 0.0)
     if not abs(depth) <= FARTHEST:  # also what is no number
-        return Order(refusal=f"a height of {message.alt:g} m is none of a vehicle's")
+        return Order(refusal=f"a height of {altitude:g} m is none of a vehicle's")
     try:
-        north, east, down = (float(v) for v in datum.position(message.lat_int * 1e-7, message.lon_int * 1e-7, depth))
+        north, east, down = (float(v) for v in datum.position(latitude * 1e-7, longitude * 1e-7, depth))
     except ConfigError as error:
         return Order(refusal=str(error))
-    return _checked((north, east, down, _heading(message, False, here, before)))
+    return _checked((north, east, down, heading))
+
+
+def order_of_attitude(message: Any, here: Place | None, climb: float) -> Order:
+    """Order of a SET_ATTITUDE_TARGET, as ArduSub takes it: attitude and thrust together, 0.5 keeps the depth.
+
+    Args:
+        message: With its fields; they may be no numbers.
+        here: Where the vehicle is, or None while it does not know.
+        climb: Rate up or down of all thrust [m/s].
+    """
+    if message.type_mask & IGNORE_THRUST_OR_ATTITUDE:
+        return Order(refusal="attitude and thrust are taken together only")
+    if here is None:
+        return Order(refusal="the vehicle does not know where it is")
+    w, x, y, z = message.q
+    size = math.hypot(w, x, y, z)
+    if not 0.5 < size < 2.0 or not math.isfinite(message.thrust):  # also what is no number
+        return Order(refusal="the set-point is no attitude")
+    roll = math.atan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z) / size**2)))
+    if max(abs(roll), abs(pitch)) > LEVEL:
+        return Order(refusal="it keeps level: no roll or pitch is flown")
+    heading = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    up = (max(0.0, min(1.0, message.thrust)) - 0.5) * 2.0 * climb
+    return Order(velocity=(0.0, 0.0, -up, TURN_GAIN * math.remainder(heading - here[3], math.tau)))
 
 
 def _place(message: Any, asked: list[bool], here: Place, before: Place | None) -> Order:

@@ -38,11 +38,12 @@ ARMED_FLAG, CUSTOM_MODE = 128, 1
 GROUND_STATION, INVALID = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 SET_INTERVAL, ARM_DISARM, SET_MODE = 511, 400, 176
 REQUEST_MESSAGE, REQUEST_CAPABILITIES, VERSION_ID = 512, 520, 148
-GAIN_COMES = 1.5  # longest wait for the gain in force, which the twin says once a second and ArduSub twice [s]
+GAIN_COMES = 1.5  # longest wait for the gain in force, said twice a second [s]
 # Hertz that the vehicle is asked for.
 RATES = {
     **{"ATTITUDE": 50.0, "RAW_IMU": 50.0, "SCALED_PRESSURE2": 20.0, "LOCAL_POSITION_NED": 10.0},
     **{"GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 10.0, "DISTANCE_SENSOR": 10.0, "SYS_STATUS": 2.0},
+    "NAMED_VALUE_FLOAT": 2.0,  # with it comes the gain in force
 }
 
 Axes = Callable[[np.ndarray], np.ndarray]

@@ -34,8 +34,9 @@ class Peer:
     called: bool = False
     close: Callable[[], None] | None = None
 
-    def send(self, message: Any) -> None:
-        self.write(self.encoder.frame(message))
+    def send(self, message: Any, component: int | None = None) -> None:
+        """Send a message; of a component of the vehicle other than the autopilot where one is given."""
+        self.write(self.encoder.frame(message, component))
 
 
 @dataclass

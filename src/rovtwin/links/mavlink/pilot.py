@@ -80,6 +80,12 @@ def sticks_of_axes(axes: np.ndarray, gain: float, throttle: float = 1.0, extende
     return Sticks(x, y, z, r, s, t, (PITCH_BIT if s else 0) | (ROLL_BIT if t else 0))
 
 
+def pulses_of_axes(axes: np.ndarray) -> list[int]:
+    """Pulses of RC channels 1 to 6 [us] of axes, shape (6,): the inverse of `axes_of_channels` to a microsecond."""
+    turned = np.clip(np.nan_to_num(np.asarray(axes, dtype=float)), -1.0, 1.0)
+    return [round(NEUTRAL_PWM + HALF_PWM * sign * float(turned[axis])) for axis, sign in RC_CHANNELS.values()]
+
+
 def axes_of_channels(channels: Sequence[int], before: np.ndarray) -> np.ndarray | None:
     """Axes, shape (6,), of RC channels 1 to 6 [us] on top of those before; None where a pulse is out of range.
 

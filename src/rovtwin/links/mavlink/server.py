@@ -12,12 +12,14 @@ from rovtwin.core.errors import LinkError
 from rovtwin.links.mavlink.autopilot import WARNING, Autopilot
 from rovtwin.links.mavlink.commands import FIRMWARE
 from rovtwin.links.mavlink.conversation import Conversation
+from rovtwin.links.mavlink.mission_service import remind
 from rovtwin.links.mavlink.mixing import Mixer
-from rovtwin.links.mavlink.modes import GUIDED, MANUAL
+from rovtwin.links.mavlink.modes import GUIDED, POSHOLD
 from rovtwin.links.mavlink.parameters import Parameters
 from rovtwin.links.mavlink.peers import Peer, Peers
+from rovtwin.links.mavlink.scene import Scene, rounds
 from rovtwin.links.mavlink.sockets import open_tcp, open_udp
-from rovtwin.links.mavlink.telemetry import MESSAGES, RATES, Scene, Schedule, rounds
+from rovtwin.links.mavlink.telemetry import MESSAGES, RATES, Schedule
 from rovtwin.links.mavlink.wire import Decoder, Encoder, dialect
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
@@ -26,7 +28,8 @@ REPEAT = 0.05  # a wish is repeated after this [s]; it holds for 0.3 s at the ve
 HEARTBEAT = 1.0  # [s], real time
 LEAK_REPEAT = 20.0  # a leak is told again after this, as ArduSub does [s]
 SUBMARINE, ARDUPILOT = 12, 3  # MAV_TYPE, MAV_AUTOPILOT
-STANDBY, ACTIVE = 3, 4  # MAV_STATE
+STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE
+TEXT = 50  # bytes of a STATUSTEXT; a longer one comes in pieces
 
 
 @dataclass
@@ -112,6 +115,8 @@ class Session:
         self._server, self._station = server, station
         self._dialect = dialect()
         self._peers = Peers(self._new_peer)
+        parameters = Parameters(server.system, server.gain, server.density)
+        self.autopilot = Autopilot(parameters, self._say, server.mixer, server.fastest, server.drone)
         scene = Scene(
             dict(station.latest),
             station,
@@ -120,14 +125,14 @@ class Session:
             server.datum,
             server.density,
             server.surface_pressure,
+            self.autopilot,
         )
-        parameters = Parameters(server.system, server.gain, server.density)
-        self.autopilot = Autopilot(parameters, self._say, server.mixer, server.fastest, server.drone)
         self.talk = Conversation(
             self.autopilot, scene, server.system, 1, time.monotonic, self._everybody, server.firmware
         )
         self._wished_armed = False
         self._leak_said = -LEAK_REPEAT
+        self._texts = 0  # numbers of texts that came in pieces
         self._datagrams = Decoder()
         self.broken = 0  # pieces of input that were no frame
 
@@ -162,7 +167,7 @@ class Session:
         scene = self.talk.scene
         async for batch in self._station.readings():
             for readings in rounds(batch):
-                scene.latest.update((reading.sensor, reading) for reading in readings)
+                scene.take(readings)
                 for peer in self._peers.all():
                     for message in peer.schedule.due(scene):
                         peer.send(message)
@@ -174,6 +179,7 @@ class Session:
             self.autopilot.check(now)
             self._wish()
             self._tell_of_leak(now)
+            remind(self.talk, now)
             for peer in self._peers.forget(now):
                 self._station.say(f"mavlink: {peer.name} is silent")
             await asyncio.sleep(REPEAT)
@@ -182,9 +188,6 @@ class Session:
         """Tell all that the vehicle is there."""
         while True:
             self._everybody(self._heartbeat())
-            gain = self.autopilot.parameters["JS_GAIN_DEFAULT"]
-            boot = round(self._station.now * 1000.0) & 0xFFFFFFFF
-            self._everybody(self._dialect.MAVLink_named_value_float_message(boot, b"PilotGain", gain))
             await asyncio.sleep(HEARTBEAT)
 
     def _tell_of_leak(self, now: float) -> None:
@@ -195,10 +198,9 @@ class Session:
 
     def _heartbeat(self) -> Any:
         mode, armed = self.autopilot.mode, self.autopilot.armed
-        # MAV_MODE_FLAG: custom mode, stabilised, guided, manual input, armed.
-        base = 1 | (16 if mode.hold_level else 0) | (8 if mode is GUIDED else 0) | (64 if mode is MANUAL else 0)
-        base |= 128 if armed else 0
-        state = ACTIVE if armed else STANDBY
+        # MAV_MODE_FLAG: custom mode, stabilised and manual input, which ArduSub has in every mode; guided, armed.
+        base = 1 | 16 | 64 | (8 if mode in (GUIDED, POSHOLD) else 0) | (128 if armed else 0)
+        state = CRITICAL if self.autopilot.failing else ACTIVE if armed else STANDBY
         return self._dialect.MAVLink_heartbeat_message(SUBMARINE, ARDUPILOT, base, mode.number, state, 3)
 
     def _wish(self) -> None:
@@ -209,7 +211,12 @@ class Session:
         self._wished_armed = armed
 
     def _say(self, severity: int, text: str) -> None:
-        self._everybody(self._dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
+        told = text.encode("ascii", "replace")
+        pieces = [told[i : i + TEXT] for i in range(0, len(told), TEXT)]
+        self._texts = self._texts % 65535 + 1
+        for number, piece in enumerate(pieces):
+            identity = self._texts if len(pieces) > 1 else 0  # by it the pieces find together
+            self._everybody(self._dialect.MAVLink_statustext_message(severity, piece, identity, number))
         self._station.say(f"mavlink: {text}")
 
     def _everybody(self, message: Any) -> None:

@@ -69,10 +69,11 @@ class Encoder:
     """Frames that one system sends to one peer: they are numbered, so that the peer sees what got lost."""
 
     def __init__(self, system: int, component: int):
-        self._codec = dialect().MAVLink(None, srcSystem=system, srcComponent=component)
+        self._codec, self._component = dialect().MAVLink(None, srcSystem=system, srcComponent=component), component
 
-    def frame(self, message: Any) -> bytes:
-        """The MAVLink 2 frame of a message of `dialect()`."""
+    def frame(self, message: Any, component: int | None = None) -> bytes:
+        """The MAVLink 2 frame of a message of `dialect()`, of another component where one is given."""
+        self._codec.srcComponent = self._component if component is None else component
         packed = message.pack(self._codec)
         self._codec.seq = (self._codec.seq + 1) % 256
         return bytes(packed)

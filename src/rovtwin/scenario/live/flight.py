@@ -9,10 +9,12 @@ import numpy as np
 
 from rovtwin.core.datum import utc_now
 from rovtwin.core.errors import LinkError
+from rovtwin.core.files import write_text
 from rovtwin.core.flow import ENDS, PAUSED, PHASES, Command, Slot
 from rovtwin.core.jsontext import to_json
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log, LogWriter
+from rovtwin.core.log.files import keeping
 from rovtwin.core.numerics import jax
 from rovtwin.core.urgent import settle, urgent
 from rovtwin.links.replay import ReplayLink
@@ -114,7 +116,8 @@ def fly_live(
             link.stop()
             summary = _summary(recorder, composed, ending, loop.pace) | changed(monitor, unwatched)
             log.annotate({"summary": to_json(summary), "pace": to_json(loop.pace.counts.tolist())})
-        (folder / "summary.json").write_text(to_json(summary) + "\n", encoding="utf-8")
+        with keeping(folder, f"The log is whole: {folder / 'log.mcap'}"):
+            write_text(folder / "summary.json", to_json(summary) + "\n")
     return Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
 
 
@@ -129,7 +132,7 @@ def metadata_of(scenario: Scenario, composed: Composed, folder: Path, thrust: bo
 def write_scenario(scenario: Scenario, composed: Composed, folder: Path) -> str:
     """Write what was flown into its folder, so that it can be flown again; the text."""
     text = dump_scenario(scenario_to_replay(scenario, composed, folder))
-    (folder / "scenario.yaml").write_text(text, encoding="utf-8")
+    write_text(folder / "scenario.yaml", text)
     return text
 
 
@@ -262,6 +265,6 @@ def _summary(recorder: LiveRecorder, composed: Composed, ending: str, pace: Pace
     return figures | {
         "reason": reason,
         "interrupted": reason == "interrupted",
-        "decisions": decisions(flown, composed.thruster_names, composed.scenario, composed.model),
+        "decisions": decisions(flown, composed.thruster_names, [(0.0, composed.scenario)], composed.model),
         **pace.figures(),
     }

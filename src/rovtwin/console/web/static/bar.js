@@ -1,15 +1,16 @@
 /** What is always visible: STOP, and whether, how and where the vehicle flies. */
 import {make, mount} from '/static/canvas.js';
+import {clock} from '/static/clock.js';
+import {showAlerts} from '/static/alerts.js';
 import {live} from '/static/live.js';
 import {ofKind, onMission} from '/static/hud_words.js';
-import {pressStop, said, theme} from '/static/page.js';
+import {help, pressStop, said, theme} from '/static/page.js';
 
 const STALE = 500;  // a state older than this is no news [ms]
 const chi = 2.4477;  // radius of 95 % of a round Gaussian, over its sigma
 const LOUD = {aborted: 'danger', surfacing: 'danger', held: 'warn', returning: 'warn', surfaced: 'warn', paused: 'warn'};
 const WINDOW = 4;  // over which the speed that is reached is looked at [s]
 const past = []; // {now [ms], t [s], speed} of states in that window
-let shown = ''; // the alerts
 let question = null; // {who, box}: who asks for control
 const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 
@@ -17,7 +18,10 @@ function fact(label, id) {
   const value = make('span', {class: 'value', id: `fact-${id}`}, '–');
   const box = make('div', {class: 'fact', title: label}, make('span', {class: 'label'}, label), value);
   return [box, (text, level = '') => {
-    if (value.textContent !== text) value.textContent = text;
+    if (value.textContent !== text) {
+      value.textContent = text;
+      box.title = `${label}: ${text}`; // where the line has no room for all of it
+    }
     if (value.dataset.level !== level) value.dataset.level = level;
   }];
 }
@@ -61,11 +65,12 @@ mount('bar', bar => {
     facts[id] = set;
     bar.append(box);
   }
-  const arm = make('button', {id: 'arm', class: 'action', onclick: () => said(live.send({do: armOrder()}))}, 'Arm');
+  const arm = make('button', {id: 'arm', class: 'action', disabled: true, onclick: () => said(live.send({do: armOrder()}))}, 'Arm');
   const control = make('button', {id: 'take', class: 'action', onclick: takeControl}, 'Take control');
   const sun = make('button', {class: 'action', 'aria-label': 'Dark or daylight colours', title: 'Dark or daylight colours',
     onclick: () => theme(!document.body.classList.contains('daylight'))}, '◐');
-  bar.append(make('div', {class: 'actions'}, arm, control, sun));
+  const keys = make('button', {class: 'action', 'aria-label': 'Keys', title: 'Keys (?)', onclick: help}, '?');
+  bar.append(make('div', {class: 'actions'}, arm, control, keys, sun));
 
   const release = [
     live.on('state', state => show(facts, state, arm)),
@@ -106,7 +111,8 @@ function takeControl() { said(live.send({do: live.last.rights?.may ? 'give' : 't
 
 function connection(facts) {
   const old = performance.now() - live.heard > STALE && !live.last.state?.replay; // which may be paused
-  if (!live.connected) facts.link('no server', 'danger');
+  if (!live.connected) facts.link(live.why || 'no server', 'danger');
+  else if (!live.last.state) facts.link('starting', 'warn');
   else if (live.hung) facts.link('autopilot silent', 'danger');
   else if (old) facts.link('stale', 'danger');
   document.body.classList.toggle('stale', old || !live.connected);
@@ -114,29 +120,30 @@ function connection(facts) {
 
 function show(facts, state, arm) {
   const ready = state.stage === 'ready' || state.stage === 'replay';
-  facts.link(ready ? state.link : `${state.stage}${state.note ? `: ${state.note}` : ''}`, ready ? 'ok' : 'warn');
+  facts.link(ready ? state.link : state.stage, ready ? 'ok' : 'warn'); // what is done until then stands below the bar
   facts.arm(state.stopped ? 'STOPPED' : state.armed ? 'armed' : state.arming ? 'arming …' : 'off',
     state.stopped ? 'danger' : state.armed ? 'warn' : '');
   const lost = state.stage === 'lost';
   arm.textContent = lost ? 'Reconnect' : state.armed ? 'Disarm' : 'Arm';
   arm.disabled = !live.last.rights?.may || !(ready || lost) || state.arming || !!state.replay;
-  alerts(state.alerts);
+  showAlerts(state.alerts);
   const asked = state.running ? (state.speed === 1 ? '' : ` ×${state.speed}`) : ' paused';
   const slow = reached(state);
-  facts.time(`${number(state.t, 1)} s${asked}${slow ? `, reached ×${slow}` : ''}`, state.running && !slow ? '' : 'warn');
+  facts.time(`${clock(state.t)}${asked}${slow ? `, reached ×${slow}` : ''}`, state.running && !slow ? '' : 'warn');
   if (!state.eta) return;
-  facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'not told', LOUD[state.phase] || '');
+  const loud = state.reason === 'operator' ? 'warn' : LOUD[state.phase] || '';  // what you asked for is no alarm
+  facts.phase((state.reason ? `${state.phase}: ${state.reason}` : state.phase) ?? 'no data', loud);
   facts.age(`${number(state.link_age, 2)} s`, state.link_age > 1 ? 'danger' : state.link_age > 0.3 ? 'warn' : '');
   const firsts = kind => ofKind(state, kind).map(told => told.value?.[0]);
   const charge = most(Math.min, firsts('battery'));
-  facts.battery(Number.isFinite(charge) ? `${Math.round(100 * charge)} %` : 'not told',
+  facts.battery(Number.isFinite(charge) ? `${Math.round(100 * charge)} %` : 'no data',
     charge < 0.1 ? 'danger' : charge < 0.25 ? 'warn' : '');
   const leak = most(Math.max, firsts('leak'));
-  facts.leak(leak > 0.5 ? 'LEAK' : Number.isFinite(leak) ? 'dry' : 'not told', leak > 0.5 ? 'danger' : '');
+  facts.leak(leak > 0.5 ? 'LEAK' : Number.isFinite(leak) ? 'dry' : 'no data', leak > 0.5 ? 'danger' : '');
   const [[a, b], [, c]] = state.ellipse ?? [[NaN, NaN], [NaN, NaN]];
   const radius = chi * Math.sqrt(0.5 * (a + c) + Math.hypot(0.5 * (a - c), b));
   const age = most(Math.min, ofKind(state, 'position').map(told => told.age));
-  if (state.trial) facts.position('not told');
+  if (state.trial) facts.position('no data');
   else facts.position(`${number(radius, 2)} m`, radius > 2 || age > 5 ? 'danger' : radius > 1 || age > 3 ? 'warn' : '');
   facts.nis(...(state.trial ? ['none in a test', ''] : worst(state.nis)));
   facts.progress(onMission(state) ? `${Math.min(state.waypoint + 1, state.count)}/${state.count} · `
@@ -155,13 +162,4 @@ function reached(state) {
   if (!goes || span < WINDOW / 2) return '';
   const speed = (state.t - past[0].t) / span;
   return speed < 0.9 * state.speed ? speed.toPrecision(2) : '';
-}
-
-function alerts(found) {
-  const key = JSON.stringify(found.map(one => [one.level, one.what]));
-  if (key === shown) return;
-  shown = key;
-  const strip = document.getElementById('alerts');
-  strip.replaceChildren(...found.map(one => make('div', {class: `alert ${one.level}`},
-    make('strong', {}, one.what), ` – ${one.cause}. `, make('em', {}, one.remedy))));
 }

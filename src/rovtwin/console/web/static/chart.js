@@ -20,6 +20,7 @@ class Chart {
   track = track;
   mode = 'move'; // or add, area
   follow = false;
+  fitted = false; // the view, to a plan, once
   touched = false; // by a hand: until then the view fits itself to what there is
   selected = null; // way-point's index
   pending = null; // {i, x, y} of a way-point that was dragged and not yet confirmed by a plan message
@@ -40,7 +41,7 @@ class Chart {
     this.surface = surface(this.canvas, (context, width, height) => {
       Object.assign(this.view, {width, height});
       if (this.follow && model.state?.eta) this.view.middle = {x: model.state.eta[0], y: model.state.eta[1]};
-      else if (!this.touched) this.fitView();
+      else if (!this.touched && !this.pointed() && this.outgrown()) this.fitView();
       drawChart(context, this);
     });
     new Hands(this.canvas, this);
@@ -50,6 +51,17 @@ class Chart {
   /** A test has no way-points. */
   editable = () => !model.setup?.test;
   may = () => Boolean(model.rights?.may) && this.editable();
+  /** Whether somebody aims at something: what lies under a pointer stays there. */
+  pointed = () => Boolean(this.cursor || this.pending || this.area) || this.mode !== 'move';
+  /** Whether the view has to fit itself anew; a plan that was cleared is no reason while the vehicle is in sight. */
+  outgrown() {
+    const planned = Boolean(model.plan?.draft.length || model.plan?.flown.length);
+    const at = model.state?.eta && this.view.toScreen({x: model.state.eta[0], y: model.state.eta[1]});
+    const inSight = at && at.u > 0 && at.v > 0 && at.u < this.view.width && at.v < this.view.height;
+    const stays = this.fitted && !planned && inSight;
+    this.fitted ||= planned;
+    return !stays;
+  }
   drawing = () => this.mode === 'area' && this.may() && !this.form.open;
 
   /** Way-points of the draft, the dragged one where the hand has it. */
@@ -90,7 +102,7 @@ class Chart {
   /** Plan, vehicle, home and tank; the fence only where it leaves the others large enough to see. */
   fitView() {
     const {setup, state, plan} = model;
-    const points = [...(plan?.draft ?? []), ...(plan?.flown ?? [])];
+    const points = [...(plan?.draft ?? []), ...(plan?.flown ?? []), ...(track.known ?? [])];
     if (state?.eta) points.push({x: state.eta[0], y: state.eta[1]});
     if (setup?.home) points.push({x: setup.home[0], y: setup.home[1]});
     const ends = ([south, north], [west, east]) => [{x: south, y: west}, {x: north, y: east}];
@@ -133,7 +145,8 @@ class Chart {
 
   setMode(mode) {
     this.form.hide();
-    this.changed({mode, area: null, toward: null});
+    // Whoever lays points by hand has chosen what to see of the water: from then on the view is theirs.
+    this.changed({mode, area: null, toward: null, touched: this.touched || mode !== 'move'});
   }
 
   areaDrawn() {
@@ -142,17 +155,20 @@ class Chart {
       return this.notice.complain('The area is too small: drag out a rectangle, or click three corners or more.');
     }
     this.changed({toward: null});
-    const {draft, own} = model.plan ?? {};
+    const {draft, own, line_speed} = model.plan ?? {};
     const last = draft?.at(-1);
     const speed = last?.speed ?? own?.speed;
-    this.form.show(area(this.area), {depth: last?.depth ?? model.state?.setpoint?.[2], speed});
+    const {low, high} = boxOf(this.area);
+    const width = Math.min(high.x - low.x, high.y - low.y);
+    this.form.show(area(this.area), width, {depth: last?.depth ?? model.state?.setpoint?.[2], speed}, line_speed);
     this.changed({});
   }
 
+  /** A lawn-mower plan over the area; rejects with the reason where there is none. */
   async template(values) {
     const corners = this.area.map(({x, y}) => [Math.round(x * 100) / 100, Math.round(y * 100) / 100]);
-    const done = await this.plan('template', {name: 'lawnmower', area: corners, ...values});
-    if (done) this.setMode('move');
+    await live.send({do: 'plan', op: 'template', name: 'lawnmower', area: corners, ...values});
+    this.setMode('move');
   }
 
   closeMenu = () => this.menus.hide();
@@ -192,6 +208,14 @@ mount('chart', element => {
     chart.release();
     shown = null;
   };
+});
+
+// Delete takes the chosen way-point away wherever the focus is, but for what is being typed; on the canvas it does already.
+document.addEventListener('keydown', event => {
+  if (event.key !== 'Delete' || event.defaultPrevented || event.target.closest?.('input, textarea, select, #plan .table')) return;
+  if (!shown?.canvas.clientWidth || shown.selected === null) return;
+  event.preventDefault();
+  shown.remove();
 });
 
 live.on('state', state => {

@@ -1,10 +1,12 @@
 /** Draws the chart: what lies in the plane (`drawChart`). Everything here only reads. */
 import {FONT, colour} from '/static/canvas.js';
+import {faultsOf} from '/static/faults.js';
 import {drawAxes, drawRoses, drawScaleBar, label} from '/static/chart_rulers.js';
 import {ellipseAxes, placed, thinned} from '/static/geometry.js';
 
-const SMALLEST = 14; // a vehicle is never drawn shorter than this [px]
+const SMALLEST = 28; // a vehicle that would be shorter than this is drawn as an arrow of this length [px]
 const POINT = 11; // radius of a way-point's disc [px]
+const DOT = 4; // and of its dot, where discs would lie on each other [px]
 
 /** One picture. `chart` holds view, model (last messages), track and what is being edited (see chart.js). */
 export function drawChart(context, chart) {
@@ -17,9 +19,10 @@ export function drawChart(context, chart) {
   drawRoom(context, view, model.setup);
   drawLegs(context, chart);
   drawTrack(context, view, chart.track.points);
-  chart.draft().forEach((p, i) => drawWaypoint(context, view.toScreen(p), i, chart));
-  if (state?.eta) drawVehicle(context, view, state, model.setup?.size ?? [0.5, 0.4, 0.3]);
+  drawWaypoints(context, chart);
   if (chart.outline) drawArea(context, view, chart.outline);
+  // Above all that was planned: nothing hides where the vehicle is.
+  if (state?.eta) drawVehicle(context, view, state, model.setup?.size ?? [0.5, 0.4, 0.3]);
   drawScaleBar(context, view);
   drawRoses(context, view, state?.current, model.setup?.waves);
 }
@@ -89,8 +92,35 @@ function drawLegs(context, {view, model, draft}) {
   }
 }
 
-function drawWaypoint(context, {u, v}, i, {selected, hover}) {
+/** Discs with numbers; where they would lie on each other dots, and discs of those that matter now. */
+function drawWaypoints(context, chart) {
+  const pixels = chart.draft().map(p => chart.view.toScreen(p));
+  const gaps = pixels.slice(1).map((p, i) => Math.hypot(p.u - pixels[i].u, p.v - pixels[i].v));
+  const crowded = gaps.some(gap => gap > 0 && gap < 2 * POINT);
+  const last = pixels.length - 1;
+  const faults = faultsOf(chart.model.plan?.checks);
+  const matters = i => i === 0 || i === last || i === chart.selected || i === chart.hover || faults.has(i);
+  pixels.forEach((p, i) => crowded && !matters(i) && drawDot(context, p));
+  pixels.forEach((p, i) => (!crowded || matters(i)) && drawWaypoint(context, p, i, chart, faults.get(i)?.level));
+}
+
+function drawDot(context, {u, v}) {
+  context.beginPath();
+  context.arc(u, v, DOT, 0, 2 * Math.PI);
+  context.fillStyle = colour('bg');
+  context.fill();
+  stroke(context, colour('plan'), 1.5);
+}
+
+const RINGS = {error: 'danger', warning: 'warn'};
+
+function drawWaypoint(context, {u, v}, i, {selected, hover}, fault) {
   const [chosen, near] = [i === selected, i === hover];
+  if (fault) {
+    context.beginPath();
+    context.arc(u, v, POINT + 5, 0, 2 * Math.PI);
+    stroke(context, colour(RINGS[fault]), 4);
+  }
   context.beginPath();
   context.arc(u, v, POINT + (chosen || near ? 2 : 0), 0, 2 * Math.PI);
   context.fillStyle = chosen ? colour('accent') : colour('bg');
@@ -110,27 +140,32 @@ function drawTrack(context, view, points) {
   stroke(context, colour('track'), 2);
 }
 
-/** A hull seen from above, bow ahead; enlarged when it would be too small to see. */
-function hull([length, beam], scale) {
-  const larger = Math.max(1, SMALLEST / (Math.max(length, beam) * scale));
-  const [l, b] = [(length / 2) * larger, (beam / 2) * larger];
+/** A hull seen from above, bow ahead; an arrow where that would be too small to see. */
+export function hull([length, beam], scale) {
+  if (Math.max(length, beam) * scale < SMALLEST) {
+    const l = SMALLEST / 2 / scale;
+    return [[l, 0], [-l, 0.75 * l], [-0.5 * l, 0], [-l, -0.75 * l]];
+  }
+  const [l, b] = [length / 2, beam / 2];
   return [[l, 0], [0.45 * l, b], [-l, b], [-0.8 * l, 0], [-l, -b], [0.45 * l, -b]];
 }
 
 function drawVehicle(context, view, state, size) {
   const at = ([x, y, , , , heading]) => placed(hull(size, view.scale), {x, y}, heading).map(p => view.toScreen(p));
+  if (state.ellipse) drawEllipse(context, view, state);
+  if (state.reference) drawReference(context, view.toScreen({x: state.reference[0], y: state.reference[1]}));
   if (state.truth) {
     trace(context, at(state.truth), true);
     stroke(context, colour('truth'), 1, [3, 2]);
   }
+  const small = Math.max(...size.slice(0, 2)) * view.scale < SMALLEST;
   trace(context, at(state.eta), true);
-  context.globalAlpha = 0.6;
+  stroke(context, colour('bg'), 5);
+  context.globalAlpha = small ? 1 : 0.35; // a hull lets what lies below it be read
   context.fillStyle = colour('track');
   context.fill();
   context.globalAlpha = 1;
   stroke(context, colour('text'), 1.5);
-  if (state.ellipse) drawEllipse(context, view, state);
-  if (state.reference) drawReference(context, view.toScreen({x: state.reference[0], y: state.reference[1]}));
 }
 
 function drawEllipse(context, view, {eta, ellipse}) {

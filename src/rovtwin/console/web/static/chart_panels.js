@@ -1,6 +1,10 @@
 /** Controls on the chart: tools, the menu of a place, the form for an area, and a line that says what is going on. */
 import {make} from '/static/canvas.js';
-import {area} from '/static/geometry.js';
+import {faultsOf} from '/static/faults.js';
+import {area, roundLength} from '/static/geometry.js';
+
+const MAKE = 'Make plan';
+const LINES = 4; // over an area at least, where nobody says how far apart
 
 const button = (text, label, onclick, more = {}) =>
   make('button', {type: 'button', title: label, 'aria-label': label, onclick, ...more}, text);
@@ -124,6 +128,10 @@ export class AreaForm {
       return make('label', {}, make('span', {}, text), input, make('span', {class: 'chart-unit'}, unit));
     };
     this.size = make('p', {});
+    this.limit = make('p', {class: 'chart-small'});
+    this.error = make('p', {class: 'chart-error', role: 'alert'});
+    this.cancel = make('button', {type: 'button', onclick: cancel}, 'Cancel');
+    this.confirm = make('button', {type: 'submit', class: 'chart-primary'}, MAKE);
     this.element = make(
       'form',
       {
@@ -137,7 +145,8 @@ export class AreaForm {
       this.size,
       field('spacing', 'Line spacing', 'm', 2, 0.1),
       field('depth', 'Depth', 'm', 3, 0),
-      field('speed', 'Speed', 'm/s', 0.3, 0.01),
+      field('speed', 'Speed', 'm/s', '', 0.01),
+      this.limit,
       make(
         'label',
         {class: 'chart-check'},
@@ -146,12 +155,8 @@ export class AreaForm {
       ),
       make('p', {class: 'chart-small'}, 'Else turns lie outside of it, so that lines are at full speed.'),
       make('p', {class: 'chart-small'}, 'Takes the place of the draft; undo brings that back.'),
-      make(
-        'div',
-        {class: 'chart-buttons'},
-        make('button', {type: 'button', onclick: cancel}, 'Cancel'),
-        make('button', {type: 'submit', class: 'chart-primary'}, 'Make plan'),
-      ),
+      this.error,
+      make('div', {class: 'chart-buttons'}, this.cancel, this.confirm),
     );
   }
 
@@ -159,14 +164,22 @@ export class AreaForm {
     return !this.element.hidden;
   }
 
-  /** Asks for an area of so many square metres; depth and speed of the plan so far are put in, where known. */
-  show(squareMetres, known) {
-    this.size.textContent = `${squareMetres.toFixed(squareMetres < 10 ? 1 : 0)} m²`;
+  /**
+   * Asks for an area of so many square metres, `width` at its narrowest [m]; depth and speed of the plan so far are put
+   * in, where known. `fastest` is the speed that the vehicle has for lines [m/s].
+   */
+  show(squareMetres, width, known, fastest) {
+    const {elements} = this.element;
+    this.size.textContent = `${squareMetres.toFixed(squareMetres < 10 ? 1 : 0)} m², ${width.toFixed(1)} m at its narrowest`;
     for (const [name, value] of Object.entries(known)) {
-      if (Number.isFinite(value) && value > 0) this.element.elements[name].value = Number(value.toFixed(2));
+      if (Number.isFinite(value) && value > 0) elements[name].value = Number(value.toFixed(2));
     }
+    if (fastest > 0 && !(Number(elements.speed.value) <= fastest)) elements.speed.value = fastest;
+    this.limit.textContent = fastest > 0 ? `At most ${fastest} m/s: half of the thrust keeps the course.` : '';
+    elements.spacing.value = Math.min(Number(elements.spacing.value) || Infinity, roundLength(width / LINES));
+    this.error.textContent = '';
     this.element.hidden = false;
-    this.element.elements.spacing.select();
+    elements.spacing.select();
   }
 
   hide() {
@@ -176,14 +189,28 @@ export class AreaForm {
   async #submit(event, submit) {
     event.preventDefault();
     const {elements} = this.element;
-    const confirm = this.element.querySelector('[type=submit]');
-    confirm.disabled = true; // a double click asks once
+    const values = ['spacing', 'depth', 'speed'].map(name => [name, Number(elements[name].value)]);
+    this.error.textContent = '';
+    const since = performance.now();
+    const tell = () => { this.confirm.textContent = `Planning … ${Math.round((performance.now() - since) / 1e3)} s`; };
+    const clock = setInterval(tell, 1000);
+    tell();
+    this.#busy(true); // a double click asks once
     try {
-      const values = ['spacing', 'depth', 'speed'].map(name => [name, Number(elements[name].value)]);
       await submit({...Object.fromEntries(values), inside: elements.inside.checked});
+    } catch (error) {
+      this.error.textContent = error.message;
+      this.error.scrollIntoView({block: 'nearest'});
     } finally {
-      confirm.disabled = false;
+      clearInterval(clock);
+      this.confirm.textContent = MAKE;
+      this.#busy(false);
     }
+  }
+
+  #busy(on) {
+    this.element.setAttribute('aria-busy', String(on));
+    this.confirm.disabled = this.cancel.disabled = on;
   }
 }
 
@@ -217,7 +244,8 @@ export class Notice {
     const at = ({x, y}) => `N ${x.toFixed(1)}, E ${y.toFixed(1)} m`;
     if (chart.drawing()) return this.#areaText(chart.area);
     const speed = point?.speed ? `, ${Number(point.speed.toFixed(2))} m/s` : '';
-    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}`;
+    const fault = faultsOf(chart.model.plan?.checks).get(i);
+    if (point) return `${i + 1}: ${at(point)}, ${point.depth.toFixed(1)} m deep${speed}${fault ? `. ${fault.what}` : ''}`;
     const pointer = chart.cursor ? at(chart.cursor) : '';
     if (chart.mode !== 'add' || !chart.may()) return pointer;
     return `Click to add a way-point${pointer && ` · ${pointer}`}`;

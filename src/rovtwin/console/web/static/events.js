@@ -46,9 +46,10 @@ class View {
   constructor(element) {
     this.element = element;
     this.buttons = new Map(LEVELS.map(level => [level, make('button', {type: 'button', class: level, onclick: () => this.toggle(level)})]));
-    this.list = make('ol', {role: 'log', 'aria-label': 'Events, newest first', 'aria-live': 'polite', tabindex: 0});
+    this.list = make('ol', {'aria-label': 'Events, newest first', tabindex: 0});
+    const log = make('div', {role: 'log', 'aria-label': 'Events', 'aria-live': 'polite'}, this.list);
     this.none = make('p', {class: 'events-none'});
-    element.replaceChildren(make('div', {class: 'events-tools', role: 'group', 'aria-label': 'Levels shown'}, ...this.buttons.values()), this.none, this.list);
+    element.replaceChildren(make('div', {class: 'events-tools', role: 'group', 'aria-label': 'Levels shown'}, ...this.buttons.values()), this.none, log);
     this.shown = 0; // of `count`
     this.#tell();
     this.#catchUp();

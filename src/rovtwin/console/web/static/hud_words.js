@@ -1,5 +1,7 @@
 /** What the head-up display says in words, from the state message; without a page. */
 
+import {lasting} from '/static/clock.js';
+
 const OFF_MISSION = new Set(['idle', 'piloted']);
 const GRAVE = new Set(['aborted', 'held', 'returning', 'returned', 'surfacing', 'surfaced']);
 
@@ -25,10 +27,12 @@ export function hudLines(state) {
   if (state.stage !== 'ready' && state.stage !== 'replay') left.push({text: `${state.stage}${note}`, level: 'hud-warn'});
   else if (state.phase) {
     const reason = state.reason ? `: ${state.reason}` : '';
-    left.push({text: `${state.phase.toUpperCase()}${reason}`, level: GRAVE.has(state.phase) ? 'hud-danger' : 'hud'});
+    left.push({text: `${state.phase.toUpperCase()}${reason}`, level: graveness(state)});
   }
   return {left, right: progress(state)};
 }
+
+const graveness = ({phase, reason}) => (!GRAVE.has(phase) ? 'hud' : reason === 'operator' ? 'hud-warn' : 'hud-danger');
 
 function thrust({stopped, hung, armed, arming}) {
   if (stopped) return {text: 'STOPPED', level: 'hud-danger', small: true};
@@ -47,7 +51,7 @@ function progress(state) {
   if (trial) {
     return [
       {text: `manoeuvre ${trial.manoeuvre + 1} of ${trial.of}`, small: true},
-      {text: trial.running ? `${trial.remaining.toFixed(0)} s` : ''},
+      {text: trial.running ? lasting(trial.remaining) : ''},
     ];
   }
   return [

@@ -1,5 +1,6 @@
 /** An identification test: what to do now, its manoeuvres, the quality of its log, and what it tells so far. */
 import {make, mount} from '/static/canvas.js';
+import {lasting} from '/static/clock.js';
 import {estimateOf} from '/static/identify_estimate.js';
 import {live} from '/static/live.js';
 import {said} from '/static/page.js';
@@ -17,7 +18,7 @@ function button(text, label, what, id) {
 function manoeuvres(test) {
   const rows = test.manoeuvres.map((one, i) => make('li', {},
     make('span', {class: 'identify-what'}, `${i + 1}. ${one.what}`),
-    make('span', {class: 'muted'}, `${Math.round(one.end - one.start)} s`),
+    make('span', {class: 'muted'}, lasting(one.end - one.start)),
     make('progress', {max: one.end - one.start, value: 0, 'aria-label': `Progress of ${one.what}`})));
   const show = trial => test.manoeuvres.forEach((one, i) => {
     const now = trial.running && trial.manoeuvre === i;
@@ -68,7 +69,7 @@ mount('identify', section => {
       built = key;
       const [list, shown] = manoeuvres(setup.test);
       show = shown;
-      plan.replaceChildren(make('h2', {}, `${setup.test.name}, ${Math.round(setup.test.duration)} s`),
+      plan.replaceChildren(make('h2', {}, `${setup.test.name}, ${lasting(setup.test.duration)}`),
         make('p', {class: 'muted'}, setup.test.description), list,
         ...setup.test.by_hand.map(what => make('p', {class: 'identify-hand'}, what)));
     }),
@@ -77,8 +78,8 @@ mount('identify', section => {
       if (!trial) return;
       if (cue.textContent !== trial.cue) cue.textContent = trial.cue;
       cue.classList.toggle('hand', trial.hand);
-      const text = trial.running ? `${trial.what}: ${trial.remaining.toFixed(0)} s left, `
-        + `${Math.round(trial.duration - trial.t)} s of the test` : '';
+      const text = trial.running ? `${trial.what}: ${lasting(trial.remaining)} left, `
+        + `${lasting(trial.duration - trial.t)} of the test` : '';
       if (left.textContent !== text) left.textContent = text;
       show?.(trial);
       able();
@@ -86,7 +87,7 @@ mount('identify', section => {
     live.on('rights', able),
     live.on('identify', found => {
       head.textContent = found.error || (found.seconds === undefined ? 'looking at the log …'
-        : `${found.seconds.toFixed(0)} s of ${found.folder}${found.busy ? ' … looking again' : found.final ? ', the whole log' : ''}`);
+        : `${lasting(found.seconds)} of ${found.folder}${found.busy ? ' … looking again' : found.final ? ', the whole log' : ''}`);
       if (found.quality) quality(log, found.quality);
       estimate.show(found);
     }),

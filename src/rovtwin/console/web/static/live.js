@@ -4,6 +4,8 @@ const handlers = new Map();  // kind -> functions
 const waiting = new Map();  // number of an order -> [resolve, reject]
 const ALIVE = 200;  // between two signs of life [ms]
 const RETRY = 1000;  // until a lost server is looked for again [ms]
+const FULL = 1013;  // a server's answer that has too many pages already, or gave this one up
+const RETRY_FULL = 5000;  // until it is asked again, and as long again at most: many pages are not to ask at once [ms]
 const PATIENCE = 30000;  // for an answer [ms]: a survey takes some time to lay out
 const STOPPING = 1000;  // for the answer to STOP [ms]
 const EVENTS = 500;  // kept
@@ -19,6 +21,7 @@ export const live = {
   name,
   heard: -Infinity,  // when the last state came [performance.now]
   connected: false,
+  why: '',  // the server closed the connection, in its words
   hung: false,
 
   /** Calls `handler` with every message of a kind, and with the last one there was; of events with all. */
@@ -91,11 +94,12 @@ function connect() {
   socket = new WebSocket(address);
   socket.onopen = () => { live.connected = true; live.emit('connection', {connected: true}); };
   socket.onmessage = event => take(JSON.parse(event.data));
-  socket.onclose = () => {
+  socket.onclose = event => {
     live.connected = false;
+    live.why = event.reason;
     [...waiting.keys()].forEach(id => settle({id, ok: false, error: 'the connection was lost'}));
     live.emit('connection', {connected: false});
-    setTimeout(connect, RETRY);
+    setTimeout(connect, event.code === FULL ? RETRY_FULL * (1 + Math.random()) : RETRY);
   };
 }
 

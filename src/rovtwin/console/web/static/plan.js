@@ -1,5 +1,7 @@
 /** The plan on the table: way-points as rows, templates, files, checks, submit and start. */
 import {make, mount} from '/static/canvas.js';
+import {lasting} from '/static/clock.js';
+import {faultsOf, pointsOf} from '/static/faults.js';
 import {live} from '/static/live.js';
 import {said, toast} from '/static/page.js';
 
@@ -12,6 +14,7 @@ const RESUMES = 'Go on with the mission';
 const NOT_PAUSED = 'No mission is paused';
 const STALE = 'The plan was changed since it was submitted: Submit it, or Undo';
 const BLANK = new Set(['heading_deg']);
+const AT_ONCE = 30; // rows that have their fields from the beginning
 const plan = order => said(live.send({do: 'plan', ...order}));
 const rounded = value => (Number.isFinite(value) ? Number(value.toFixed(2)) : '');
 
@@ -31,15 +34,60 @@ function cell(row, i, [key, label, step]) {
   return make('td', {}, input);
 }
 
-function row(point, i, count) {
-  return make('tr', {},
-    make('th', {scope: 'row'}, String(i + 1)),
+/**
+ * Rows of way-points. The first ones have their fields at once, the others when they are about to be seen: five thousand
+ * fields of a long plan took the browser 1.6 s, in which nothing could be pressed.
+ */
+class Rows {
+  constructor(body) {
+    this.body = body;
+    this.watch = new IntersectionObserver(seen => this.#fill(seen.filter(one => one.isIntersecting).map(one => one.target)),
+      {root: body.closest('.table'), rootMargin: '300px 0px'});
+  }
+
+  show(points) {
+    this.watch.disconnect();
+    this.points = points;
+    this.body.replaceChildren(...points.map((point, i) => bare(point, i)));
+    this.#fill([...this.body.children].slice(0, AT_ONCE));
+    [...this.body.children].slice(AT_ONCE).forEach(line => this.watch.observe(line));
+  }
+
+  /** Scrolls to a way-point and puts the cursor there. */
+  enter(i) {
+    const line = this.body.children[i];
+    this.#fill([line]);
+    line.scrollIntoView({block: 'center'});
+    line.querySelector('input').focus();
+  }
+
+  #fill(lines) {
+    const may = editable();
+    for (const line of lines.filter(one => one.children.length === 2)) {
+      const i = Number(line.dataset.i);
+      this.watch.unobserve(line);
+      line.lastElementChild.replaceWith(...fields(this.points[i], i, this.points.length));
+      line.querySelectorAll('button, input').forEach(one => { one.disabled = !may; });
+    }
+  }
+}
+
+const editable = () => Boolean(live.last.rights?.may) && !live.last.state?.replay;
+
+/** A row without fields, as high as one with them. */
+function bare({x, y, depth, speed}, i) {
+  const text = `${rounded(x)}, ${rounded(y)}, ${rounded(depth)} m; ${rounded(speed)} m/s`;
+  return make('tr', {'data-i': i}, make('th', {scope: 'row'}, String(i + 1)), make('td', {class: 'bare', colspan: COLUMNS.length + 1}, text));
+}
+
+function fields(point, i, count) {
+  return [
     ...COLUMNS.map(column => cell(point, i, column)),
     make('td', {class: 'row-actions'},
       button('↑', `Move way-point ${i + 1} up`, () => i > 0 && plan({op: 'reorder', i, to: i - 1})),
       button('↓', `Move way-point ${i + 1} down`, () => i + 1 < count && plan({op: 'reorder', i, to: i + 1})),
       button('+', `Insert a way-point before ${i + 1}`, () => plan({op: 'insert', i, x: point.x, y: point.y})),
-      button('×', `Delete way-point ${i + 1}`, () => plan({op: 'delete', i}))));
+      button('×', `Delete way-point ${i + 1}`, () => plan({op: 'delete', i})))];
 }
 
 /** A row for a new way-point: what is typed is added at the end. */
@@ -68,7 +116,11 @@ function files() {
     const file = chooser.files[0];
     chooser.value = '';
     if (!file) return;
-    if (file.size > 1e6) { toast(`${file.name}: larger than a mission can be`, 'danger'); return; }
+    const most = live.last.plan?.largest; // [bytes]
+    if (file.size > most) {
+      toast(`${file.name}: found ${Math.round(file.size / 1e3)} kB, expected at most ${most / 1e3} kB`, 'danger');
+      return;
+    }
     plan({op: 'import', text: await file.text()});
   });
   return [chooser, button('Import …', 'Import a mission from a YAML file', () => chooser.click(), 'import'),
@@ -76,21 +128,48 @@ function files() {
 }
 
 function summary(message) {
-  const minutes = message.seconds / 60;
   const many = message.draft.length;
-  const time = minutes < 1 ? `${Math.round(message.seconds)} s` : `${minutes.toFixed(1)} min`;
+  const time = lasting(message.seconds);
   const along = many > 1 ? `, from the first to the last ${message.length.toFixed(1)} m, ${time} at these speeds` : '';
   const text = `${many} way-point${many === 1 ? '' : 's'}${along}`;
   const state = !message.submitted ? 'not submitted' : message.changed ? 'changed since it was submitted' : 'submitted';
   return `${text}; ${state}`;
 }
 
+/** What the checks say: a fault is a button that leads to its row. */
+function checked(message, rows) {
+  if (!message.draft.length) return [make('li', {class: 'note'}, 'Nothing to check: the plan is empty.')];
+  if (live.last.state && !live.last.state.eta) return [make('li', {class: 'note'}, 'Not checked yet: no vehicle is heard.')];
+  const wrong = message.checks.some(one => one.level === 'error'); // then nothing is right beside it
+  return message.checks.filter(one => !wrong || !['ok', 'note'].includes(one.level)).map(one => {
+    const [first] = pointsOf(one);
+    const item = make('li', {class: one.level}, one.what);
+    if (first === undefined || first >= message.draft.length) return item;
+    const label = `Go to way-point ${first + 1}`;
+    item.append(' ', make('button', {class: 'action to-row', 'aria-label': label, onclick: () => rows.enter(first)}, `→ ${first + 1}`));
+    return item;
+  });
+}
+
+/** Marks the rows of way-points that have faults. */
+function markRows(body, checks) {
+  const faults = faultsOf(checks);
+  for (const line of body.children) {
+    const fault = faults.get(Number(line.dataset.i));
+    line.className = fault?.level ?? '';
+    line.title = fault?.what ?? '';
+    const head = line.firstElementChild;
+    head.setAttribute('aria-label', fault ? `${line.dataset.i * 1 + 1}: ${fault.what}` : String(line.dataset.i * 1 + 1));
+  }
+}
+
 mount('plan', section => {
   const body = make('tbody');
   const head = make('tr', {}, make('th', {scope: 'col'}, '#'),
-    ...COLUMNS.map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col', 'aria-label': 'Actions'}));
+    ...COLUMNS.map(([, label]) => make('th', {scope: 'col'}, label)), make('th', {scope: 'col'}, make('span', {class: 'unseen'}, 'Actions')));
   const table = make('div', {class: 'table', tabindex: 0, role: 'region', 'aria-label': 'Way-points'},
     make('table', {}, make('thead', {}, head), body));
+  const lines = new Rows(body);
   const undo = button('Undo', 'Undo the last change', () => plan({op: 'undo'}));
   const redo = button('Redo', 'Redo what was undone', () => plan({op: 'redo'}));
   const cancel = button('Cancel last', 'Take the last way-point away', () => plan({op: 'cancel_last'}), 'cancel-last');
@@ -109,10 +188,17 @@ mount('plan', section => {
   section.append(adding(), make('div', {class: 'line'}, cancel, undo, redo, clear, square, ...files()), table, say, checks,
     make('div', {class: 'line'}, submit, start, pause, resume, hold, abort));
 
+  table.addEventListener('keydown', event => { // on a row, not in what is typed there
+    const line = event.target.closest('tr[data-i]');
+    if (event.key !== 'Delete' || !line || event.target.matches('input') || !live.last.rights?.may) return;
+    event.preventDefault();
+    plan({op: 'delete', i: Number(line.dataset.i)});
+  });
+
   const able = () => {
-    const [rights, state] = [live.last.rights, live.last.state];
-    const may = !!rights?.may && !state?.replay;
-    section.querySelectorAll('button, input').forEach(one => { one.disabled = !may; });
+    const {state} = live.last;
+    const may = editable();
+    section.querySelectorAll('button:not(.to-row), input').forEach(one => { one.disabled = !may; });
     const message = live.last.plan;
     undo.disabled ||= !message?.undo;
     redo.disabled ||= !message?.redo;
@@ -130,18 +216,24 @@ mount('plan', section => {
       const rows = JSON.stringify(message.draft);
       if (rows !== shown) {
         shown = rows;
-        body.replaceChildren(...message.draft.map((point, i) => row(point, i, message.draft.length)));
+        lines.show(message.draft);
       }
       say.textContent = summary(message);
-      checks.replaceChildren(...message.checks.map(one => make('li', {class: one.level}, one.what)));
+      checks.replaceChildren(...checked(message, lines));
+      markRows(body, message.checks);
       able();
     }),
     live.on('rights', able),
   ];
   let before = '';
+  let heard = Boolean(live.last.state?.eta);
   release.push(live.on('state', state => {
+    if (Boolean(state.eta) !== heard) {
+      heard = Boolean(state.eta);
+      if (live.last.plan) checks.replaceChildren(...checked(live.last.plan, lines));
+    }
     const now = `${state.armed}${state.phase}${state.submitted}${state.resumable}`;
     if (now !== before) { before = now; able(); }
   }));
-  return () => release.forEach(one => one());
+  return () => { lines.watch.disconnect(); release.forEach(one => one()); };
 });

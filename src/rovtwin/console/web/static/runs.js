@@ -1,10 +1,10 @@
 /** Finished runs, the newest first: each opens in a page of its own, so that this one goes on. */
 import {make, mount} from '/static/canvas.js';
+import {lasting} from '/static/clock.js';
 
-const minutes = s => (Number.isFinite(s) ? `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, '0')} min` : '');
+const minutes = s => (Number.isFinite(s) ? lasting(s) : '');
 
-function row({run, name, date, verdict, completed, duration}, target) {
-  const level = completed ? 'ok' : completed === null ? '' : 'danger';
+function row({run, name, date, verdict, level, duration}, target) {
   const here = new URLSearchParams(location.search).get('run') === run && 'page';
   return make('li', {}, make('a', {href: `/replay?run=${encodeURIComponent(run)}`, target, title: run, 'aria-current': here},
     make('strong', {}, name), make('span', {class: 'muted'}, [date, minutes(duration)].filter(Boolean).join(' · ')),

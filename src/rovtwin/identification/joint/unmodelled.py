@@ -1,0 +1,181 @@
+"""What the equations leave out although it is known of: do tests speak of it, and how far does it move the estimate?
+
+An effect c adds a load c w(t) along the estimated path. With J_c the residuals' derivative by its size c, r the
+whitened residuals and everything else at its best, the tests know it with the information A_c = J_c' (I - P) J_c and
+want the size -J_c' r / (A_c + 1 / s^2), s what is known of it beforehand: a score test (Rao 1948) in a direction that
+physics names. An estimate without it is off by d(theta)/dc times c, so that its covariance grows by
+
+    E[c^2] (d theta / dc) (d theta / dc)',    E[c^2] = mean^2 + variance of c.
+
+The estimate itself is not moved: what it is used for is a model without the effect. Where tests show that there is
+none, nothing grows.
+
+Effects: drag that comes late, apart for translation and rotation (a wake takes about a hull's length to follow:
+Sarpkaya and Garrison 1963, Vortex formation and resistance in unsteady flow; Mougin and Magnaudet 2002); thrust that an
+inflow takes, in proportion to the force (van Lammeren et al. 1969, The Wageningen B-screw series).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.identification.joint.arrow import Arrow
+from rovtwin.identification.joint.loads import thrust_history
+from rovtwin.identification.joint.nodes import NODE, Nodes
+from rovtwin.identification.joint.prior import LOST, top_speed
+from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
+from rovtwin.identification.joint.segments import Segments
+from rovtwin.vehicle.constants import FRESH_WATER
+from rovtwin.vehicle.model import Model
+
+LATE = 0.3  # share of the quadratic drag that comes late, one standard deviation
+HULL = 2.0  # length of a hull in cube roots of its volume
+NAMES = (
+    "drag in translation that comes late",
+    "drag in rotation that comes late",
+    "thrust lost to the inflow in proportion to the force",
+)
+UNITS = ("of the quadratic drag", "of the quadratic drag", "s/m")
+_TRANSLATION = np.arange(6) < 3
+
+
+@dataclass(frozen=True, eq=False)
+class Effects:
+    """C effects that are left out; none where nothing was looked for.
+
+    Attributes:
+        names: Of them.
+        size: As the tests and what is known beforehand have it, shape (C,).
+        covariance: Of the size, shape (C, C).
+        shift: How theta moves with the size, shape (n, C).
+    """
+
+    names: tuple[str, ...]
+    size: np.ndarray
+    covariance: np.ndarray
+    shift: np.ndarray
+
+    @classmethod
+    def none(cls, n: int) -> "Effects":
+        """Of n parameters."""
+        return cls((), np.zeros(0), np.zeros((0, 0)), np.zeros((n, 0)))
+
+    @property
+    def std(self) -> np.ndarray:
+        """Of the size, shape (C,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def of_theta(self, bound: np.ndarray) -> np.ndarray:
+        """What comes to the covariance of theta, shape (n, n); no variance above `bound`, shape (n,)."""
+        found = self.shift @ (np.outer(self.size, self.size) + self.covariance) @ self.shift.T
+        share = np.sqrt(np.minimum(1.0, bound / np.maximum(np.diag(found), 1e-300)))
+        return found * np.outer(share, share)
+
+
+def effects(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow) -> Effects:
+    """What is left out of the model, at the estimate `here` with its normal equations."""
+    model, extras = problem.shooting.parameters.model_at(as_array(here.theta))
+    nu_r = _through_water(problem, here)
+    late = _late_drag(problem, model, nu_r)
+    lost, expected = _lost_thrust(problem, model, extras.delay, nu_r)
+    loads = np.stack([late * _TRANSLATION, late * ~_TRANSLATION, lost], axis=-1)
+    return known_of(problem, here, noise, arrow, loads, np.array([LATE, LATE, expected]))
+
+
+def known_of(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, loads: np.ndarray, expected: np.ndarray
+             ) -> Effects:  # fmt: skip
+    """Sizes of effects, and what they do to theta.
+
+    Args:
+        problem: The readings.
+        here: The estimate.
+        noise: As estimated.
+        arrow: The normal equations there.
+        loads: Of effects of size 1 at grid points, shape (S, K + 1, 6, C).
+        expected: Standard deviations of the sizes beforehand, shape (C,).
+    """
+    cross, own, slope = _normal_equations(problem, here, noise, expected * loads)
+    solved = []
+    for nodes, corner in cross:
+        factored = replace(arrow, b=nodes, b_corner=corner).factor()
+        theta = factored.border()
+        solved.append((factored.nodes(theta), theta))
+    shared = np.array([[np.sum(b * x) + c @ y for x, y in solved] for b, c in cross])
+    information = own - 0.5 * (shared + shared.T) + np.eye(len(expected))  # beforehand 1, in what is expected
+    covariance = np.linalg.inv(information)
+    shift = -np.stack([y for _, y in solved], axis=-1)[: len(here.theta)]
+    scale = np.outer(expected, expected)
+    return Effects(NAMES, -expected * (covariance @ slope), scale * covariance, shift / expected)
+
+
+def _normal_equations(
+    problem: Problem, here: Unknowns, noise: Noise, loads: np.ndarray
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray, np.ndarray]:
+    """J'J_c of nodes and of the corner for each effect, J_c'J_c, shape (C, C), and J_c'r, shape (C,), all whitened."""
+    blocks = problem.blocks(here, noise, _with_effects(problem.segments, loads))
+    n, m, weight = len(here.theta), blocks.slopes.shape[-1], noise.sigma**-2.0
+    readings = np.einsum("g,sgac->sac", weight, blocks.effects.readings)
+    J, J_c = (x / noise.defect[:, None] for x in (blocks.defect_jacobian, blocks.effects.defect_jacobian))
+    at_defects = np.swapaxes(J, 1, 2) @ J_c
+    nodes, corner = readings[:, :NODE] + at_defects[:, :NODE], readings[:, NODE:m].sum(axis=0)
+    nodes[1:] += at_defects[:-1, NODE + n :]
+    corner[:n] += at_defects[:, NODE : NODE + n].sum(axis=0)
+    own = readings[:, m:].sum(axis=0) + np.einsum("sic,sid->cd", J_c, J_c)
+    slope = np.einsum("g,sgc->c", weight, blocks.effects.slopes)
+    slope += np.einsum("sic,si->c", J_c, blocks.defect / noise.defect)
+    return [(nodes[..., c], corner[:, c]) for c in range(loads.shape[-1])], own, slope
+
+
+def _with_effects(segments: Segments, loads: np.ndarray) -> Segments:
+    """Segments with loads at grid points (S, K + 1, 6, C) [N, N m] as effects."""
+    middle = 0.5 * (loads[:, :-1] + loads[:, 1:])
+    at = np.stack([loads[:, :-1], middle, loads[:, 1:]], axis=2)
+    return replace(segments, arrays=segments.arrays | {"effects": at})
+
+
+def _through_water(problem: Problem, here: Unknowns) -> np.ndarray:
+    """nu_r of the estimated path at grid points, shape (S, K + 1, 6)."""
+    arrays = problem.segments.arrays
+    path: Nodes = problem.shooting.trajectories(as_array(here.theta), here.nodes, arrays)
+    S, K = path.nu.shape[:2]
+    R = Rotation.from_quat(np.asarray(path.attitude).reshape(-1, 4), scalar_first=True)
+    flow = R.inv().apply(np.repeat(np.asarray(arrays["current"]), K, axis=0)).reshape(S, K, 3)
+    nu_r = np.array(path.nu)
+    nu_r[..., :3] -= flow
+    return nu_r
+
+
+def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
+    """What of the quadratic drag is missing while the wake follows, shape (S, K + 1, 6): a push in the way of nu_r."""
+    grid, arrays = problem.segments.grid, problem.segments.arrays
+    length = HULL * float(np.cbrt(np.asarray(model.displaced_mass) / FRESH_WATER))
+    speed = top_speed(model, range(model.thrusters.count))
+    keep = np.exp(-grid.step * speed / length)
+    square = nu_r * np.abs(nu_r)
+    late, now = np.empty_like(square), square[0, 0]
+    for s in range(len(square)):
+        now = square[s, 0] if np.asarray(arrays["fresh"])[s, 0] > 0 else now
+        for k in range(square.shape[1]):
+            late[s, k] = now
+            if k + 1 < square.shape[1]:
+                now = square[s, k + 1] + keep * (now - square[s, k + 1])
+    drag = np.where(
+        nu_r >= 0,
+        *(np.diagonal(np.asarray(d)) for d in (model.quadratic_damping_ahead, model.quadratic_damping_astern)),
+    )
+    return drag * (square - late)
+
+
+def _lost_thrust(problem: Problem, model: Model, delay: Any, nu_r: np.ndarray) -> tuple[np.ndarray, float]:
+    """Of a loss of 1 / (m/s) of each thruster's force, shape (S, K + 1, 6), and its expected size [s/m]."""
+    arrays, grid = problem.segments.arrays, problem.segments.grid
+    T = np.asarray(model.thrusters.configuration)
+    single = replace(model.thrusters, configuration=jnp.eye(T.shape[1]), inflow_loss=None)
+    command, held, fresh = (jnp.asarray(arrays[key]) for key in ("command", "held", "fresh"))
+    force = np.asarray(thrust_history(single, command, held, fresh, grid.step, delay))
+    force = np.concatenate([force[:, :, 0], force[:, -1:, 2]], axis=1)
+    expected = LOST / top_speed(model, range(T.shape[1]))
+    return -(np.abs(force) * (nu_r @ T)) @ T.T, expected

@@ -1,0 +1,3 @@
+"""MAV_RESULT: how a command ended."""
+
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
