@@ -8,12 +8,16 @@ import math
 import blueye.protocol as bp
 import pytest
 from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
+from tests.links.blueye_vehicle import readings
 
 from rovtwin.core.datum import Datum
 from rovtwin.links.blueye import mission as m
+from rovtwin.links.blueye import notes
 from rovtwin.links.blueye.drone import About, Drone
-from rovtwin.links.blueye.instructions import FAILED_TO_LOAD, TOO_FAR, UNKNOWN_POSITION, Able, Refused, steps_of
+from rovtwin.links.blueye.instructions import Able, Refused, Step, steps_of
 from rovtwin.links.blueye.mission import Here, Supervisor
+from rovtwin.links.blueye.mission_status import status_of
+from rovtwin.links.blueye.telemetry import KNOWN, SENSED, Telemetry
 from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, Watchdog
 
 DATUM = Datum(63.4415, 10.4174)
@@ -46,7 +50,7 @@ class Vehicle:
         self.depth = 1.0
         self.knows_place = self.sees_floor = True
         self.way: list[tuple[float, float, float]] = []
-        self.notes: list[m.Note] = []
+        self.notes: list[notes.Note] = []
 
     @property
     def here(self) -> Here:
@@ -96,7 +100,7 @@ def test_waypoints_are_reached_one_after_the_other_at_their_speed(vehicle):
     assert supervisor.state == m.COMPLETED
     assert min(math.dist(place, (10.0, 0.0, 3.0)) for place in vehicle.way) < 1.1
     assert math.dist((vehicle.north, vehicle.east, vehicle.depth), (10.0, 10.0, 3.0)) < 1.3
-    assert [note.kind for note in vehicle.notes] == [m.LOADED, m.STARTED, 20, 9, 20, 9, m.COMPLETE]
+    assert [note.kind for note in vehicle.notes] == [notes.LOADED, notes.STARTED, 20, 9, 20, 9, notes.COMPLETE]
     assert set(supervisor.modes) == {("auto_depth", True), ("auto_heading", True), ("station_keeping", True)}
 
 
@@ -108,7 +112,7 @@ def test_example_of_the_seabed(vehicle):
     vehicle.live(90.0)
     assert supervisor.state == m.COMPLETED
     assert max(depth for *_, depth in vehicle.way) == pytest.approx(FLOOR - 0.5, abs=0.35) and vehicle.depth < 0.3
-    assert "no pictures" in vehicle.texts(m.SKIPPED)[0]
+    assert "no pictures" in vehicle.texts(notes.SKIPPED)[0]
     assert abs(vehicle.north) < 0.01 and abs(vehicle.east) < 0.01
 
 
@@ -155,19 +159,24 @@ def test_control_modes_are_the_drones(vehicle):
 @pytest.mark.parametrize(
     ("instructions", "able", "text", "kind"),
     [
-        ([], ABLE, "without instructions", FAILED_TO_LOAD),
-        ([instruction()], ABLE, "no command", FAILED_TO_LOAD),
-        ([waypoint(5000.0, 0.0, 1.0)], ABLE, "way of 5000 m.*datum.latitude", TOO_FAR),
+        ([], ABLE, "without instructions", notes.FAILED_TO_LOAD),
+        ([instruction()], ABLE, "no command", notes.FAILED_TO_LOAD),
+        ([waypoint(5000.0, 0.0, 1.0)], ABLE, "way of 5000 m.*datum.latitude", notes.TOO_FAR),
         ([waypoint(5.0, 0.0, 900.0)], ABLE, "900 m, expected 0 to 500", 13),
-        ([waypoint(5.0, 0.0, 1.0)], Able(DATUM, False, True, None), "half of a pair", UNKNOWN_POSITION),
-        ([waypoint(5.0, 0.0, 1.0)], Able(None, True, True, None), "no place on the map", UNKNOWN_POSITION),
-        ([waypoint(5.0, 0.0, math.nan)], ABLE, "finite", FAILED_TO_LOAD),
-        ([waypoint(5.0, 0.0, 1.0, speed_to_target=30.0)], ABLE, "speed 30 m/s", FAILED_TO_LOAD),
-        ([instruction(go_to_seabed_command={})], Able(DATUM, True, False, None), "sensors.altimeter", FAILED_TO_LOAD),
-        ([instruction(tilt_main_camera_command={"tilt_angle": {"value": 50}})], ABLE, "tilt 50", FAILED_TO_LOAD),
-        ([instruction(wait_for_command={"wait_for_seconds": -1})], ABLE, "wait -1", FAILED_TO_LOAD),
-        ([instruction(survey_command={"lane_spacing": 2.0})], ABLE, "planner", FAILED_TO_LOAD),
-        ([instruction(control_mode_command={"control_mode_vertical": 3})], ABLE, "auto altitude", FAILED_TO_LOAD),
+        ([waypoint(5.0, 0.0, 1.0)], Able(DATUM, False, True, None), "half of a pair", notes.UNKNOWN_POSITION),
+        ([waypoint(5.0, 0.0, 1.0)], Able(None, True, True, None), "no place on the map", notes.UNKNOWN_POSITION),
+        ([waypoint(5.0, 0.0, math.nan)], ABLE, "finite", notes.FAILED_TO_LOAD),
+        ([waypoint(5.0, 0.0, 1.0, speed_to_target=30.0)], ABLE, "speed 30 m/s", notes.FAILED_TO_LOAD),
+        (
+            [instruction(go_to_seabed_command={})],
+            Able(DATUM, True, False, None),
+            "sensors.altimeter",
+            notes.FAILED_TO_LOAD,
+        ),
+        ([instruction(tilt_main_camera_command={"tilt_angle": {"value": 50}})], ABLE, "tilt 50", notes.FAILED_TO_LOAD),
+        ([instruction(wait_for_command={"wait_for_seconds": -1})], ABLE, "wait -1", notes.FAILED_TO_LOAD),
+        ([instruction(survey_command={"lane_spacing": 2.0})], ABLE, "planner", notes.FAILED_TO_LOAD),
+        ([instruction(control_mode_command={"control_mode_vertical": 3})], ABLE, "auto altitude", notes.FAILED_TO_LOAD),
     ],
 )
 def test_what_cannot_be_done_is_refused_with_the_reason(instructions, able, text, kind):
@@ -178,7 +187,59 @@ def test_what_cannot_be_done_is_refused_with_the_reason(instructions, able, text
     supervisor.load(mission(*instructions), able)
     assert supervisor.state == m.FAILED_TO_LOAD and kind in [note.kind for note in supervisor.notes]
     supervisor.run(Here(0.0), armed=True)
-    assert supervisor.state == m.FAILED_TO_LOAD and supervisor.notes[-1].kind == m.NONE_LOADED
+    assert supervisor.state == m.FAILED_TO_LOAD and supervisor.notes[-1].kind == notes.NONE_LOADED
+
+
+EXTREME = [
+    (
+        *(waypoint(10.0 * (k % 2), 0.0, 500.0, speed_to_target=0.02) for k in range(25)),
+        *(instruction(wait_for_command={"wait_for_seconds": 3600}) for _ in range(25)),
+    ),
+    (instruction(wait_for_command={"wait_for_seconds": 1}, id=2**32 - 1),),
+    (waypoint(999.0, 0.0, 0.0, speed_to_target=2.0),),
+    (instruction(tilt_main_camera_command={"tilt_angle": {"value": -30.0}}),),
+]
+
+
+@pytest.mark.parametrize("instructions", EXTREME)
+@pytest.mark.parametrize("after", [0.0, 1.0, 1e12])
+def test_every_telemetry_message_is_built_after_every_mission(instructions, after):
+    drone, failures = Drone("", About(), 2.0, can_keep_position=True), []
+    telemetry = Telemetry(drone, DATUM, failures.append)
+    drone.mission.load(mission(*instructions, id=2**32 - 1, name="n" * 1000), ABLE)
+    assert drone.mission.state == m.READY
+    drone.mission.run(Here(0.0, (0.0, 0.0), 1.0, 0.0, 11.0), armed=True)
+    drone.mission.look(Here(after, (0.0, 0.0), 1.0, 0.0, 11.0))
+    drone.mission._elapsed = after  # years of looks
+    for note in drone.mission.taken_notes():
+        telemetry.contents.note = note, 1.7e9
+        assert telemetry.build("NotificationTel")
+    taken = {name for name, _ in telemetry.take(0.0, readings(0.0, estimate=[1.0] * 12))}
+    assert taken >= set(SENSED) | set(KNOWN) and not failures
+    status = bp.MissionStatusTel.deserialize(telemetry.build("MissionStatusTel") or b"").mission_status
+    assert status.id == 2**32 - 1 and status.time_elapsed in (int(after), 2**32 - 1)
+
+
+@pytest.mark.parametrize("speed", [1e-9, 0.019, -0.1])
+def test_speeds_that_never_arrive_are_refused(speed):
+    with pytest.raises(Refused, match="expected 0.02 to 2"):
+        steps_of(mission(waypoint(0.0, 0.0, 1.0), waypoint(10.0, 0.0, 1.0, speed_to_target=speed)), ABLE)
+
+
+def test_status_of_ways_without_end_is_carried():
+    steps = [Step(0, 1, place=(0.0, 0.0)), Step(1, 2, place=(1e300, 0.0), speed=1e-9, wait=math.inf)]
+    counts = status_of(steps, 0, math.inf)
+    assert bp.MissionStatus.pb(bp.MissionStatus(**counts)).estimated_time_to_complete == 2**32 - 1
+
+
+def test_message_that_cannot_be_built_is_left_out_and_reported_once():
+    failures = []
+    drone = Drone("", About(), 2.0)
+    telemetry = Telemetry(drone, None, failures.append)
+    drone.mission.tilt = "no number"  # pyright: ignore[reportAttributeAccessIssue]
+    names = [name for _ in range(3) for name, _ in telemetry.take(float(len(failures)), [])]
+    assert telemetry.build("TiltAngleTel") is None and "MissionStatusTel" in names and "TiltAngleTel" not in names
+    assert len(failures) == 1 and "TiltAngleTel cannot be built" in failures[0]
 
 
 def test_too_many_instructions():
@@ -209,7 +270,7 @@ def test_pause_and_go_on(vehicle):
     assert supervisor.state == m.PAUSED and "clear it first" in supervisor.notes[-1].text
     supervisor.run(vehicle.here, armed=True)
     vehicle.live(30.0)
-    assert supervisor.state == m.COMPLETED and m.RESUMED in [note.kind for note in vehicle.notes]
+    assert supervisor.state == m.COMPLETED and notes.RESUMED in [note.kind for note in vehicle.notes]
 
 
 def test_stuck_vehicle_ends_the_mission(vehicle):
@@ -217,7 +278,9 @@ def test_stuck_vehicle_ends_the_mission(vehicle):
     vehicle.live(3.0)
     vehicle.fast = 0.0
     vehicle.live(40.0)
-    assert supervisor.state == m.ABORTED and "no progress" in vehicle.texts(m.STUCK)[0] and supervisor.target is None
+    assert (
+        supervisor.state == m.ABORTED and "no progress" in vehicle.texts(notes.STUCK)[0] and supervisor.target is None
+    )
 
 
 @pytest.mark.parametrize("lost", ["knows_place", "sees_floor"])
@@ -231,7 +294,7 @@ def test_what_a_step_needs_and_has_not_for_a_while_ends_the_mission(vehicle, los
     vehicle.live(4.0)
     assert supervisor.state == m.RUNNING
     vehicle.live(3.0)
-    assert supervisor.state == m.ABORTED and "unknown for 5 s" in vehicle.texts(m.ABORTED_NOW)[0]
+    assert supervisor.state == m.ABORTED and "unknown for 5 s" in vehicle.texts(notes.ABORTED_NOW)[0]
 
 
 def test_status(vehicle):

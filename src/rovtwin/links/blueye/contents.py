@@ -10,7 +10,8 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
 from rovtwin.links.blueye.divelog import stamp_of
 from rovtwin.links.blueye.drone import Drone
-from rovtwin.links.blueye.mission import Here, Note
+from rovtwin.links.blueye.mission import Here
+from rovtwin.links.blueye.notes import Note
 from rovtwin.links.blueye.protobuf import message, text
 from rovtwin.links.rotations import rotation_from_euler
 

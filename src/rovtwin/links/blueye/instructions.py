@@ -11,6 +11,7 @@ from typing import Any
 
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.links.blueye import notes
 
 MOST = 50  # instructions of a mission, as the SDK has it
 FARTHEST = 1000.0  # from one way-point to the next [m]; a drone's own limit is not published
@@ -18,21 +19,16 @@ DEEPEST = 500.0  # [m], deeper than any Blueye goes
 TILT = 30.0  # of the camera, up and down [deg]
 ACCEPTANCE, CLOSE = 1.0, 0.3  # radius around a way-point, if not told; of depths [m]
 SPEED, HEAVE = 0.3, 0.2  # ahead, and up and down, if not told [m/s]
-FASTEST = 2.0  # [m/s]
+SLOWEST, FASTEST = 0.02, 2.0  # [m/s]
 LONGEST_WAIT = 3600.0  # [s]
 SEABED_ALTITUDE = 0.5  # at which "go to the seabed" ends [m]; a drone's own is not published
 SURFACE, SEABED = 1, 2  # what a depth is counted from
-# What notifications say (numbers of the protocol): which begins an instruction, which ends it
-GO_HOME, GO_SURFACE, GO_SEABED, GO_WAYPOINT, GO_DEPTH, GO_WAYPOINT_DEPTH = 15, 16, 17, 18, 19, 20
-WAIT, CAMERA, SET_TILT, SET_MULTIBEAM = 26, 27, 28, 29
-WAYPOINT_REACHED, DEPTH_REACHED, ALTITUDE_REACHED, INSTRUCTION_COMPLETE = 9, 10, 11, 8
-UNKNOWN_POSITION, TOO_FAR, TOO_DEEP, FAILED_TO_LOAD = 2, 12, 13, 6
 
 
 class Refused(LinkError):
     """A mission that cannot be done; `notification` is the protocol's number for why."""
 
-    def __init__(self, text: str, notification: int = FAILED_TO_LOAD):
+    def __init__(self, text: str, notification: int = notes.FAILED_TO_LOAD):
         super().__init__(text)
         self.notification = notification
 
@@ -59,7 +55,7 @@ class Step:
     number: int
     id: int
     begins: int = 0
-    ends: int = INSTRUCTION_COMPLETE
+    ends: int = notes.INSTRUCTION_COMPLETE
     place: tuple[float, float] | None = None
     depth: float | None = None
     altitude: float | None = None
@@ -131,7 +127,7 @@ def _check_ways(steps: list[Step], able: Able) -> None:
             raise Refused(
                 f"instruction {step.number + 1}: a way of {way:.0f} m to its place, expected at most {FARTHEST:.0f} m. "
                 "Is the scenario's datum (datum.latitude, datum.longitude) where the mission is?",
-                TOO_FAR,
+                notes.TOO_FAR,
             )
         before = step.place
 
@@ -146,11 +142,11 @@ class _Reader:
     def step(self, **what: Any) -> Step:
         return Step(self.number, self.id, **what)
 
-    def speed(self, asked: float, default: float, largest: float = FASTEST) -> float:
+    def speed(self, asked: float, default: float) -> float:
         """A speed [m/s]; zero stands for the mission's own."""
         value = _number(asked, "speed") or default
-        if not 0.0 < value <= largest:
-            raise Refused(f"speed {value:g} m/s, expected more than 0 and at most {largest:g}")
+        if not SLOWEST - 1e-6 <= value <= FASTEST:  # it came as a float of 32 bits
+            raise Refused(f"speed {value:g} m/s, expected {SLOWEST:g} to {FASTEST:g}, or 0 for the mission's own")
         return value
 
     @property
@@ -165,7 +161,7 @@ class _Reader:
         """Depth or altitude of a set-point, and the speed there."""
         depth = _number(point.depth, "depth")
         if not 0.0 <= depth <= DEEPEST:
-            raise Refused(f"depth or altitude {depth:g} m, expected 0 to {DEEPEST:g}", TOO_DEEP)
+            raise Refused(f"depth or altitude {depth:g} m, expected 0 to {DEEPEST:g}", notes.TOO_DEEP)
         speed = self.speed(point.speed_to_depth, self.heave)
         if point.depth_zero_reference == SEABED:
             self.needs_altitude()
@@ -178,12 +174,12 @@ class _Reader:
 
     def needs_position(self) -> None:
         if not self.able.position:
-            raise Refused("the drone does not know its position, as half of a pair does not", UNKNOWN_POSITION)
+            raise Refused("the drone does not know its position, as half of a pair does not", notes.UNKNOWN_POSITION)
 
     def place(self, where: Any) -> tuple[float, float]:
         self.needs_position()
         if self.able.datum is None:
-            raise Refused("the twin has no place on the map", UNKNOWN_POSITION)
+            raise Refused("the twin has no place on the map", notes.UNKNOWN_POSITION)
         latitude, longitude = _number(where.latitude, "latitude"), _number(where.longitude, "longitude")
         try:
             north, east, _ = self.able.datum.position(latitude, longitude, 0.0).tolist()
@@ -201,8 +197,8 @@ class _Reader:
         }
         with_depth = point.HasField("depth_set_point")
         level = self.level(point.depth_set_point) if with_depth else {}
-        begins = GO_WAYPOINT_DEPTH if with_depth else GO_WAYPOINT
-        return self.step(begins=begins, ends=WAYPOINT_REACHED, **what, **level)
+        begins = notes.GO_WAYPOINT_DEPTH if with_depth else notes.GO_WAYPOINT
+        return self.step(begins=begins, ends=notes.WAYPOINT_REACHED, **what, **level)
 
 
 def _number(value: float, what: str) -> float:
@@ -225,47 +221,49 @@ def _survey(reader: _Reader, command: Any) -> Iterator[Step]:
 
 def _depth(reader: _Reader, command: Any) -> Iterator[Step]:
     level = reader.level(command.depth_set_point)
-    yield reader.step(begins=GO_DEPTH, ends=ALTITUDE_REACHED if "altitude" in level else DEPTH_REACHED, **level)
+    yield reader.step(
+        begins=notes.GO_DEPTH, ends=notes.ALTITUDE_REACHED if "altitude" in level else notes.DEPTH_REACHED, **level
+    )
 
 
 def _surface(reader: _Reader, command: Any) -> Iterator[Step]:
     heave = reader.speed(command.desired_speed, reader.heave)
-    yield reader.step(begins=GO_SURFACE, ends=DEPTH_REACHED, depth=0.0, heave=heave)
+    yield reader.step(begins=notes.GO_SURFACE, ends=notes.DEPTH_REACHED, depth=0.0, heave=heave)
 
 
 def _seabed(reader: _Reader, command: Any) -> Iterator[Step]:
     reader.needs_altitude()
     heave = reader.speed(command.desired_speed, reader.heave)
-    yield reader.step(begins=GO_SEABED, ends=ALTITUDE_REACHED, altitude=SEABED_ALTITUDE, heave=heave)
+    yield reader.step(begins=notes.GO_SEABED, ends=notes.ALTITUDE_REACHED, altitude=SEABED_ALTITUDE, heave=heave)
 
 
 def _home(reader: _Reader, command: Any) -> Iterator[Step]:
     """Home is where the position is zero."""
     reader.needs_position()
     speed = reader.speed(command.desired_speed, reader.surge)
-    yield reader.step(begins=GO_HOME, ends=WAYPOINT_REACHED, place=(0.0, 0.0), speed=speed)
+    yield reader.step(begins=notes.GO_HOME, ends=notes.WAYPOINT_REACHED, place=(0.0, 0.0), speed=speed)
 
 
 def _wait(reader: _Reader, command: Any) -> Iterator[Step]:
     seconds = _number(command.wait_for_seconds, "wait")
     if not 0.0 <= seconds <= LONGEST_WAIT:
         raise Refused(f"wait {seconds:g} s, expected 0 to {LONGEST_WAIT:g}")
-    yield reader.step(begins=WAIT, wait=seconds)
+    yield reader.step(begins=notes.WAIT, wait=seconds)
 
 
 def _tilt(reader: _Reader, command: Any) -> Iterator[Step]:
     angle = _number(command.tilt_angle.value, "tilt")
     if abs(angle) > TILT:
         raise Refused(f"tilt {angle:g} degrees, expected -{TILT:g} to {TILT:g}")
-    yield reader.step(begins=SET_TILT, tilt=angle)
+    yield reader.step(begins=notes.SET_TILT, tilt=angle)
 
 
 def _camera(reader: _Reader, command: Any) -> Iterator[Step]:
-    yield reader.step(begins=CAMERA, skipped="the twin's drone takes no pictures and no video")
+    yield reader.step(begins=notes.CAMERA, skipped="the twin's drone takes no pictures and no video")
 
 
 def _multibeam(reader: _Reader, command: Any) -> Iterator[Step]:
-    yield reader.step(begins=SET_MULTIBEAM, skipped="the twin's drone has no multibeam sonar")
+    yield reader.step(begins=notes.SET_MULTIBEAM, skipped="the twin's drone has no multibeam sonar")
 
 
 def _modes(reader: _Reader, command: Any) -> Iterator[Step]:

@@ -5,26 +5,15 @@ that the instruction asks for, and waits where the vehicle does not follow. Time
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rovtwin.links.blueye import instructions
+from rovtwin.links.blueye import notes
 from rovtwin.links.blueye.instructions import CLOSE, Able, Refused, Step, steps_of
+from rovtwin.links.blueye.mission_status import status_of
+from rovtwin.links.blueye.notes import ERROR, INFO, WARNING, Note
 
 INACTIVE, READY, RUNNING, PAUSED, COMPLETED, ABORTED, FAILED_TO_LOAD, FAILED_TO_START = range(1, 9)  # MissionState
-INFO, WARNING, ERROR = 1, 2, 3  # NotificationLevel
-NONE_LOADED, LOADED, COMPLETE, STARTED, PAUSED_NOW, RESUMED, ABORTED_NOW, STUCK, SKIPPED = (
-    4,
-    5,
-    7,
-    21,
-    22,
-    23,
-    24,
-    25,
-    30,
-)
 LEAD, DIVE_LEAD = 1.0, 0.5  # of the target before the vehicle, level and in depth [m]
 PROGRESS, PATIENCE = 0.1, 30.0  # a vehicle that comes no nearer than this in that time is stuck [m, s]
 BLIND = 5.0  # without an altitude, or a position, for so long: the mission ends [s]
@@ -48,15 +37,6 @@ class Here:
     depth: float | None = None
     heading: float | None = None
     altitude: float | None = None
-
-
-@dataclass(frozen=True)
-class Note:
-    """Something that clients and the user are told: number of the notification, its level, and words."""
-
-    kind: int
-    level: int
-    text: str = ""
 
 
 class Supervisor:
@@ -92,30 +72,30 @@ class Supervisor:
     def load(self, mission: Any, able: Able) -> None:
         """A client sends a mission."""
         if self.state in (RUNNING, PAUSED):
-            self._note(instructions.FAILED_TO_LOAD, ERROR, "a mission is under way: clear it first")
+            self._note(notes.FAILED_TO_LOAD, ERROR, "a mission is under way: clear it first")
             return
         self.clear()
         try:
             self._steps = steps_of(mission, able)
         except Refused as refused:
             self.state = FAILED_TO_LOAD
-            for kind in dict.fromkeys((refused.notification, instructions.FAILED_TO_LOAD)):
+            for kind in dict.fromkeys((refused.notification, notes.FAILED_TO_LOAD)):
                 self._note(kind, ERROR, str(refused))
             return
         self.message, self.state = mission, READY
-        self._note(LOADED, INFO, f"{mission.name[:40]!r}: {len(mission.instructions)} instructions")
+        self._note(notes.LOADED, INFO, f"{mission.name[:40]!r}: {len(mission.instructions)} instructions")
 
     def run(self, here: Here, armed: bool) -> None:
         """A client starts the mission, or lets it go on."""
         if self.state not in (READY, PAUSED):
-            self._note(NONE_LOADED, WARNING, "no mission is ready to run")
+            self._note(notes.NONE_LOADED, WARNING, "no mission is ready to run")
             return
         lacking = self._lacking(here, armed)
         if lacking is not None:
             self.state = FAILED_TO_START if self.state == READY else PAUSED
             self.notes.append(lacking)
             return
-        self._note(STARTED if self.state == READY else RESUMED, INFO)
+        self._note(notes.STARTED if self.state == READY else notes.RESUMED, INFO)
         if self.state == READY:
             self._at, self._elapsed = 0, 0.0
         self.state, self._t = RUNNING, here.t
@@ -123,12 +103,12 @@ class Supervisor:
 
     def _lacking(self, here: Here, armed: bool) -> Note | None:
         if not armed:
-            return Note(ABORTED_NOW, ERROR, "thrusters are off: feed the watchdog")
+            return Note(notes.ABORTED_NOW, ERROR, "thrusters are off: feed the watchdog")
         moving = [step for step in self._steps if step.moves and not step.skipped]
         if any(step.place is not None for step in moving) and here.place is None:
-            return Note(instructions.UNKNOWN_POSITION, ERROR, "the drone does not know its position")
+            return Note(notes.UNKNOWN_POSITION, ERROR, "the drone does not know its position")
         if moving and (here.depth is None or here.heading is None):
-            return Note(ABORTED_NOW, ERROR, "the drone does not know its depth and heading")
+            return Note(notes.ABORTED_NOW, ERROR, "the drone does not know its depth and heading")
         return None
 
     def pause(self, why: str = "") -> None:
@@ -136,7 +116,7 @@ class Supervisor:
         if self.state == RUNNING:
             self.state = PAUSED
             self._hold()
-            self._note(PAUSED_NOW, INFO, why)
+            self._note(notes.PAUSED_NOW, INFO, why)
 
     def clear(self) -> None:
         """No mission any more."""
@@ -144,7 +124,7 @@ class Supervisor:
             self._hold()
         self.state, self.message, self._steps, self._at = INACTIVE, None, [], 0
 
-    def abort(self, why: str, kind: int = ABORTED_NOW, hold: bool = True) -> None:
+    def abort(self, why: str, kind: int = notes.ABORTED_NOW, hold: bool = True) -> None:
         """The mission ends here, and says why."""
         if self.state not in (RUNNING, PAUSED):
             return
@@ -152,9 +132,9 @@ class Supervisor:
         if hold:
             self._hold()
         self.target = None
-        if kind != ABORTED_NOW:
+        if kind != notes.ABORTED_NOW:
             self._note(kind, ERROR, why)
-        self._note(ABORTED_NOW, ERROR, why)
+        self._note(notes.ABORTED_NOW, ERROR, why)
 
     # What the vehicle does
 
@@ -174,7 +154,7 @@ class Supervisor:
         if done:
             self._finish(step, here)
         elif step.moves and here.t - self._best_at > PATIENCE:
-            self.abort(f"instruction {step.number + 1}: no progress for {PATIENCE:g} s", STUCK)
+            self.abort(f"instruction {step.number + 1}: no progress for {PATIENCE:g} s", notes.STUCK)
 
     def _sees(self, step: Step, here: Here) -> bool:
         """Whether the vehicle knows what the step needs; the mission ends where it has not for a while."""
@@ -195,7 +175,7 @@ class Supervisor:
         self._best, self._blind_since, self._left = math.inf, math.inf, math.inf
         self.velocity = (0.0, 0.0, 0.0)
         if step.skipped:
-            self._note(SKIPPED, WARNING, f"instruction {step.number + 1}: {step.skipped}")
+            self._note(notes.SKIPPED, WARNING, f"instruction {step.number + 1}: {step.skipped}")
         elif step.begins:
             self._note(step.begins, INFO)
         if step.moves and self.target is None and here.depth is not None and here.heading is not None:
@@ -241,7 +221,7 @@ class Supervisor:
             self.state = COMPLETED
             self._hold()
             self._at += 1
-            self._note(COMPLETE, INFO)
+            self._note(notes.COMPLETE, INFO)
         else:
             self._at += 1
             self._begin(here)
@@ -254,22 +234,8 @@ class Supervisor:
 
     def status(self) -> dict[str, Any]:
         """Fields of MissionStatus."""
-        ahead = self._steps[self._at :]
-        way = sum(_ways(ahead))
-        time = sum(step.wait for step in ahead) + sum(
-            way / step.speed for way, step in zip(_ways(ahead), ahead, strict=True)
-        )
-        done = {step.number for step in self._steps[: self._at]} - {step.number for step in ahead}
-        ids = {step.number: step.id for step in self._steps}
-        return {
-            "state": self.state,
-            "time_elapsed": int(self._elapsed),
-            "estimated_time_to_complete": int(time),
-            "distance_to_complete": int(way),
-            "completed_instruction_ids": [ids[number] for number in sorted(done)],
-            "total_number_of_instructions": len(ids),
-            "id": 0 if self.message is None else self.message.id,
-        }
+        id = 0 if self.message is None else self.message.id
+        return {"state": self.state, "id": id, **status_of(self._steps, self._at, self._elapsed)}
 
     def taken_notes(self) -> list[Note]:
         """What has happened, once."""
@@ -278,15 +244,6 @@ class Supervisor:
 
     def _note(self, kind: int, level: int, text: str = "") -> None:
         self.notes.append(Note(kind, level, text))
-
-
-def _ways(steps: Sequence[Step]) -> list[float]:
-    """Level distance of each step from the place before [m]; the first has none."""
-    ways, before = [], None
-    for step in steps:
-        ways.append(0.0 if step.place is None or before is None else math.dist(before, step.place))
-        before = step.place or before
-    return ways
 
 
 def _towards(here: tuple[float, ...], there: tuple[float, ...], way: float) -> tuple[float, ...]:

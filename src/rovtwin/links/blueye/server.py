@@ -13,7 +13,7 @@ from rovtwin.links.blueye.answers import answer
 from rovtwin.links.blueye.divelog import DiveLog
 from rovtwin.links.blueye.drone import FASTEST, About, Drone
 from rovtwin.links.blueye.http import HttpServer
-from rovtwin.links.blueye.mission import INFO
+from rovtwin.links.blueye.notes import INFO
 from rovtwin.links.blueye.protobuf import PACKAGE
 from rovtwin.links.blueye.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.telemetry import Telemetry
@@ -128,7 +128,7 @@ class Served:
         control: Any,
     ):
         self.drone, self._station, self._log = drone, station, log
-        self._telemetry = Telemetry(drone, datum)
+        self._telemetry = Telemetry(drone, datum, station.say)
         self._alone = len(station.drones) == 1  # half of a pair does not know where it is
         self._out, self._requests, self._control = telemetry, requests, control
         self._news = asyncio.Event()
