@@ -13,12 +13,13 @@ from tests.links.blueye_vehicle import readings
 from rovtwin.core.datum import Datum
 from rovtwin.links.blueye import mission as m
 from rovtwin.links.blueye import notes
+from rovtwin.links.blueye.answers import answer
 from rovtwin.links.blueye.drone import About, Drone
 from rovtwin.links.blueye.instructions import Able, Refused, Step, steps_of
 from rovtwin.links.blueye.mission import Here, Supervisor
 from rovtwin.links.blueye.mission_status import status_of
 from rovtwin.links.blueye.telemetry import KNOWN, SENSED, Telemetry
-from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, Watchdog
+from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, ResetOdometer, Watchdog
 
 DATUM = Datum(63.4415, 10.4174)
 ABLE = Able(DATUM, position=True, altitude=True, here=(0.0, 0.0))
@@ -367,6 +368,52 @@ def test_control_that_changes_hands_ends_the_mission(drone):
 def test_nobody_but_the_pilot_starts_a_mission(drone):
     drone.obey(MissionOrder("clear"), "10.0.0.9", 0.2)
     assert drone.mission.state == m.RUNNING and drone.dropped == 1
+
+
+def set_mission(drone: Drone, address: str, name: str, now: float = 0.2) -> None:
+    """As a client's request does it."""
+    content = bp.SetMissionReq(mission=bp.Mission(instructions=[waypoint(5.0, 0.0, 1.0)], name=name))
+    request = [b"blueye.protocol.SetMissionReq", bp.SetMissionReq.serialize(content)]
+    telemetry = Telemetry(drone, DATUM)
+    assert len(answer(request, drone, telemetry, address, now)) == 2
+
+
+def test_nobody_but_the_pilot_loads_a_mission(drone):
+    drone.obey(MissionOrder("clear"), HOST, 0.1)
+    set_mission(drone, HOST, "mine")
+    drone.mission.notes.clear()
+    drone.connect(Client(), "10.0.0.9", 0.2)
+    for k in range(20):
+        set_mission(drone, "10.0.0.9", "theirs", 0.2 + 0.1 * k)
+    assert drone.mission.message.name == "mine" and drone.mission.state == m.READY and drone.dropped == 20
+    assert [note.level for note in drone.mission.notes] == [notes.WARNING], "a flood of them is reported once"
+    assert "10.0.0.9 was dropped: not in control" in drone.mission.notes[0].text
+
+
+def test_nobody_but_the_pilot_resets_the_odometer(drone):
+    drone.odometer = 7.0
+    drone.obey(ResetOdometer(), "10.0.0.9", 0.2)
+    assert drone.odometer == 7.0 and drone.dropped == 1
+    drone.obey(ResetOdometer(), HOST, 0.3)
+    assert drone.odometer == 0.0
+
+
+def test_mission_without_anybody_in_control_is_not_loaded():
+    drone = Drone("", About(), watchdog_s=2.0, can_keep_position=True)
+    set_mission(drone, HOST, "mine")
+    assert drone.mission.state == m.INACTIVE and "connect first" in drone.mission.notes[0].text
+
+
+def test_next_pilot_does_not_start_the_mission_of_the_one_before(drone):
+    drone.obey(MissionOrder("clear"), HOST, 0.1)
+    set_mission(drone, HOST, "theirs")
+    drone.connect(Client(), "10.0.0.2", 0.2)
+    drone.disconnect(1)
+    assert drone.mission.state == m.INACTIVE and drone.mission.message is None
+    assert "changed hands" in drone.mission.notes[-1].text
+    drone.obey(Watchdog(2), "10.0.0.2", 0.3)
+    drone.obey(MissionOrder("run"), "10.0.0.2", 0.4)
+    assert drone.wish().armed and drone.wish().target is None
 
 
 def test_mission_that_comes_before_the_first_watchdog_starts_with_it():

@@ -47,7 +47,8 @@ def _reply(request: Request, drone: Drone, telemetry: Telemetry, address: str, n
     if request.name == "GetCameraParameters":
         return {"camera_parameters": {"camera": request.content.camera}}
     if request.name == "SetMission":
-        drone.mission.load(request.content.mission, able(drone, telemetry))
+        if drone.may_command(address, now):
+            drone.mission.load(request.content.mission, able(drone, telemetry))
         return {}
     if request.name == "GetMission":
         return {} if drone.mission.message is None else {"mission": drone.mission.message}

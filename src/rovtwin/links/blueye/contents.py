@@ -38,7 +38,6 @@ class Contents:
         latest: Its newest readings by sensor, SI, radians, FRD.
         now: The vehicle's time [s].
         datum: Where n is on the map, or None: the position estimate is not valid then.
-        odometer: The way it has gone since this was last set to zero, level [m].
         note: The last notification.
     """
 
@@ -46,7 +45,6 @@ class Contents:
         if datum is not None:
             datum.geodetic([0.0, 0.0, 0.0])  # imports what maps need now: later it would hold up the other servers
         self.datum = datum
-        self.odometer = 0.0
         self.note: tuple[Note, float] | None = None
         self.latest: dict[str, Measurement] = {}
         self.now = 0.0
@@ -58,7 +56,7 @@ class Contents:
         """The vehicle's time moves on; dive time with it while the drone is under water, and the odometer."""
         estimate = self._value("estimate")
         if estimate is not None:
-            self.odometer += math.hypot(estimate[6], estimate[7]) * min(max(0.0, now - self.now), 1.0)
+            self._drone.odometer += math.hypot(estimate[6], estimate[7]) * min(max(0.0, now - self.now), 1.0)
         depth = self._value("pressure")
         if depth is not None and depth[0] > SUBMERGED:
             self._dive_time += max(0.0, now - self.now)
@@ -126,7 +124,7 @@ class Contents:
         if place is None:
             return None
         estimate: dict[str, Any] = {"northing": place[0], "easting": place[1], "heading": heading}
-        estimate |= {"odometer": self.odometer, "is_valid": self.datum is not None}
+        estimate |= {"odometer": self._drone.odometer, "is_valid": self.datum is not None}
         if self.datum is not None:
             latitude, longitude, _ = self.datum.geodetic([place[0], place[1], 0.0])
             estimate["global_position"] = {"latitude": float(latitude), "longitude": float(longitude)}

@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 
 from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.clients import Clients
-from rovtwin.links.blueye.mission import RUNNING, Here, Supervisor
+from rovtwin.links.blueye.mission import READY, RUNNING, Here, Supervisor
+from rovtwin.links.blueye.notes import ABORTED_NOW, UNSPECIFIED, WARNING, Note
 from rovtwin.links.wish import Wish
 
 FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
 AFRESH = 0.5  # a pilot whose watchdog had run out lives again when it has been heard for so long [s]
 STARTS = 5.0  # so long a mission waits for thrusters: the SDK feeds its first watchdog a second after connecting [s]
+AGAIN = 10.0  # between two notifications that somebody is not in control [s]
 DEAD = 0.02  # a stick within this is let go, as the vehicle's own controller has it
 OBEYED = ("auto_depth", "auto_heading")  # modes that every vehicle can keep; station keeping needs positions
 
@@ -61,10 +63,12 @@ class Drone:
     motion: tuple[float, ...] = wire.STILL
     modes: set[str] = field(default_factory=set)
     lights: float = 0.0
+    odometer: float = 0.0  # level way since this was last set to zero [m]
     density: float = 1025.0  # g/l; kept, not used: the twin's depth is a depth already
     armed: bool = False
     time_offset: float = 0.0  # of its clock against the computer's, as SyncTime set it [s]
     dropped: int = 0  # messages that could not be parsed, or came from somebody who may not
+    _refused_at: float = -math.inf  # when somebody was last notified of not being in control [s]
     _start_asked: float = -math.inf  # when a mission was to start before thrusters were on [s]
     _afresh: float = -math.inf  # when the pilot was heard again after its watchdog had run out [s]
 
@@ -82,9 +86,7 @@ class Drone:
             if self.clients.feed(control.client, now):
                 self._arm(before, now)
             return False
-        pilot = self.clients.pilot
-        if pilot is None or (address and pilot.address and address != pilot.address):
-            self.dropped += 1
+        if not self.may_command(address, now):
             return False
         before = (set(self.modes), self.lights)
         if isinstance(control, wire.Motion):
@@ -98,9 +100,27 @@ class Drone:
             self.lights = control.value
         elif isinstance(control, wire.WaterDensity):
             self.density = control.value
+        elif isinstance(control, wire.ResetOdometer):
+            self.odometer = 0.0
         elif isinstance(control, wire.MissionOrder):
             self._order(control.name, now)
         return before != (self.modes, self.lights)
+
+    def may_command(self, address: str, now: float) -> bool:
+        """Whether what came from a network address counts: it does from the pilot's. Else it is dropped, with a note.
+
+        The protocol does not name the client in what it commands; only its watchdog does.
+        """
+        pilot = self.clients.pilot
+        if pilot is not None and not (address and pilot.address and address != pilot.address):
+            return True
+        self.dropped += 1
+        if now - self._refused_at >= AGAIN:
+            self._refused_at = now
+            who = f"client {pilot.id} is" if pilot else "connect first: nobody is"
+            text = f"a command from {address or 'somewhere'} was dropped: not in control ({who})"
+            self.mission.notes.append(Note(UNSPECIFIED, WARNING, text))
+        return False
 
     def _order(self, name: str, now: float) -> None:
         self._start_asked = now if name == "run" and not self.armed else -math.inf
@@ -177,6 +197,11 @@ class Drone:
     def _handed_over(self, pilot: int) -> None:
         if self.clients.in_control != pilot:
             self.still()
+            if self.mission.state == READY:  # the next pilot starts only what it has loaded itself
+                self.mission.clear()
+                self.mission.notes.append(
+                    Note(ABORTED_NOW, WARNING, "control has changed hands: load the mission again")
+                )
             self.armed, self._afresh = False, -math.inf  # until the new pilot's watchdog comes
             if not self.clients.in_control:
                 self.lights = 0.0

@@ -17,7 +17,7 @@ from rovtwin.links.blueye.notes import INFO
 from rovtwin.links.blueye.protobuf import PACKAGE
 from rovtwin.links.blueye.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.telemetry import Telemetry
-from rovtwin.links.blueye.wire import Ignored, ResetOdometer, Watchdog, parse_control
+from rovtwin.links.blueye.wire import Ignored, Watchdog, parse_control
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.wish import Wish
@@ -165,11 +165,9 @@ class Served:
             except LinkError:
                 self.drone.dropped += 1
             else:
-                if isinstance(control, ResetOdometer) and self.drone.clients.pilot is not None:
-                    self._telemetry.contents.odometer = 0.0
-                told = self.drone.obey(control, peer_of(frames), time.monotonic())
+                changed = self.drone.obey(control, peer_of(frames), time.monotonic())
                 self._tell_of_mission()
-                if told:
+                if changed:
                     self._send("ControlModeTel")
                     self._send("LightsTel")
                 if not isinstance(control, Ignored | Watchdog) or self.drone.armed != self._was_armed:
