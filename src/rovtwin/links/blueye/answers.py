@@ -59,7 +59,8 @@ def _reply(request: Request, drone: Drone, telemetry: Telemetry, address: str, n
 def able(drone: Drone, telemetry: Telemetry) -> Able:
     """What the drone can do of a mission."""
     contents = telemetry.contents
-    return Able(contents.datum, drone.can_keep_position, contents.sees_the_floor, drone.here.place)
+    fastest = min(drone.fastest[0], drone.reaches[0]), min(drone.fastest[2], drone.reaches[1])
+    return Able(contents.datum, drone.can_keep_position, contents.sees_the_floor, drone.here.place, fastest)
 
 
 def _clients(drone: Drone) -> dict[str, Any]:

@@ -47,6 +47,7 @@ class Drone:
         about: What it says of itself.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s].
         fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].
+        reaches: Steady speeds ahead and down at its largest force [m/s].
         can_keep_position: Whether there are positions, so that station keeping can come on.
         here: Where it is, by its own readings.
         mission: Flies missions.
@@ -56,6 +57,7 @@ class Drone:
     about: About
     watchdog_s: float
     fastest: tuple[float, float, float] = FASTEST
+    reaches: tuple[float, float] = (math.inf, math.inf)
     can_keep_position: bool = False
     clients: Clients = field(default_factory=Clients)
     here: Here = field(default_factory=lambda: Here(-math.inf))
@@ -242,7 +244,8 @@ class Drone:
         c, s = math.cos(self.here.heading or 0.0), math.sin(self.here.heading or 0.0)
         along = (c * north + s * east, c * east - s * north, down)
         surge, sway, heave = (v / most if most > 0.0 else 0.0 for v, most in zip(along, self.fastest, strict=True))
-        return surge, sway, heave
+        most = max(1.0, abs(surge), abs(sway))  # both alike: cut one by one they would lead off the way
+        return surge / most, sway / most, heave
 
     def clock(self) -> float:
         """Its real-time clock: seconds since 1970."""

@@ -81,12 +81,14 @@ class Able:
         position: Whether it knows and keeps its place.
         altitude: Whether it measures its distance to the floor.
         here: Where it is, north and east [m], or None.
+        fastest: Speeds that it reaches ahead, and up and down [m/s].
     """
 
     datum: Datum | None
     position: bool
     altitude: bool
     here: tuple[float, float] | None
+    fastest: tuple[float, float] = (math.inf, math.inf)
 
 
 def steps_of(mission: Any, able: Able) -> list[Step]:
@@ -115,6 +117,18 @@ def steps_of(mission: Any, able: Able) -> list[Step]:
             raise Refused(f"instruction {number + 1} ({what}): {refused}", refused.notification) from None
     _check_ways(steps, able)
     return steps
+
+
+def too_fast(steps: list[Step], able: Able) -> Iterator[str]:
+    """What is asked of the drone that it does not reach, for people; it is flown all the same, as fast as it can."""
+    ahead = [(step.speed, step.number + 1) for step in steps if step.place is not None]
+    dive = [(step.heave, step.number + 1) for step in steps if step.depth is not None or step.altitude is not None]
+    for asked, reached, way in ((ahead, able.fastest[0], "ahead"), (dive, able.fastest[1], "up and down")):
+        beyond = sorted({number for speed, number in asked if speed > 1.01 * reached})
+        if beyond:
+            most = max(speed for speed, _ in asked)
+            who = f"instruction{'s' if len(beyond) > 1 else ''} {', '.join(map(str, beyond))}"
+            yield f"{who}: up to {most:.2f} m/s {way} asked for, the drone reaches {reached:.2f} m/s: slower then"
 
 
 def _check_ways(steps: list[Step], able: Able) -> None:

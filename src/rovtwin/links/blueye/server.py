@@ -1,6 +1,7 @@
 """A twin that the vendor's own client takes for a Blueye drone, or for two: protocol v3, apart from the physics."""
 
 import asyncio
+import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
@@ -37,6 +38,7 @@ class BlueyeServer(Server):
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s]; the SDK feeds it at 1 Hz.
         about: What a drone says of itself.
         fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].
+        reaches: Steady speeds ahead and down at the largest force [m/s]: a mission that asks for more gets a warning.
         datum: Where n is on the map, for way-points and the position estimate; None: neither.
     """
 
@@ -46,6 +48,7 @@ class BlueyeServer(Server):
     about: About = field(default_factory=About)
     fastest: tuple[float, float, float] = FASTEST
     datum: Datum | None = None
+    reaches: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def addresses(self) -> list[str]:
@@ -73,7 +76,7 @@ class BlueyeServer(Server):
         placed = self.placed(station.drones)
         several = len(placed) > 1
         drones = {
-            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s, self.fastest)
+            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s, self.fastest, self.reaches)
             for name in station.drones
         }
         infos = {host: _info(drones[name].about) for name, host in placed.items()}
