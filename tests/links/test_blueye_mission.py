@@ -13,13 +13,14 @@ from tests.links.blueye_vehicle import readings
 
 from rovtwin.core.datum import Datum
 from rovtwin.gnc.onboard import FREQUENCY, INTEGRAL, RATE, REACH
+from rovtwin.links.blueye import instructions, notes
 from rovtwin.links.blueye import mission as m
-from rovtwin.links.blueye import notes
 from rovtwin.links.blueye.answers import answer
 from rovtwin.links.blueye.drone import About, Drone
-from rovtwin.links.blueye.instructions import Able, Refused, Step, steps_of
+from rovtwin.links.blueye.instructions import steps_of
 from rovtwin.links.blueye.mission import Here, Supervisor
 from rovtwin.links.blueye.mission_status import status_of
+from rovtwin.links.blueye.steps import Able, Refused, Step
 from rovtwin.links.blueye.telemetry import KNOWN, SENSED, Telemetry
 from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, ResetOdometer, Watchdog
 
@@ -313,6 +314,36 @@ def test_message_that_cannot_be_built_is_left_out_and_reported_once():
     assert len(failures) == 1 and "TiltAngleTel cannot be built" in failures[0]
 
 
+def survey(count: int) -> bp.Instruction:
+    return instruction(survey_command={"waypoints": [waypoint(1.0, 0.0, 1.0).waypoint_command.waypoint] * count})
+
+
+def test_too_many_waypoints_are_refused_before_they_are_converted(monkeypatch):
+    assert len(steps_of(mission(survey(499), waypoint(1.0, 0.0, 1.0)), ABLE)) == 500
+    monkeypatch.setattr(Datum, "position", lambda *_: pytest.fail("converted"))
+    for many in ((survey(501),), (survey(250), survey(250), waypoint(1.0, 0.0, 1.0))):
+        with pytest.raises(Refused, match="501 way-points, expected at most 500"):
+            steps_of(mission(*many), ABLE)
+
+
+@pytest.mark.parametrize("radius", [-1.0, 100.1, 1e30])
+def test_circles_of_acceptance(radius):
+    point = waypoint(1.0, 0.0, 1.0)
+    point.waypoint_command.waypoint.circle_of_acceptance = 0.0
+    with pytest.raises(Refused, match="circle of acceptance .* at most 100"):
+        steps_of(mission(point, default_circle_of_acceptance=radius), ABLE)
+    point.waypoint_command.waypoint.circle_of_acceptance = radius
+    with pytest.raises(Refused, match="circle of acceptance .* at most 100"):
+        steps_of(mission(point), ABLE)
+
+
+def test_command_that_is_not_known_is_refused(monkeypatch):
+    """As one of a later protocol would be, with a package that knows it."""
+    monkeypatch.delitem(instructions._READERS, "go_to_home_command")
+    with pytest.raises(Refused, match="instruction 1 .go_to_home.: no command"):
+        steps_of(mission(instruction(go_to_home_command={})), ABLE)
+
+
 def test_too_many_instructions():
     many = bp.Mission.pb(bp.Mission(instructions=[instruction(wait_for_command={"wait_for_seconds": 1})] * 51))
     with pytest.raises(Refused, match="51 instructions, expected at most 50"):
@@ -547,3 +578,21 @@ def test_mission_does_not_wait_for_thrusters_for_ever():
     assert drone.mission.state == m.FAILED_TO_START and "watchdog" in drone.mission.notes[-1].text
     drone.obey(Watchdog(1), HOST, 6.0)
     assert drone.mission.state == m.FAILED_TO_START and drone.wish().target is None
+
+
+@pytest.mark.parametrize("looked", [True, False], ids=["looked at meanwhile", "backlog first"])
+@pytest.mark.parametrize("first", ["watchdog", "run"])
+def test_order_to_run_from_a_backlog_starts_nothing(drone, looked, first):
+    """The line was down for three seconds; the pilot's order comes with what was held back, and starts nothing."""
+    drone.obey(MissionOrder("clear"), HOST, 0.1)
+    drone.mission.load(mission(waypoint(10.0, 0.0, 1.0)), ABLE)
+    if looked:
+        drone.look(2.5)
+    orders = [Watchdog(1), MissionOrder("run")]
+    for order in orders if first == "watchdog" else reversed(orders):
+        drone.obey(order, HOST, 3.0)
+    assert drone.mission.state != m.RUNNING and "thrusters are off" in drone.mission.notes[-1].text
+    for k in range(1, 8):
+        drone.obey(Watchdog(1), HOST, 3.0 + k)
+        drone.look(3.0 + k)
+    assert drone.wish().armed and drone.wish().target is None

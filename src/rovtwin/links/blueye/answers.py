@@ -6,8 +6,8 @@ from typing import Any
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.contents import listed
 from rovtwin.links.blueye.drone import Drone
-from rovtwin.links.blueye.instructions import Able
 from rovtwin.links.blueye.protobuf import PACKAGE, message, parse
+from rovtwin.links.blueye.steps import Able
 from rovtwin.links.blueye.telemetry import Telemetry
 from rovtwin.links.blueye.wire import Request, parse_request, reply_name
 

@@ -125,11 +125,13 @@ class Drone:
         return False
 
     def _order(self, name: str, now: float) -> None:
-        self._start_asked = now if name == "run" and not self.armed else -math.inf
-        if name == "run" and self.armed:
-            self.mission.run(self.here, armed=True)
+        self._start_asked = -math.inf
+        alive = self._silence(now) <= self.watchdog_s
+        if name == "run" and not self.armed and alive and not math.isfinite(self._afresh):
+            self._start_asked = now  # before the pilot's first watchdog: `_arm` starts it, or `look` gives up
         elif name == "run":
-            pass  # `_arm` starts it, or `look` gives up
+            # After a silence this may be old, from a client that has died meanwhile: it starts nothing, now or later.
+            self.mission.run(self.here, armed=self.armed and alive)
         elif name == "pause":
             self.mission.pause()
         else:

@@ -6,89 +6,22 @@ device for (pictures, a sonar's servo) is left out when its turn comes, as the p
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
-from rovtwin.core.datum import Datum
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.errors import ConfigError
 from rovtwin.links.blueye import notes
+from rovtwin.links.blueye.steps import ACCEPTANCE, HEAVE, SPEED, Able, Refused, Step
 
 MOST = 50  # instructions of a mission, as the SDK has it
+MOST_POINTS = 500  # way-points of a mission, those of surveys counted
 FARTHEST = 1000.0  # from one way-point to the next [m]; a drone's own limit is not published
 DEEPEST = 500.0  # [m], deeper than any Blueye goes
 TILT = 30.0  # of the camera, up and down [deg]
-ACCEPTANCE, CLOSE = 1.0, 0.3  # radius around a way-point, if not told; of depths [m]
-SPEED, HEAVE = 0.3, 0.2  # ahead, and up and down, if not told [m/s]
+WIDEST = 100.0  # circle of acceptance [m]
 SLOWEST, FASTEST = 0.02, 2.0  # [m/s]
 LONGEST_WAIT = 3600.0  # [s]
 SEABED_ALTITUDE = 0.5  # at which "go to the seabed" ends [m]; a drone's own is not published
 SURFACE, SEABED = 1, 2  # what a depth is counted from
-
-
-class Refused(LinkError):
-    """A mission that cannot be done; `notification` is the protocol's number for why."""
-
-    def __init__(self, text: str, notification: int = notes.FAILED_TO_LOAD):
-        super().__init__(text)
-        self.notification = notification
-
-
-@dataclass(frozen=True)
-class Step:
-    """One thing to do.
-
-    Attributes:
-        number: Of its instruction in the mission, from 0; a survey has many steps of one instruction.
-        id: Of the instruction, as the client has it.
-        begins, ends: Notifications when it begins and is done; 0: none.
-        place: North and east to go to [m], or None.
-        depth: To go to [m], or None.
-        altitude: Above the floor to go to [m], or None.
-        speed, heave: Ahead, and up and down [m/s].
-        acceptance: Radius around the place [m].
-        wait: How long nothing else is done [s].
-        tilt: Of the camera from then on [deg], or None.
-        modes: The drone's modes, on or off, from then on.
-        skipped: Why it is left out; empty where it is not.
-    """
-
-    number: int
-    id: int
-    begins: int = 0
-    ends: int = notes.INSTRUCTION_COMPLETE
-    place: tuple[float, float] | None = None
-    depth: float | None = None
-    altitude: float | None = None
-    speed: float = SPEED
-    heave: float = HEAVE
-    acceptance: float = ACCEPTANCE
-    wait: float = 0.0
-    tilt: float | None = None
-    modes: tuple[tuple[str, bool], ...] = ()
-    skipped: str = ""
-
-    @property
-    def moves(self) -> bool:
-        return self.place is not None or self.depth is not None or self.altitude is not None
-
-
-@dataclass(frozen=True)
-class Able:
-    """What a drone can do.
-
-    Attributes:
-        datum: Where n is on the map, or None: no way-points then.
-        position: Whether it knows and keeps its place.
-        altitude: Whether it measures its distance to the floor.
-        here: Where it is, north and east [m], or None.
-        fastest: Speeds that it reaches ahead, and up and down [m/s].
-    """
-
-    datum: Datum | None
-    position: bool
-    altitude: bool
-    here: tuple[float, float] | None
-    fastest: tuple[float, float] = (math.inf, math.inf)
 
 
 def steps_of(mission: Any, able: Able) -> list[Step]:
@@ -105,13 +38,17 @@ def steps_of(mission: Any, able: Able) -> list[Step]:
         raise Refused("a mission without instructions")
     if len(mission.instructions) > MOST:
         raise Refused(f"{len(mission.instructions)} instructions, expected at most {MOST}")
+    points = sum(_points(instruction) for instruction in mission.instructions)
+    if points > MOST_POINTS:  # before they are converted, which takes its time
+        raise Refused(f"{points} way-points, expected at most {MOST_POINTS}")
     steps: list[Step] = []
     for number, instruction in enumerate(mission.instructions):
         kind = instruction.WhichOneof("command")
         try:
-            if kind is None:
+            read = _READERS.get(kind or "")
+            if kind is None or read is None:
                 raise Refused("no command in it, or one that protocol 3.5 has not")
-            steps += _READERS[kind](_Reader(mission, number, instruction.id, able), getattr(instruction, kind))
+            steps += read(_Reader(mission, number, instruction.id, able), getattr(instruction, kind))
         except Refused as refused:
             what = (kind or "unknown").removesuffix("_command")
             raise Refused(f"instruction {number + 1} ({what}): {refused}", refused.notification) from None
@@ -201,18 +138,29 @@ class _Reader:
             raise Refused(str(error)) from None
         return north, east
 
+    def acceptance(self, asked: float) -> float:
+        """Radius around a place [m]; zero stands for the mission's own."""
+        own = _number(self._mission.default_circle_of_acceptance, "circle of acceptance")
+        value = _number(asked, "circle of acceptance") or own or ACCEPTANCE
+        if not 0.0 < value <= WIDEST:
+            raise Refused(f"circle of acceptance {value:g} m, expected more than 0 and at most {WIDEST:g}")
+        return value
+
     def waypoint(self, point: Any) -> Step:
         what: dict[str, Any] = {
             "place": self.place(point.global_position),
             "speed": self.speed(point.speed_to_target, self.surge),
-            "acceptance": _number(point.circle_of_acceptance, "circle of acceptance")
-            or _number(self._mission.default_circle_of_acceptance, "circle of acceptance")
-            or ACCEPTANCE,
+            "acceptance": self.acceptance(point.circle_of_acceptance),
         }
         with_depth = point.HasField("depth_set_point")
         level = self.level(point.depth_set_point) if with_depth else {}
         begins = notes.GO_WAYPOINT_DEPTH if with_depth else notes.GO_WAYPOINT
         return self.step(begins=begins, ends=notes.WAYPOINT_REACHED, **what, **level)
+
+
+def _points(instruction: Any) -> int:
+    kind = instruction.WhichOneof("command")
+    return len(instruction.survey_command.waypoints) if kind == "survey_command" else kind == "waypoint_command"
 
 
 def _number(value: float, what: str) -> float:

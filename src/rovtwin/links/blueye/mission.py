@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from rovtwin.links.blueye import notes
-from rovtwin.links.blueye.instructions import CLOSE, Able, Refused, Step, steps_of, too_fast
+from rovtwin.links.blueye.instructions import steps_of, too_fast
 from rovtwin.links.blueye.mission_status import status_of
 from rovtwin.links.blueye.notes import ERROR, INFO, WARNING, Note
+from rovtwin.links.blueye.steps import Able, Refused, Step
 
 INACTIVE, READY, RUNNING, PAUSED, COMPLETED, ABORTED, FAILED_TO_LOAD, FAILED_TO_START = range(1, 9)  # MissionState
 LEAD = DIVE_LEAD = 0.5  # of the target before the vehicle, level and in depth: no hold pulls harder by more [m]
+CLOSE = 0.3  # a depth is reached within this [m]
 PROGRESS, PATIENCE = 0.1, 30.0  # a vehicle that comes no nearer than this in that time is stuck [m, s]
 BLIND = 5.0  # without an altitude, or a position, for so long: the mission ends [s]
 LONGEST_STEP = 1.0  # of time between two looks that counts [s]
