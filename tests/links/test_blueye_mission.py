@@ -473,18 +473,18 @@ def test_pilots_stick_pauses_the_mission_and_the_vehicle_holds(drone):
     drone.obey(Motion((0.0,) * 6), HOST, 0.2)  # as the SDK sends it when it connects
     assert drone.mission.state == m.RUNNING
     drone.obey(Motion((0.0, 0.0, 0.3, 0.0, 0.0, 0.0)), HOST, 0.3)
-    wish = drone.wish()
-    assert drone.mission.state == m.PAUSED and wish.target is None and wish.motion[2] == 0.3
-    assert wish.hold_depth and wish.hold_heading and wish.hold_position
+    order = drone.wish()
+    assert drone.mission.state == m.PAUSED and order.target is None and order.motion[2] == 0.3
+    assert order.hold_depth and order.hold_heading and order.hold_position
 
 
 def test_sticks_move_with_the_target(drone):
     """Turned to the north-east, a target that moves north is ahead and to port."""
     drone.fly(Here(0.1, (0.0, 0.0), 1.0, math.pi / 4, 11.0))
-    wish = drone.wish()
+    order = drone.wish()
     speed = 0.6 * math.cos(math.pi / 4)  # as far as it faces where it goes
     share = speed * math.cos(math.pi / 4) / 0.5
-    assert wish.motion == pytest.approx((share, -share, 0.0, 0.0, 0.0, 0.0)) and wish.target[0] == pytest.approx(
+    assert order.motion == pytest.approx((share, -share, 0.0, 0.0, 0.0, 0.0)) and order.target[0] == pytest.approx(
         0.1 * speed
     )
 

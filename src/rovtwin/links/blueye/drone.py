@@ -156,7 +156,7 @@ class Drone:
     def _silence(self, now: float) -> float:
         """Time since the pilot was heard [s]; infinite without one."""
         pilot = self.clients.pilot
-        return now - pilot.heard if pilot else math.inf
+        return now - pilot.last_at if pilot else math.inf
 
     def _arm(self, silence: float, now: float) -> None:
         """Thrusters on for a watchdog of the pilot, who had been silent before it [s].
@@ -212,10 +212,10 @@ class Drone:
 
     def look(self, now: float) -> str:
         """Watch over the watchdog; says what became of the pilot, or nothing."""
-        said = ""
+        ended = ""
         pilot = self.clients.pilot
         if self.armed and self._silence(now) > self.watchdog_s:
-            said = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
+            ended = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
             self._let_go()
         if math.isfinite(self._start_asked) and not self.armed and now - self._start_asked > STARTS:
             self._start_asked = -math.inf
@@ -223,7 +223,7 @@ class Drone:
         before = self.clients.in_control
         self.clients.forget(now, max(FORGET, self.watchdog_s))
         self._handed_over(before)
-        return said
+        return ended
 
     def wish(self) -> Wish:
         """What the vehicle shall do now."""

@@ -186,10 +186,10 @@ class Served:
             except TimeoutError:
                 pass
             self._news.clear()
-            said = self.drone.look(time.monotonic())
+            ended = self.drone.look(time.monotonic())
             self._tell_of_mission()
-            if said:
-                self._station.say(f"blueye {self.drone.name}: {said}".replace(" :", ":"))
+            if ended:
+                self._station.say(f"blueye {self.drone.name}: {ended}".replace(" :", ":"))
                 self._send("ControlModeTel")
                 self._send("LightsTel")
             if self.drone.armed:

@@ -32,7 +32,7 @@ KNOWN = {
         "CalibrationStateTel": 0.2,
     },
 }
-TOLD_AT_ONCE = {"NotificationTel": FASTEST}  # when it happens
+AT_ONCE = {"NotificationTel": FASTEST}  # when it happens
 # Message -> sensors whose readings are its occasion: the first of them that the drone has
 OCCASIONS = {
     **{"DepthTel": ("pressure",), "AttitudeTel": ("attitude",), "DvlVelocityTel": ("dvl",)},
@@ -50,7 +50,7 @@ class Telemetry:
         """`say` takes what a user should know."""
         self._drone, self._say = drone, say
         self._failed: set[str] = set()
-        self.rates = SENSED | KNOWN | TOLD_AT_ONCE
+        self.rates = SENSED | KNOWN | AT_ONCE
         self.contents = Contents(drone, datum)
         self._own = {Station.name(drone.name, sensor): sensor for sensor in SENSORS}
         self._seen: set[str] = set()
