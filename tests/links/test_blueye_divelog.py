@@ -36,6 +36,14 @@ def test_clock_that_begins_anew_is_no_gap(log):
     assert read(log) == [1.0, 2.0]
 
 
+def test_no_notification_is_left_out(log):
+    for level in (1, 2, 3):
+        note = bp.NotificationTel(notification={"level": level})
+        log.keep("NotificationTel", bp.NotificationTel.serialize(note), 1.0, 1.7e9)
+    levels = [content.notification.level for *_, content in LogStream(packed(log.records()))]
+    assert levels == [1, 2, 3]
+
+
 def test_room_is_bounded_and_the_newest_stay(log, monkeypatch):
     monkeypatch.setattr(divelog, "ROOM", 2000)
     for k in range(1000):

@@ -1,4 +1,4 @@
-"""Links and servers make depth of pressure, and pressure of depth, with the density of the vehicle's own water."""
+"""What links and servers know of the vehicle: density of its own water, number of drones, speed."""
 
 import pickle
 from dataclasses import dataclass, field
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
+from rovtwin.links.blueye.server import BlueyeServer
 from rovtwin.scenario.composition import vehicle_of, water_density
 from rovtwin.scenario.live import connect as live
 from rovtwin.scenario.pace import Clock
@@ -45,3 +46,14 @@ def test_mavlink_is_for_one_drone():
     scenario, vehicle = world_for("double_blueye", [], None), Vehicle(("port", "starboard"))
     with pytest.raises(ConfigError, match=r"double_blueye is made of 2 drones \(port, starboard\).*--protocol blueye"):
         servers_of(["mavlink"], scenario, vehicle, {})
+
+
+def test_blueye_knows_how_fast_the_vehicle_is():
+    """Damping of the Pioneer balances its force there; a mission that asks for more is warned of."""
+    scenario = world_for("blueye_pioneer", [], None)
+    (server,) = servers_of(["blueye"], scenario, Vehicle(largest={"": np.array([10.0, 5.0, 11.0, 0, 0, 0])}), {})
+    assert isinstance(server, BlueyeServer)
+    model = vehicle_of(scenario).model()
+    for speed, axis, force in zip(server.reaches, (0, 2), (10.0, 11.0), strict=True):
+        linear, quadratic = (float(d[axis, axis]) for d in (model.linear_damping_ahead, model.quadratic_damping_ahead))
+        assert 0.3 < speed < 0.4 and linear * speed + quadratic * speed**2 == pytest.approx(force, rel=0.1)

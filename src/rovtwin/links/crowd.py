@@ -21,11 +21,11 @@ KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 10), (socket.TCP_KEEPINTVL, 5), (socket.TCP_
 class _Reader(asyncio.StreamReader):
     """Keeps in mind when bytes came last [s, monotonic]; -inf: never."""
 
-    heard_at = -math.inf
+    last_at = -math.inf
 
     def feed_data(self, data: bytes) -> None:
         """Bytes that came."""
-        self.heard_at = time.monotonic()
+        self.last_at = time.monotonic()
         super().feed_data(data)
 
 
@@ -50,7 +50,7 @@ class Client:
     def silence(self) -> tuple[float, float]:
         """How long it has been silent [s], by which clients give way: since it last said anything, since it came."""
         now = time.monotonic()
-        return now - self.reader.heard_at, now - self.came_at
+        return now - self.reader.last_at, now - self.came_at
 
     @property
     def stuck(self) -> float:

@@ -6,8 +6,8 @@ from typing import Any
 from rovtwin.core.errors import LinkError
 from rovtwin.links.blueye.contents import listed
 from rovtwin.links.blueye.drone import Drone
-from rovtwin.links.blueye.instructions import Able
 from rovtwin.links.blueye.protobuf import PACKAGE, message, parse
+from rovtwin.links.blueye.steps import Able
 from rovtwin.links.blueye.telemetry import Telemetry
 from rovtwin.links.blueye.wire import Request, parse_request, reply_name
 
@@ -47,7 +47,8 @@ def _reply(request: Request, drone: Drone, telemetry: Telemetry, address: str, n
     if request.name == "GetCameraParameters":
         return {"camera_parameters": {"camera": request.content.camera}}
     if request.name == "SetMission":
-        drone.mission.load(request.content.mission, able(drone, telemetry))
+        if drone.may_command(address, now):
+            drone.mission.load(request.content.mission, able(drone, telemetry))
         return {}
     if request.name == "GetMission":
         return {} if drone.mission.message is None else {"mission": drone.mission.message}
@@ -58,7 +59,8 @@ def _reply(request: Request, drone: Drone, telemetry: Telemetry, address: str, n
 def able(drone: Drone, telemetry: Telemetry) -> Able:
     """What the drone can do of a mission."""
     contents = telemetry.contents
-    return Able(contents.datum, drone.can_keep_position, contents.sees_the_floor, drone.here.place)
+    fastest = min(drone.fastest[0], drone.reaches[0]), min(drone.fastest[2], drone.reaches[1])
+    return Able(contents.datum, drone.can_keep_position, contents.sees_the_floor, drone.here.place, fastest)
 
 
 def _clients(drone: Drone) -> dict[str, Any]:

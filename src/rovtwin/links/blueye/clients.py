@@ -19,7 +19,7 @@ class Connected:
     id: int
     client: Client
     address: str
-    heard: float
+    last_at: float
 
 
 class Clients:
@@ -40,7 +40,7 @@ class Clients:
         self.forget(now, silence)
         if len(self.all) >= MOST:
             others = [c for c in self.all.values() if c.id != self.in_control]
-            del self.all[min(others, key=lambda c: c.heard).id]
+            del self.all[min(others, key=lambda c: c.last_at).id]
         self._last += 1
         self.all[self._last] = Connected(self._last, client, address, now)
         self._promote()
@@ -54,12 +54,12 @@ class Clients:
     def feed(self, client_id: int, now: float) -> bool:
         """A watchdog of a client; whether it is the one in control."""
         if client_id in self.all:
-            self.all[client_id].heard = now
+            self.all[client_id].last_at = now
         return client_id == self.in_control and client_id in self.all
 
     def forget(self, now: float, silence: float) -> list[Connected]:
         """Drop the clients that have been silent for longer [s]; those that were dropped."""
-        gone = [c for c in self.all.values() if now - c.heard > silence]
+        gone = [c for c in self.all.values() if now - c.last_at > silence]
         for client in gone:
             del self.all[client.id]
         self._promote()

@@ -55,7 +55,7 @@ def connect(
     _guard(drone, dropped)
     if failed:
         release(drone)
-        raise LinkError(f"blueye://{ip}: {_said(failed[0])}")
+        raise LinkError(f"blueye://{ip}: {_words_of(failed[0])}")
     if not observer and not drone.in_control:
         release(drone)
         raise LinkError(
@@ -81,7 +81,7 @@ def _guard(drone: Any, dropped: Callable[[], None]) -> None:
     watcher._handle_message = guarded  # type: ignore[attr-defined]  (as above)
 
 
-def _said(error: Exception) -> str:
+def _words_of(error: Exception) -> str:
     cause = error.__cause__ or error
     silent = type(cause).__module__.startswith("requests")  # whose texts are long and say little
     found = "nobody answers over HTTP" if silent else f"{type(cause).__name__}: {str(cause)[:200]}"

@@ -10,7 +10,8 @@ from rovtwin.core.flow import Measurement
 from rovtwin.links.blueye import readings
 from rovtwin.links.blueye.divelog import stamp_of
 from rovtwin.links.blueye.drone import Drone
-from rovtwin.links.blueye.mission import Here, Note
+from rovtwin.links.blueye.mission import Here
+from rovtwin.links.blueye.notes import Note
 from rovtwin.links.blueye.protobuf import message, text
 from rovtwin.links.rotations import rotation_from_euler
 
@@ -37,7 +38,6 @@ class Contents:
         latest: Its newest readings by sensor, SI, radians, FRD.
         now: The vehicle's time [s].
         datum: Where n is on the map, or None: the position estimate is not valid then.
-        odometer: The way it has gone since this was last set to zero, level [m].
         note: The last notification.
     """
 
@@ -45,7 +45,6 @@ class Contents:
         if datum is not None:
             datum.geodetic([0.0, 0.0, 0.0])  # imports what maps need now: later it would hold up the other servers
         self.datum = datum
-        self.odometer = 0.0
         self.note: tuple[Note, float] | None = None
         self.latest: dict[str, Measurement] = {}
         self.now = 0.0
@@ -57,7 +56,7 @@ class Contents:
         """The vehicle's time moves on; dive time with it while the drone is under water, and the odometer."""
         estimate = self._value("estimate")
         if estimate is not None:
-            self.odometer += math.hypot(estimate[6], estimate[7]) * min(max(0.0, now - self.now), 1.0)
+            self._drone.odometer += math.hypot(estimate[6], estimate[7]) * min(max(0.0, now - self.now), 1.0)
         depth = self._value("pressure")
         if depth is not None and depth[0] > SUBMERGED:
             self._dive_time += max(0.0, now - self.now)
@@ -116,23 +115,23 @@ class Contents:
 
     def _PositionEstimate(self) -> Any:
         """What the vehicle believes itself, as a drone does; of a vehicle that believes nothing, what it measures."""
-        believed = self._value("estimate")
-        if believed is not None:
-            place, heading = believed[:2], believed[5]
+        own = self._value("estimate")
+        if own is not None:
+            place, heading = own[:2], own[5]
         else:
             place, euler = self._value("position"), self._value("attitude")
             heading = 0.0 if euler is None else euler[2]
         if place is None:
             return None
         estimate: dict[str, Any] = {"northing": place[0], "easting": place[1], "heading": heading}
-        estimate |= {"odometer": self.odometer, "is_valid": self.datum is not None}
+        estimate |= {"odometer": self._drone.odometer, "is_valid": self.datum is not None}
         if self.datum is not None:
             latitude, longitude, _ = self.datum.geodetic([place[0], place[1], 0.0])
             estimate["global_position"] = {"latitude": float(latitude), "longitude": float(longitude)}
-        if believed is not None:
-            rates = {"surge_rate": believed[6], "sway_rate": believed[7], "yaw_rate": believed[11]}
-            course = heading + math.atan2(believed[7], believed[6])
-            estimate |= rates | {"speed_over_ground": math.hypot(believed[6], believed[7])}
+        if own is not None:
+            rates = {"surge_rate": own[6], "sway_rate": own[7], "yaw_rate": own[11]}
+            course = heading + math.atan2(own[7], own[6])
+            estimate |= rates | {"speed_over_ground": math.hypot(own[6], own[7])}
             estimate["course_over_ground"] = math.degrees(course) % 360.0
         return message("PositionEstimateTel")(position_estimate=estimate)
 
@@ -233,11 +232,11 @@ class Contents:
 
     def here(self, alone: bool) -> Here:
         """Where it is: `alone`, by the vehicle's own estimate; half of a pair knows depth and heading only."""
-        believed, depth, euler = self._value("estimate"), self._value("pressure"), self._value("attitude")
+        own, depth, euler = self._value("estimate"), self._value("pressure"), self._value("attitude")
         altitude = self._value("altimeter") if self.sees_the_floor else None
         above = None if altitude is None else float(altitude[0])
-        if alone and believed is not None:
-            place, down, heading = (float(believed[0]), float(believed[1])), float(believed[2]), float(believed[5])
+        if alone and own is not None:
+            place, down, heading = (float(own[0]), float(own[1])), float(own[2]), float(own[5])
             return Here(self.now, place, down, heading, above)
         depth, heading = None if depth is None else float(depth[0]), None if euler is None else float(euler[2])
         return Here(self.now, None, depth, heading, above)

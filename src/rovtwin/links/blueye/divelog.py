@@ -1,7 +1,7 @@
 """The log that a drone keeps of its own telemetry, as the SDK downloads and reads it: BinlogRecord after BinlogRecord.
 
 Each record is preceded by its length as a varint, and all are packed with gzip. Kept in memory, each message at most
-once a second; the oldest go when there is no more room, which is after some hours.
+once a second but notifications, all of them; the oldest go when there is no more room, which is after some hours.
 """
 
 import gzip
@@ -12,6 +12,7 @@ from rovtwin.links.blueye.protobuf import PACKAGE, message
 
 ROOM = 8 << 20  # bytes of records that are kept
 PERIOD = 1.0  # between two records of one message [s of the vehicle's time]
+ALWAYS = {"NotificationTel"}  # each says something of its own
 SUBMERGED = 0.25  # depth from which it is a dive [m], http-api.yml
 
 
@@ -41,7 +42,7 @@ class DiveLog:
             t: The vehicle's time [s].
             utc: The drone's clock [s since 1970].
         """
-        if 0.0 <= t - self._last.get(name, -PERIOD) < PERIOD:
+        if name not in ALWAYS and 0.0 <= t - self._last.get(name, -PERIOD) < PERIOD:
             return
         self._last[name] = t
         self._start = self._start or utc

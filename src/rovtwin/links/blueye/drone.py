@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 
 from rovtwin.links.blueye import wire
 from rovtwin.links.blueye.clients import Clients
-from rovtwin.links.blueye.mission import RUNNING, Here, Supervisor
+from rovtwin.links.blueye.mission import READY, RUNNING, Here, Supervisor
+from rovtwin.links.blueye.notes import ABORTED_NOW, UNSPECIFIED, WARNING, Note
 from rovtwin.links.wish import Wish
 
 FASTEST = (0.5, 0.5, 0.3)  # of a served vehicle's own controller, which says so itself when it is served [m/s]
 FORGET = 10.0  # a client silent for so long is no longer connected, and the next one gets control [s]
 AFRESH = 0.5  # a pilot whose watchdog had run out lives again when it has been heard for so long [s]
 STARTS = 5.0  # so long a mission waits for thrusters: the SDK feeds its first watchdog a second after connecting [s]
+AGAIN = 10.0  # between two notifications that somebody is not in control [s]
 DEAD = 0.02  # a stick within this is let go, as the vehicle's own controller has it
 OBEYED = ("auto_depth", "auto_heading")  # modes that every vehicle can keep; station keeping needs positions
 
@@ -45,6 +47,7 @@ class Drone:
         about: What it says of itself.
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s].
         fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].
+        reaches: Steady speeds ahead and down at its largest force [m/s].
         can_keep_position: Whether there are positions, so that station keeping can come on.
         here: Where it is, by its own readings.
         mission: Flies missions.
@@ -54,6 +57,7 @@ class Drone:
     about: About
     watchdog_s: float
     fastest: tuple[float, float, float] = FASTEST
+    reaches: tuple[float, float] = (math.inf, math.inf)
     can_keep_position: bool = False
     clients: Clients = field(default_factory=Clients)
     here: Here = field(default_factory=lambda: Here(-math.inf))
@@ -61,10 +65,12 @@ class Drone:
     motion: tuple[float, ...] = wire.STILL
     modes: set[str] = field(default_factory=set)
     lights: float = 0.0
+    odometer: float = 0.0  # level way since this was last set to zero [m]
     density: float = 1025.0  # g/l; kept, not used: the twin's depth is a depth already
     armed: bool = False
     time_offset: float = 0.0  # of its clock against the computer's, as SyncTime set it [s]
     dropped: int = 0  # messages that could not be parsed, or came from somebody who may not
+    _refused_at: float = -math.inf  # when somebody was last notified of not being in control [s]
     _start_asked: float = -math.inf  # when a mission was to start before thrusters were on [s]
     _afresh: float = -math.inf  # when the pilot was heard again after its watchdog had run out [s]
 
@@ -82,9 +88,7 @@ class Drone:
             if self.clients.feed(control.client, now):
                 self._arm(before, now)
             return False
-        pilot = self.clients.pilot
-        if pilot is None or (address and pilot.address and address != pilot.address):
-            self.dropped += 1
+        if not self.may_command(address, now):
             return False
         before = (set(self.modes), self.lights)
         if isinstance(control, wire.Motion):
@@ -98,16 +102,36 @@ class Drone:
             self.lights = control.value
         elif isinstance(control, wire.WaterDensity):
             self.density = control.value
+        elif isinstance(control, wire.ResetOdometer):
+            self.odometer = 0.0
         elif isinstance(control, wire.MissionOrder):
             self._order(control.name, now)
         return before != (self.modes, self.lights)
 
+    def may_command(self, address: str, now: float) -> bool:
+        """Whether what came from a network address counts: it does from the pilot's. Else it is dropped, with a note.
+
+        The protocol does not name the client in what it commands; only its watchdog does.
+        """
+        pilot = self.clients.pilot
+        if pilot is not None and not (address and pilot.address and address != pilot.address):
+            return True
+        self.dropped += 1
+        if now - self._refused_at >= AGAIN:
+            self._refused_at = now
+            who = f"client {pilot.id} is" if pilot else "connect first: nobody is"
+            text = f"a command from {address or 'somewhere'} was dropped: not in control ({who})"
+            self.mission.notes.append(Note(UNSPECIFIED, WARNING, text))
+        return False
+
     def _order(self, name: str, now: float) -> None:
-        self._start_asked = now if name == "run" and not self.armed else -math.inf
-        if name == "run" and self.armed:
-            self.mission.run(self.here, armed=True)
+        self._start_asked = -math.inf
+        alive = self._silence(now) <= self.watchdog_s
+        if name == "run" and not self.armed and alive and not math.isfinite(self._afresh):
+            self._start_asked = now  # before the pilot's first watchdog: `_arm` starts it, or `look` gives up
         elif name == "run":
-            pass  # `_arm` starts it, or `look` gives up
+            # After a silence this may be old, from a client that has died meanwhile: it starts nothing, now or later.
+            self.mission.run(self.here, armed=self.armed and alive)
         elif name == "pause":
             self.mission.pause()
         else:
@@ -132,7 +156,7 @@ class Drone:
     def _silence(self, now: float) -> float:
         """Time since the pilot was heard [s]; infinite without one."""
         pilot = self.clients.pilot
-        return now - pilot.heard if pilot else math.inf
+        return now - pilot.last_at if pilot else math.inf
 
     def _arm(self, silence: float, now: float) -> None:
         """Thrusters on for a watchdog of the pilot, who had been silent before it [s].
@@ -177,16 +201,21 @@ class Drone:
     def _handed_over(self, pilot: int) -> None:
         if self.clients.in_control != pilot:
             self.still()
+            if self.mission.state == READY:  # the next pilot starts only what it has loaded itself
+                self.mission.clear()
+                self.mission.notes.append(
+                    Note(ABORTED_NOW, WARNING, "control has changed hands: load the mission again")
+                )
             self.armed, self._afresh = False, -math.inf  # until the new pilot's watchdog comes
             if not self.clients.in_control:
                 self.lights = 0.0
 
     def look(self, now: float) -> str:
         """Watch over the watchdog; says what became of the pilot, or nothing."""
-        said = ""
+        ended = ""
         pilot = self.clients.pilot
         if self.armed and self._silence(now) > self.watchdog_s:
-            said = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
+            ended = f"{pilot.client.name if pilot else 'the pilot'} is silent: thrusters off"
             self._let_go()
         if math.isfinite(self._start_asked) and not self.armed and now - self._start_asked > STARTS:
             self._start_asked = -math.inf
@@ -194,7 +223,7 @@ class Drone:
         before = self.clients.in_control
         self.clients.forget(now, max(FORGET, self.watchdog_s))
         self._handed_over(before)
-        return said
+        return ended
 
     def wish(self) -> Wish:
         """What the vehicle shall do now."""
@@ -217,7 +246,8 @@ class Drone:
         c, s = math.cos(self.here.heading or 0.0), math.sin(self.here.heading or 0.0)
         along = (c * north + s * east, c * east - s * north, down)
         surge, sway, heave = (v / most if most > 0.0 else 0.0 for v, most in zip(along, self.fastest, strict=True))
-        return surge, sway, heave
+        most = max(1.0, abs(surge), abs(sway))  # both alike: cut one by one they would lead off the way
+        return surge / most, sway / most, heave
 
     def clock(self) -> float:
         """Its real-time clock: seconds since 1970."""

@@ -49,8 +49,8 @@ def parse_http(head: bytes) -> HttpRequest:
         target = urlsplit(words[1])
         host = target.hostname or ""
         if not host:
-            told = next((line[5:].strip() for line in lines[1:] if line[:5].lower() == "host:"), "")
-            host = urlsplit("//" + told).hostname or ""
+            named = next((line[5:].strip() for line in lines[1:] if line[:5].lower() == "host:"), "")
+            host = urlsplit("//" + named).hostname or ""
     except ValueError:
         raise LinkError(f"HTTP request {lines[0][:80]!r}: the target is no address") from None
     return HttpRequest(words[0].upper(), host, target.path or "/")

@@ -6,91 +6,22 @@ device for (pictures, a sonar's servo) is left out when its turn comes, as the p
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
-from rovtwin.core.datum import Datum
-from rovtwin.core.errors import ConfigError, LinkError
+from rovtwin.core.errors import ConfigError
+from rovtwin.links.blueye import notes
+from rovtwin.links.blueye.steps import ACCEPTANCE, HEAVE, SPEED, Able, Refused, Step
 
 MOST = 50  # instructions of a mission, as the SDK has it
+MOST_POINTS = 500  # way-points of a mission, those of surveys counted
 FARTHEST = 1000.0  # from one way-point to the next [m]; a drone's own limit is not published
 DEEPEST = 500.0  # [m], deeper than any Blueye goes
 TILT = 30.0  # of the camera, up and down [deg]
-ACCEPTANCE, CLOSE = 1.0, 0.3  # radius around a way-point, if not told; of depths [m]
-SPEED, HEAVE = 0.3, 0.2  # ahead, and up and down, if not told [m/s]
-FASTEST = 2.0  # [m/s]
+WIDEST = 100.0  # circle of acceptance [m]
+SLOWEST, FASTEST = 0.02, 2.0  # [m/s]
 LONGEST_WAIT = 3600.0  # [s]
 SEABED_ALTITUDE = 0.5  # at which "go to the seabed" ends [m]; a drone's own is not published
 SURFACE, SEABED = 1, 2  # what a depth is counted from
-# What notifications say (numbers of the protocol): which begins an instruction, which ends it
-GO_HOME, GO_SURFACE, GO_SEABED, GO_WAYPOINT, GO_DEPTH, GO_WAYPOINT_DEPTH = 15, 16, 17, 18, 19, 20
-WAIT, CAMERA, SET_TILT, SET_MULTIBEAM = 26, 27, 28, 29
-WAYPOINT_REACHED, DEPTH_REACHED, ALTITUDE_REACHED, INSTRUCTION_COMPLETE = 9, 10, 11, 8
-UNKNOWN_POSITION, TOO_FAR, TOO_DEEP, FAILED_TO_LOAD = 2, 12, 13, 6
-
-
-class Refused(LinkError):
-    """A mission that cannot be done; `notification` is the protocol's number for why."""
-
-    def __init__(self, text: str, notification: int = FAILED_TO_LOAD):
-        super().__init__(text)
-        self.notification = notification
-
-
-@dataclass(frozen=True)
-class Step:
-    """One thing to do.
-
-    Attributes:
-        number: Of its instruction in the mission, from 0; a survey has many steps of one instruction.
-        id: Of the instruction, as the client has it.
-        begins, ends: Notifications when it begins and is done; 0: none.
-        place: North and east to go to [m], or None.
-        depth: To go to [m], or None.
-        altitude: Above the floor to go to [m], or None.
-        speed, heave: Ahead, and up and down [m/s].
-        acceptance: Radius around the place [m].
-        wait: How long nothing else is done [s].
-        tilt: Of the camera from then on [deg], or None.
-        modes: The drone's modes, on or off, from then on.
-        skipped: Why it is left out; empty where it is not.
-    """
-
-    number: int
-    id: int
-    begins: int = 0
-    ends: int = INSTRUCTION_COMPLETE
-    place: tuple[float, float] | None = None
-    depth: float | None = None
-    altitude: float | None = None
-    speed: float = SPEED
-    heave: float = HEAVE
-    acceptance: float = ACCEPTANCE
-    wait: float = 0.0
-    tilt: float | None = None
-    modes: tuple[tuple[str, bool], ...] = ()
-    skipped: str = ""
-
-    @property
-    def moves(self) -> bool:
-        return self.place is not None or self.depth is not None or self.altitude is not None
-
-
-@dataclass(frozen=True)
-class Able:
-    """What a drone can do.
-
-    Attributes:
-        datum: Where n is on the map, or None: no way-points then.
-        position: Whether it knows and keeps its place.
-        altitude: Whether it measures its distance to the floor.
-        here: Where it is, north and east [m], or None.
-    """
-
-    datum: Datum | None
-    position: bool
-    altitude: bool
-    here: tuple[float, float] | None
 
 
 def steps_of(mission: Any, able: Able) -> list[Step]:
@@ -107,18 +38,34 @@ def steps_of(mission: Any, able: Able) -> list[Step]:
         raise Refused("a mission without instructions")
     if len(mission.instructions) > MOST:
         raise Refused(f"{len(mission.instructions)} instructions, expected at most {MOST}")
+    points = sum(_points(instruction) for instruction in mission.instructions)
+    if points > MOST_POINTS:  # before they are converted, which takes its time
+        raise Refused(f"{points} way-points, expected at most {MOST_POINTS}")
     steps: list[Step] = []
     for number, instruction in enumerate(mission.instructions):
         kind = instruction.WhichOneof("command")
         try:
-            if kind is None:
+            read = _READERS.get(kind or "")
+            if kind is None or read is None:
                 raise Refused("no command in it, or one that protocol 3.5 has not")
-            steps += _READERS[kind](_Reader(mission, number, instruction.id, able), getattr(instruction, kind))
+            steps += read(_Reader(mission, number, instruction.id, able), getattr(instruction, kind))
         except Refused as refused:
             what = (kind or "unknown").removesuffix("_command")
             raise Refused(f"instruction {number + 1} ({what}): {refused}", refused.notification) from None
     _check_ways(steps, able)
     return steps
+
+
+def too_fast(steps: list[Step], able: Able) -> Iterator[str]:
+    """What is asked of the drone that it does not reach, for people; it is flown all the same, as fast as it can."""
+    ahead = [(step.speed, step.number + 1) for step in steps if step.place is not None]
+    dive = [(step.heave, step.number + 1) for step in steps if step.depth is not None or step.altitude is not None]
+    for asked, reached, way in ((ahead, able.fastest[0], "ahead"), (dive, able.fastest[1], "up and down")):
+        beyond = sorted({number for speed, number in asked if speed > 1.01 * reached})
+        if beyond:
+            most = max(speed for speed, _ in asked)
+            who = f"instruction{'s' if len(beyond) > 1 else ''} {', '.join(map(str, beyond))}"
+            yield f"{who}: up to {most:.2f} m/s {way} asked for, the drone reaches {reached:.2f} m/s: slower then"
 
 
 def _check_ways(steps: list[Step], able: Able) -> None:
@@ -131,7 +78,7 @@ def _check_ways(steps: list[Step], able: Able) -> None:
             raise Refused(
                 f"instruction {step.number + 1}: a way of {way:.0f} m to its place, expected at most {FARTHEST:.0f} m. "
                 "Is the scenario's datum (datum.latitude, datum.longitude) where the mission is?",
-                TOO_FAR,
+                notes.TOO_FAR,
             )
         before = step.place
 
@@ -146,11 +93,11 @@ class _Reader:
     def step(self, **what: Any) -> Step:
         return Step(self.number, self.id, **what)
 
-    def speed(self, asked: float, default: float, largest: float = FASTEST) -> float:
+    def speed(self, asked: float, default: float) -> float:
         """A speed [m/s]; zero stands for the mission's own."""
         value = _number(asked, "speed") or default
-        if not 0.0 < value <= largest:
-            raise Refused(f"speed {value:g} m/s, expected more than 0 and at most {largest:g}")
+        if not SLOWEST - 1e-6 <= value <= FASTEST:  # it came as a float of 32 bits
+            raise Refused(f"speed {value:g} m/s, expected {SLOWEST:g} to {FASTEST:g}, or 0 for the mission's own")
         return value
 
     @property
@@ -165,7 +112,7 @@ class _Reader:
         """Depth or altitude of a set-point, and the speed there."""
         depth = _number(point.depth, "depth")
         if not 0.0 <= depth <= DEEPEST:
-            raise Refused(f"depth or altitude {depth:g} m, expected 0 to {DEEPEST:g}", TOO_DEEP)
+            raise Refused(f"depth or altitude {depth:g} m, expected 0 to {DEEPEST:g}", notes.TOO_DEEP)
         speed = self.speed(point.speed_to_depth, self.heave)
         if point.depth_zero_reference == SEABED:
             self.needs_altitude()
@@ -178,12 +125,12 @@ class _Reader:
 
     def needs_position(self) -> None:
         if not self.able.position:
-            raise Refused("the drone does not know its position, as half of a pair does not", UNKNOWN_POSITION)
+            raise Refused("the drone does not know its position, as half of a pair does not", notes.UNKNOWN_POSITION)
 
     def place(self, where: Any) -> tuple[float, float]:
         self.needs_position()
         if self.able.datum is None:
-            raise Refused("the twin has no place on the map", UNKNOWN_POSITION)
+            raise Refused("the twin has no place on the map", notes.UNKNOWN_POSITION)
         latitude, longitude = _number(where.latitude, "latitude"), _number(where.longitude, "longitude")
         try:
             north, east, _ = self.able.datum.position(latitude, longitude, 0.0).tolist()
@@ -191,18 +138,29 @@ class _Reader:
             raise Refused(str(error)) from None
         return north, east
 
+    def acceptance(self, asked: float) -> float:
+        """Radius around a place [m]; zero stands for the mission's own."""
+        own = _number(self._mission.default_circle_of_acceptance, "circle of acceptance")
+        value = _number(asked, "circle of acceptance") or own or ACCEPTANCE
+        if not 0.0 < value <= WIDEST:
+            raise Refused(f"circle of acceptance {value:g} m, expected more than 0 and at most {WIDEST:g}")
+        return value
+
     def waypoint(self, point: Any) -> Step:
         what: dict[str, Any] = {
             "place": self.place(point.global_position),
             "speed": self.speed(point.speed_to_target, self.surge),
-            "acceptance": _number(point.circle_of_acceptance, "circle of acceptance")
-            or _number(self._mission.default_circle_of_acceptance, "circle of acceptance")
-            or ACCEPTANCE,
+            "acceptance": self.acceptance(point.circle_of_acceptance),
         }
         with_depth = point.HasField("depth_set_point")
         level = self.level(point.depth_set_point) if with_depth else {}
-        begins = GO_WAYPOINT_DEPTH if with_depth else GO_WAYPOINT
-        return self.step(begins=begins, ends=WAYPOINT_REACHED, **what, **level)
+        begins = notes.GO_WAYPOINT_DEPTH if with_depth else notes.GO_WAYPOINT
+        return self.step(begins=begins, ends=notes.WAYPOINT_REACHED, **what, **level)
+
+
+def _points(instruction: Any) -> int:
+    kind = instruction.WhichOneof("command")
+    return len(instruction.survey_command.waypoints) if kind == "survey_command" else kind == "waypoint_command"
 
 
 def _number(value: float, what: str) -> float:
@@ -225,47 +183,49 @@ def _survey(reader: _Reader, command: Any) -> Iterator[Step]:
 
 def _depth(reader: _Reader, command: Any) -> Iterator[Step]:
     level = reader.level(command.depth_set_point)
-    yield reader.step(begins=GO_DEPTH, ends=ALTITUDE_REACHED if "altitude" in level else DEPTH_REACHED, **level)
+    yield reader.step(
+        begins=notes.GO_DEPTH, ends=notes.ALTITUDE_REACHED if "altitude" in level else notes.DEPTH_REACHED, **level
+    )
 
 
 def _surface(reader: _Reader, command: Any) -> Iterator[Step]:
     heave = reader.speed(command.desired_speed, reader.heave)
-    yield reader.step(begins=GO_SURFACE, ends=DEPTH_REACHED, depth=0.0, heave=heave)
+    yield reader.step(begins=notes.GO_SURFACE, ends=notes.DEPTH_REACHED, depth=0.0, heave=heave)
 
 
 def _seabed(reader: _Reader, command: Any) -> Iterator[Step]:
     reader.needs_altitude()
     heave = reader.speed(command.desired_speed, reader.heave)
-    yield reader.step(begins=GO_SEABED, ends=ALTITUDE_REACHED, altitude=SEABED_ALTITUDE, heave=heave)
+    yield reader.step(begins=notes.GO_SEABED, ends=notes.ALTITUDE_REACHED, altitude=SEABED_ALTITUDE, heave=heave)
 
 
 def _home(reader: _Reader, command: Any) -> Iterator[Step]:
     """Home is where the position is zero."""
     reader.needs_position()
     speed = reader.speed(command.desired_speed, reader.surge)
-    yield reader.step(begins=GO_HOME, ends=WAYPOINT_REACHED, place=(0.0, 0.0), speed=speed)
+    yield reader.step(begins=notes.GO_HOME, ends=notes.WAYPOINT_REACHED, place=(0.0, 0.0), speed=speed)
 
 
 def _wait(reader: _Reader, command: Any) -> Iterator[Step]:
     seconds = _number(command.wait_for_seconds, "wait")
     if not 0.0 <= seconds <= LONGEST_WAIT:
         raise Refused(f"wait {seconds:g} s, expected 0 to {LONGEST_WAIT:g}")
-    yield reader.step(begins=WAIT, wait=seconds)
+    yield reader.step(begins=notes.WAIT, wait=seconds)
 
 
 def _tilt(reader: _Reader, command: Any) -> Iterator[Step]:
     angle = _number(command.tilt_angle.value, "tilt")
     if abs(angle) > TILT:
         raise Refused(f"tilt {angle:g} degrees, expected -{TILT:g} to {TILT:g}")
-    yield reader.step(begins=SET_TILT, tilt=angle)
+    yield reader.step(begins=notes.SET_TILT, tilt=angle)
 
 
 def _camera(reader: _Reader, command: Any) -> Iterator[Step]:
-    yield reader.step(begins=CAMERA, skipped="the twin's drone takes no pictures and no video")
+    yield reader.step(begins=notes.CAMERA, skipped="the twin's drone takes no pictures and no video")
 
 
 def _multibeam(reader: _Reader, command: Any) -> Iterator[Step]:
-    yield reader.step(begins=SET_MULTIBEAM, skipped="the twin's drone has no multibeam sonar")
+    yield reader.step(begins=notes.SET_MULTIBEAM, skipped="the twin's drone has no multibeam sonar")
 
 
 def _modes(reader: _Reader, command: Any) -> Iterator[Step]:

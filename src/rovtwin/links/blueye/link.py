@@ -101,7 +101,7 @@ class BlueyeLink(Link):
         self._wake = threading.Event()
         self._sender = threading.Thread(target=self._keep_sending, daemon=True, name=f"motion of {self.name}")
         self._drone = connect(ip, timeout, take_control=False, observer=True, dropped=self._drop)
-        self._heard = timer()
+        self._last_at = timer()
         self._callback = self._drone.telemetry.add_msg_callback([], self._listen, raw=True)
         refused = set_rates(self._drone, self._rates)
         if refused:
@@ -146,7 +146,7 @@ class BlueyeLink(Link):
     @property
     def age(self) -> float:
         """Time since the drone was last heard [s]; infinite for a link that is lost or closed."""
-        return math.inf if self._closed or self._error else max(0.0, self._timer() - self._heard)
+        return math.inf if self._closed or self._error else max(0.0, self._timer() - self._last_at)
 
     def read(self) -> list[Measurement]:
         """Readings since the last call.
@@ -213,7 +213,7 @@ class BlueyeLink(Link):
 
     def _take(self, name: str, payload: bytes) -> None:
         t = self._clock()
-        self._heard = self._timer()
+        self._last_at = self._timer()
         try:
             if name == "ConnectedClientsTel":
                 self._check_pilot(payload)

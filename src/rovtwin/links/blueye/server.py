@@ -1,6 +1,7 @@
 """A twin that the vendor's own client takes for a Blueye drone, or for two: protocol v3, apart from the physics."""
 
 import asyncio
+import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
@@ -13,11 +14,11 @@ from rovtwin.links.blueye.answers import answer
 from rovtwin.links.blueye.divelog import DiveLog
 from rovtwin.links.blueye.drone import FASTEST, About, Drone
 from rovtwin.links.blueye.http import HttpServer
-from rovtwin.links.blueye.mission import INFO
+from rovtwin.links.blueye.notes import INFO
 from rovtwin.links.blueye.protobuf import PACKAGE
 from rovtwin.links.blueye.sockets import listen, peer_of, ports_of, received
 from rovtwin.links.blueye.telemetry import Telemetry
-from rovtwin.links.blueye.wire import Ignored, ResetOdometer, Watchdog, parse_control
+from rovtwin.links.blueye.wire import Ignored, Watchdog, parse_control
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 from rovtwin.links.wish import Wish
@@ -37,6 +38,7 @@ class BlueyeServer(Server):
         watchdog_s: Time without the pilot's watchdog after which the thrusters are off [s]; the SDK feeds it at 1 Hz.
         about: What a drone says of itself.
         fastest: Rates ahead, to starboard and down that full sticks ask of what is held [m/s].
+        reaches: Steady speeds ahead and down at the largest force [m/s]: a mission that asks for more gets a warning.
         datum: Where n is on the map, for way-points and the position estimate; None: neither.
     """
 
@@ -46,6 +48,7 @@ class BlueyeServer(Server):
     about: About = field(default_factory=About)
     fastest: tuple[float, float, float] = FASTEST
     datum: Datum | None = None
+    reaches: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def addresses(self) -> list[str]:
@@ -73,7 +76,7 @@ class BlueyeServer(Server):
         placed = self.placed(station.drones)
         several = len(placed) > 1
         drones = {
-            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s, self.fastest)
+            name: Drone(name, self._about(name) if several else self.about, self.watchdog_s, self.fastest, self.reaches)
             for name in station.drones
         }
         infos = {host: _info(drones[name].about) for name, host in placed.items()}
@@ -128,7 +131,7 @@ class Served:
         control: Any,
     ):
         self.drone, self._station, self._log = drone, station, log
-        self._telemetry = Telemetry(drone, datum)
+        self._telemetry = Telemetry(drone, datum, station.say)
         self._alone = len(station.drones) == 1  # half of a pair does not know where it is
         self._out, self._requests, self._control = telemetry, requests, control
         self._news = asyncio.Event()
@@ -165,11 +168,9 @@ class Served:
             except LinkError:
                 self.drone.dropped += 1
             else:
-                if isinstance(control, ResetOdometer) and self.drone.clients.pilot is not None:
-                    self._telemetry.contents.odometer = 0.0
-                told = self.drone.obey(control, peer_of(frames), time.monotonic())
+                changed = self.drone.obey(control, peer_of(frames), time.monotonic())
                 self._tell_of_mission()
-                if told:
+                if changed:
                     self._send("ControlModeTel")
                     self._send("LightsTel")
                 if not isinstance(control, Ignored | Watchdog) or self.drone.armed != self._was_armed:
@@ -185,10 +186,10 @@ class Served:
             except TimeoutError:
                 pass
             self._news.clear()
-            said = self.drone.look(time.monotonic())
+            ended = self.drone.look(time.monotonic())
             self._tell_of_mission()
-            if said:
-                self._station.say(f"blueye {self.drone.name}: {said}".replace(" :", ":"))
+            if ended:
+                self._station.say(f"blueye {self.drone.name}: {ended}".replace(" :", ":"))
                 self._send("ControlModeTel")
                 self._send("LightsTel")
             if self.drone.armed:

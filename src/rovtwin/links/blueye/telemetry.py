@@ -4,7 +4,7 @@ What a sensor reads is published once, when it comes, at most at the message's r
 published at its rate whether it is new or not.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import groupby
 
 from rovtwin.core.datum import Datum
@@ -32,7 +32,7 @@ KNOWN = {
         "CalibrationStateTel": 0.2,
     },
 }
-TOLD_AT_ONCE = {"NotificationTel": FASTEST}  # when it happens
+AT_ONCE = {"NotificationTel": FASTEST}  # when it happens
 # Message -> sensors whose readings are its occasion: the first of them that the drone has
 OCCASIONS = {
     **{"DepthTel": ("pressure",), "AttitudeTel": ("attitude",), "DvlVelocityTel": ("dvl",)},
@@ -46,8 +46,11 @@ FOLLOW = 0.1  # of what it came early by, the schedule is moved
 class Telemetry:
     """Messages of one drone, as they fall due."""
 
-    def __init__(self, drone: Drone, datum: Datum | None = None):
-        self.rates = SENSED | KNOWN | TOLD_AT_ONCE
+    def __init__(self, drone: Drone, datum: Datum | None = None, say: Callable[[str], None] = lambda text: None):
+        """`say` takes what a user should know."""
+        self._drone, self._say = drone, say
+        self._failed: set[str] = set()
+        self.rates = SENSED | KNOWN | AT_ONCE
         self.contents = Contents(drone, datum)
         self._own = {Station.name(drone.name, sensor): sensor for sensor in SENSORS}
         self._seen: set[str] = set()
@@ -107,6 +110,15 @@ class Telemetry:
             yield name, payload
 
     def build(self, name: str) -> bytes | None:
-        """The newest message of a name; None where there is nothing to tell, or no such message."""
-        built = self.contents.message(name) if name in self.rates else None
-        return None if built is None else built.SerializeToString()
+        """The newest message of a name; None where there is nothing to tell, no such message, or it cannot be built."""
+        try:
+            built = self.contents.message(name) if name in self.rates else None
+            return None if built is None else built.SerializeToString()
+        except Exception as error:  # whatever it is: one message less is better than no drone any more
+            if name not in self._failed:
+                self._failed.add(name)
+                reason = f"{type(error).__name__}: {error}"
+                self._say(
+                    f"blueye {self._drone.name}: {name} cannot be built ({reason}); it is left out".replace(" :", ":")
+                )
+            return None

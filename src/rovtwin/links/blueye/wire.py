@@ -142,8 +142,8 @@ class Client:
     @property
     def name(self) -> str:
         """For people, in printable ASCII: an escape sequence would command the operator's terminal."""
-        said = " ".join(self.text[key] for key in ("type_", "version", "name") if self.text.get(key))
-        return said.encode("unicode_escape").decode() or "a client"
+        words = " ".join(self.text[key] for key in ("type_", "version", "name") if self.text.get(key))
+        return words.encode("unicode_escape").decode() or "a client"
 
 
 @dataclass(frozen=True)

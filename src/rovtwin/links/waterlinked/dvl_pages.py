@@ -1,7 +1,7 @@
 """Pages that a DVL A50 shows over HTTP: BlueOS' extension asks them before it connects, and every 30 s.
 
 Water Linked describes the TCP protocol only. Paths and fields are those that the DVL's own web page asks for and its
-public demo answered (software 2.7.1, found by others); `about` has what `get_version_info` has (json_v3.3).
+public demo answered (software 2.7.1); `about` has what `get_version_info` has (json_v3.3).
 """
 
 from collections.abc import Callable

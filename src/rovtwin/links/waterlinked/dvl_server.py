@@ -133,7 +133,7 @@ class _Dvl:
         self._last_report = self._last_valid = -math.inf
         self._position_due = Due(POSITION_PERIOD)
         self._batches = 0
-        self._told_none = False
+        self._warned_of_none = False
         self._commands: dict[str, Callable[[Order], Any]] = {
             "get_config": lambda order: dict(self.config),
             "set_config": self._set_config,
@@ -243,8 +243,8 @@ class _Dvl:
         depth = self.station.latest.get("pressure")
         if self.options.floor is not None and depth is not None:
             return self.options.floor - float(depth.value[0])
-        if not self._told_none:
-            self._told_none = True
+        if not self._warned_of_none:
+            self._warned_of_none = True
             self.station.say(
                 "dvl: no altimeter on board and no depth of the floor given: altitude is told as -1, which means none"
             )

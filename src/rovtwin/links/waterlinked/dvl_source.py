@@ -63,7 +63,7 @@ class DvlSource(BackgroundSource):
         with socket.create_connection(self._address, timeout=PATIENCE) as connection:
             self._socket = connection
             waiting = b""
-            heard = time.monotonic()
+            last_at = time.monotonic()
             while not self._closed.is_set():
                 data = connection.recv(16384)
                 arrival = self.clock()
@@ -72,8 +72,8 @@ class DvlSource(BackgroundSource):
                 *lines, waiting = (waiting + data).split(b"\n")
                 for line in lines:
                     if line.strip() and self._take(line, arrival):
-                        heard = time.monotonic()
-                if len(waiting) > LONGEST or time.monotonic() - heard > PATIENCE:
+                        last_at = time.monotonic()
+                if len(waiting) > LONGEST or time.monotonic() - last_at > PATIENCE:
                     raise LinkError("talks, but not as a DVL does")
 
     def _take(self, line: bytes, arrival: float) -> bool:

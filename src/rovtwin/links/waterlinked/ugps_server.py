@@ -72,7 +72,7 @@ class _Kit:
         options.datum.geodetic([0.0, 0.0, 0.0])  # imports what maps need now: later it would hold up the other servers
         self.malformed = 0
         self.fix: AcousticPosition | None = None
-        self.told: dict[str, dict[str, float]] = {}
+        self.given: dict[str, dict[str, float]] = {}
         self._depth_until = -math.inf
         self._due = Due(FIX_PERIOD)
         self._newest: Measurement | None = None
@@ -84,8 +84,8 @@ class _Kit:
             wire.RAW: self._acoustic,
             wire.GLOBAL: lambda: wire.body_of(self._global()),
             wire.MASTER: lambda: wire.body_of(self._master()),
-            wire.ORIENTATION: lambda: {"orientation": self._told_heading()},
-            wire.IMU: lambda: self.told.get(wire.IMU, dict.fromkeys(("roll", "pitch", "yaw", "x", "y", "z"), 0.0)),
+            wire.ORIENTATION: lambda: {"orientation": self._given_heading()},
+            wire.IMU: lambda: self.given.get(wire.IMU, dict.fromkeys(("roll", "pitch", "yaw", "x", "y", "z"), 0.0)),
             wire.CALIBRATE: self._imu,
             wire.WARNINGS: list,
             wire.ABOUT: _about,
@@ -115,18 +115,18 @@ class _Kit:
             )
         return 404, outcome("the twin's kit has no such page; it has " + ", ".join(self._gets))
 
-    def _take(self, path: str, told: dict[str, float]) -> None:
-        self.told[path] = told
+    def _take(self, path: str, given: dict[str, float]) -> None:
+        self.given[path] = given
         if path == wire.DEPTH:
             self._depth_until = asyncio.get_running_loop().time() + DEPTH_LIFE
 
     @property
-    def _told_depth(self) -> float | None:
+    def _given_depth(self) -> float | None:
         alive = asyncio.get_running_loop().time() <= self._depth_until
-        return self.told[wire.DEPTH]["depth"] if alive else None
+        return self.given[wire.DEPTH]["depth"] if alive else None
 
-    def _told_heading(self) -> float:
-        return self.told.get(wire.ORIENTATION, {}).get("orientation", wire.NO_DATA)
+    def _given_heading(self) -> float:
+        return self.given.get(wire.ORIENTATION, {}).get("orientation", wire.NO_DATA)
 
     # What the vehicle measures.
 
@@ -143,7 +143,7 @@ class _Kit:
         north, east, heading = self.options.topside
         offset = (float(reading.value[0]) - north, float(reading.value[1]) - east)
         x, y = wire.to_topside(offset, math.radians(heading))
-        z = self._told_depth
+        z = self._given_depth
         if z is None:
             depth = self.station.latest.get("pressure")
             z = float(depth.value[0]) if depth is not None and math.isfinite(depth.value[0]) else 0.0
@@ -167,15 +167,15 @@ class _Kit:
         nothing = AcousticPosition(0.0, 0.0, 0.0, 0.0, False, *((0.0,) * 4,) * 4)
         fix = wire.body_of(self.fix or nothing)
         valid = abs(self.station.now - self._t_fix) <= STALE and not (
-            self.options.needs_depth and self._told_depth is None
+            self.options.needs_depth and self._given_depth is None
         )
         return fix if valid else fix | {"position_valid": False, "receiver_valid": (0.0,) * 4}
 
     def _master(self) -> MapPosition:
         """The topside unit: where it is, or where a client says that it is."""
-        told = self.told.get(wire.EXTERNAL_MASTER)
-        if told is not None:
-            return MapPosition(**told)
+        given = self.given.get(wire.EXTERNAL_MASTER)
+        if given is not None:
+            return MapPosition(**given)
         north, east, heading = self.options.topside
         lat, lon, _ = self.options.datum.geodetic([north, east, 0.0])
         # A good fix of a receiver at rest; satellites and dilution are made up.
@@ -186,11 +186,11 @@ class _Kit:
         master = self._master()
         fix = self.fix
         if fix is None:
-            return MapPosition(master.lat, master.lon, self._told_heading())
+            return MapPosition(master.lat, master.lon, self._given_heading())
         around = Datum(master.lat, master.lon)
         offset = wire.from_topside((fix.x, fix.y), math.radians(master.orientation))
         lat, lon, _ = around.geodetic([*offset, 0.0])
-        heading, quality = self._told_heading(), (master.hdop, master.numsats, master.fix_quality)
+        heading, quality = self._given_heading(), (master.hdop, master.numsats, master.fix_quality)
         return MapPosition(float(lat), float(lon), heading, wire.NO_DATA, wire.NO_DATA, *quality)
 
     def _imu(self) -> dict[str, Any]:
@@ -199,7 +199,7 @@ class _Kit:
 
     def _config(self) -> dict[str, Any]:
         master = self._master()
-        provider = "external" if wire.EXTERNAL_MASTER in self.told else "static"
+        provider = "external" if wire.EXTERNAL_MASTER in self.given else "static"
         return {
             "antenna_enabled": True,
             "channel": 4,

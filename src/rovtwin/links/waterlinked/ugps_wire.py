@@ -98,8 +98,8 @@ def parse_acoustic(body: bytes) -> AcousticPosition:
         numbers(found, f"receiver_{key}") if f"receiver_{key}" in found else () for key in ("distance", "rssi", "nsd")
     )
     x, y, z, std = (number(found, key) for key in ("x", "y", "z", "std"))
-    heard = _flags(found.get("receiver_valid", []))
-    return AcousticPosition(x, y, z, std, flag(found, "position_valid"), distance, rssi, nsd, heard)
+    received = _flags(found.get("receiver_valid", []))
+    return AcousticPosition(x, y, z, std, flag(found, "position_valid"), distance, rssi, nsd, received)
 
 
 def _flags(found: Any) -> tuple[float, ...]:
@@ -133,13 +133,13 @@ def parse_put(path: str, body: bytes) -> dict[str, float]:
     """
     limits, needed = PUTS[path]
     found = read_object(body)
-    told = {}
+    values = {}
     for key, (least, most) in limits.items():
         if key in found or key in needed:
-            told[key] = number(found, key)
-            if not least <= told[key] <= most:
-                raise LinkError(f"{key}: found {told[key]:g}, expected {least:g} to {most:g}")
-    return told
+            values[key] = number(found, key)
+            if not least <= values[key] <= most:
+                raise LinkError(f"{key}: found {values[key]:g}, expected {least:g} to {most:g}")
+    return values
 
 
 def body_of(message: AcousticPosition | MapPosition) -> dict[str, Any]:

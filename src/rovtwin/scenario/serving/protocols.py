@@ -15,6 +15,7 @@ from rovtwin.scenario.composition import vehicle_of, water_density
 from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import list_library
+from rovtwin.vehicle.trim import steady_speed
 
 PLAIN = "lawnmower_calm"  # whose world a vehicle swims in when only the vehicle is named: calm, endless water
 
@@ -143,14 +144,23 @@ def places_of(names: Sequence[str], addresses: Sequence[str], port: int | None =
 def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
     from rovtwin.links.blueye.server import BlueyeServer
 
-    names = vehicle_of(scenario).thruster_names
+    described = vehicle_of(scenario)
+    names = described.thruster_names
     if any(name.split(".")[-1] not in ("surge", "sway", "heave") for name in names):
         raise ConfigError(
             f"--protocol blueye: found the thrusters {', '.join(names)}, expected surge, sway, heave of one Blueye "
             "or two, as blueye_pioneer and double_blueye have them"
         )
     hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
-    return BlueyeServer(hosts, http_port=where.port or 80, fastest=(RATE[0], RATE[1], RATE[2]), datum=scenario.origin)
+    largest = np.sum(list(vehicle.largest.values()), axis=0)
+    ahead, down = (steady_speed(described.model(), axis, float(largest[axis])) for axis in (0, 2))
+    return BlueyeServer(
+        hosts,
+        http_port=where.port or 80,
+        fastest=(RATE[0], RATE[1], RATE[2]),
+        datum=scenario.origin,
+        reaches=(ahead, down),
+    )
 
 
 def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
