@@ -14,7 +14,7 @@ pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'r
 zmq = pytest.importorskip("zmq")
 client = pytest.importorskip("websockets.sync.client")
 
-from rovtwin.console.launch import alive, running  # noqa: E402
+from rovtwin.console.launch import alive, running  # noqa: E402  (what the extra needs comes first)
 from rovtwin.core.files import MOST_UPLOAD  # noqa: E402
 from rovtwin.core.log import Log  # noqa: E402
 

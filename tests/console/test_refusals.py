@@ -9,7 +9,7 @@ from tests.console.test_engine import armed, engine  # noqa: F401  (a fixture)
 
 zmq = pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
-from rovtwin.console import orders  # noqa: E402
+from rovtwin.console import orders  # noqa: E402  (what the extra needs comes first)
 from rovtwin.console.engine import bridge as module  # noqa: E402
 from rovtwin.console.engine.bridge import ANY_AGE, Bridge  # noqa: E402
 
@@ -27,7 +27,7 @@ FLIES = ("start", "pause", "resume", "abort", "hold", "goto", "pilot")
 
 
 @pytest.fixture
-def ask(engine, tmp_path):  # noqa: F811
+def ask(engine, tmp_path):  # noqa: F811  (the fixture, not the import)
     """Give an order over the socket, as the web server does; its answer, which must be there at once."""
     where = f"ipc://{tmp_path / 'orders'}"
     made, mouth = Bridge(engine, where), zmq.Context.instance().socket(zmq.DEALER)

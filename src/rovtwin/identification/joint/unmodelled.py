@@ -171,7 +171,7 @@ def _through_water(problem: Problem, here: Unknowns) -> np.ndarray:
 
 
 def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
-    """What of the quadratic drag is missing while the wake follows, shape (S, K + 1, 6): a push in the way of nu_r."""
+    """What of the quadratic drag is missing while the wake follows, shape (S, K + 1, 6) [N, N m]: along nu_r."""
     grid, arrays = problem.segments.grid, problem.segments.arrays
     length = HULL * float(np.cbrt(np.asarray(model.displaced_mass) / FRESH_WATER))
     speed = top_speed(model, range(model.thrusters.count))
