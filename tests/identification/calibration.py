@@ -15,8 +15,9 @@ says. What a parameter truly is
 stays what it is without all that.
 
 Left out, as no test anybody would hand in: logs in which the vehicle tumbles over or leaves at speed (a choice by the
-readings, which a posterior does not mind), and truths whose thrust curve is vertical at its dead band (exponent below
-1: its intervals are no normal distribution; with data, the prior's other half hardly matters).
+readings, which a posterior does not mind), truths whose thrust curve is vertical at its dead band (exponent below
+1: its intervals are no normal distribution; with data, the prior's other half hardly matters), and truths damped so
+heavily that they stop within one step of the simulation.
 """
 
 import argparse
@@ -104,6 +105,8 @@ def flown(parameters, L, command, seed, duration=DURATION, wrong=False):
         if np.any(base * np.exp(truth[exponents]) < 1.0):
             continue
         model, extras = parameters.model_at(truth)
+        if np.abs(np.linalg.eigvals(np.linalg.solve(model.mass, model.linear_damping_ahead))).max() > 1.0 / STEP:
+            continue
         lacking = broken.drawn(model, rng) if wrong else broken.Broken()
         if wrong:
             truth[losses] = lacking.thrust_loss  # the same at full force; in proportion to the force, not to its root

@@ -107,9 +107,34 @@ def test_no_interval_is_wider_than_what_was_known_before(pushed):
 def test_what_an_effect_adds_is_limited():
     effects = Effects(("drag",), ("1",), np.array([2.0]), np.array([[0.01]]), np.array([[1.0], [-0.1]]))
     square = 2.0**2 + 0.1**2
-    np.testing.assert_allclose(np.diag(effects.of_theta(np.ones(2))), [1.0, 0.01 * square])
-    np.testing.assert_allclose(effects.of_theta(np.ones(2))[0, 1], -0.1 * np.sqrt(square))
-    assert Effects.none(2).of_theta(np.ones(2)).shape == (2, 2) and not Effects.none(2).of_theta(np.ones(2)).any()
+    found = effects.of_theta(np.ones(2), np.array([False, False]))
+    np.testing.assert_allclose(np.diag(found), [1.0, 0.01 * square])
+    np.testing.assert_allclose(found[0, 1], -0.1 * np.sqrt(square))
+    none = Effects.none(2).of_theta(np.ones(2), np.array([True, False]))
+    assert none.shape == (2, 2) and not none.any()
+
+
+def test_what_is_off_by_most_of_itself_may_be_nearly_nothing():
+    """Half of a value that is an effect's: the value is half as large, its logarithm lower by log 2, not by a half."""
+    effects = Effects(("drag",), ("1",), np.array([1.0]), np.zeros((1, 1)), np.array([[-0.5], [-2.0], [-0.5]]))
+    grown = np.sqrt(np.diag(effects.of_theta(np.full(3, 100.0), np.array([True, True, False]))))
+    np.testing.assert_allclose(grown, [np.log(2.0), np.log(20.0), 0.5])
+
+
+@pytest.mark.slow
+def test_a_tether_at_the_stern_is_named_and_covered():
+    """It ties surge, sway and yaw together, which no drag of the hull does."""
+    drag = float(np.asarray(VEHICLE.model().quadratic_damping_ahead)[0, 0])
+    free = [*FREE, *(f"{law}_damping.{axis}" for law in ("linear", "quadratic") for axis in ("sway", "yaw"))]
+    found = identify(
+        VEHICLE, [log_of(Broken(tether=0.1 * drag, stern=-0.5))], free=[*free, "quadratic_damping.sway_yaw"]
+    )
+    lines = " ".join(found.findings)
+    assert (
+        "the moment of a tether that is fixed half a hull's length astern" in lines
+        and "of the hull's along surge" in lines
+    )
+    assert np.all(np.abs(found.solution.unknowns.theta) < 1.96 * np.sqrt(np.diag(found.solution.covariance)))
 
 
 def test_starts_that_are_measured_go_without(pushed):

@@ -226,7 +226,8 @@ def _solution(
     bound = np.diag(problem.prior.covariance) + (here.theta - problem.prior.mean) ** 2
     left_out = effects(problem, here, noise, arrow, float(np.median(wider))) if converged else Effects.none(n)
     covariance = widened(covariance, wider)
-    covariance = covariance + left_out.of_theta(np.maximum(bound - np.diag(covariance), 0.0))
+    room = np.maximum(bound - np.diag(covariance), 0.0)
+    covariance = covariance + left_out.of_theta(room, np.array([p.positive for p in problem.shooting.parameters.free]))
     offset_std = factored.border_std()[n:]
     most = max((len(set(one)) for one in divisions), default=0)
     given = problem, here.theta, blocks, noise, arrow, divisions

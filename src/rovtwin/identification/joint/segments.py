@@ -19,7 +19,7 @@ from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.identification.logs.smoothing import fitted, unwrapped
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 
-EFFECTS = 3  # by which derivatives are taken beside theta, see `unmodelled`
+EFFECTS = 5  # by which derivatives are taken beside theta, see `unmodelled`
 _MOST = 4  # commands within one step of the grid
 
 

@@ -13,7 +13,8 @@ none, nothing grows.
 Effects: drag that comes late, apart for translation and rotation (a wake takes about a hull's length to follow, here at
 top speed: Sarpkaya and Garrison 1963, Vortex formation and resistance in unsteady flow; Mougin and Magnaudet 2002);
 thrust that an inflow takes in proportion to the force (van Lammeren et al. 1969, The Wageningen B-screw series). Where
-the model has such a loss, to the root of the force, what is looked for is the other law.
+the model has such a loss, to the root of the force, what is looked for is the other law; and a tether that nobody
+stated, which pulls against the whole velocity, and so ties the directions together as no drag of the hull does.
 """
 
 from dataclasses import dataclass, replace
@@ -34,7 +35,9 @@ from rovtwin.vehicle.model import Model
 from rovtwin.vehicle.thrusters import inflow_damping
 
 LATE = 0.3  # share of the quadratic drag that comes late, one standard deviation
+TETHER = 0.3  # drag of a tether that is not stated, of the hull's along surge, one standard deviation
 HULL = 2.0  # length of a hull in cube roots of its volume
+_WHOLE = 0.95  # share of a value that an estimate may be off by: beyond, it says nothing from below
 _DRAG = "of the quadratic drag"
 _TRANSLATION = np.arange(6) < 3
 
@@ -67,11 +70,21 @@ class Effects:
         """Of the size, shape (C,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    def of_theta(self, bound: np.ndarray) -> np.ndarray:
-        """What comes to the covariance of theta, shape (n, n); no variance above `bound`, shape (n,)."""
+    def of_theta(self, bound: np.ndarray, positive: np.ndarray) -> np.ndarray:
+        """What comes to the covariance of theta, shape (n, n).
+
+        Loads are linear in a parameter's value, theta is the logarithm of one that is `positive`: a value that is off
+        by a share s of itself is off by log(1 - s) downwards.
+
+        Args:
+            bound: No variance grows by more, shape (n,).
+            positive: Whether theta is a logarithm, shape (n,).
+        """
         found = self.shift @ (np.outer(self.size, self.size) + self.covariance) @ self.shift.T
-        share = np.sqrt(np.minimum(1.0, bound / np.maximum(np.diag(found), 1e-300)))
-        return found * np.outer(share, share)
+        off = np.maximum(np.sqrt(np.diag(found)), 1e-150)
+        reach = np.where(positive, -np.log1p(-np.minimum(off, _WHOLE)), off)
+        grown = np.minimum(np.maximum(reach, off), np.sqrt(bound)) / off
+        return found * np.outer(grown, grown)
 
 
 class _Load(NamedTuple):
@@ -92,6 +105,7 @@ def effects(problem: Problem, here: Unknowns, noise: Noise, arrow: Arrow, wider:
         _Load("drag in translation that comes late", _DRAG, late * _TRANSLATION, LATE),
         _Load("drag in rotation that comes late", _DRAG, late * ~_TRANSLATION, LATE),
         _lost_thrust(problem, model, extras.delay, nu_r),
+        *_tether(problem, model, nu_r),
     ]
     loads, expected = np.stack([load.at_grid for load in found], axis=-1), np.array([load.expected for load in found])
     size, covariance, shift = known_of(problem, here, noise, arrow, loads, expected, wider)
@@ -170,10 +184,14 @@ def _through_water(problem: Problem, here: Unknowns) -> np.ndarray:
     return nu_r
 
 
+def _length(model: Model) -> float:
+    return HULL * float(np.cbrt(np.asarray(model.displaced_mass) / FRESH_WATER))
+
+
 def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
     """What of the quadratic drag is missing while the wake follows, shape (S, K + 1, 6) [N, N m]: along nu_r."""
     grid, arrays = problem.segments.grid, problem.segments.arrays
-    length = HULL * float(np.cbrt(np.asarray(model.displaced_mass) / FRESH_WATER))
+    length = _length(model)
     speed = top_speed(model, range(model.thrusters.count))
     keep = np.exp(-grid.step * speed / length)
     square = nu_r * np.abs(nu_r)
@@ -189,6 +207,26 @@ def _late_drag(problem: Problem, model: Model, nu_r: np.ndarray) -> np.ndarray:
         *(np.diagonal(np.asarray(d)) for d in (model.quadratic_damping_ahead, model.quadratic_damping_astern)),
     )
     return drag * (square - late)
+
+
+def _tether(problem: Problem, model: Model, nu_r: np.ndarray) -> list[_Load]:
+    """The pull of a tether with the hull's quadratic drag along surge, at CO, and its moment at half a hull's length.
+
+    None in tests whose tether is stated.
+    """
+    v = nu_r[..., :3]
+    drag = np.asarray(model.quadratic_damping_ahead)[0, 0]
+    pull = -drag * np.linalg.norm(v, axis=-1, keepdims=True) * v
+    pull *= (np.asarray(problem.segments.arrays["tether"]) == 0.0)[:, None, None]
+    none = np.zeros_like(pull)
+    lever = -0.5 * _length(model)
+    moment = lever * np.stack([none[..., 0], -pull[..., 2], pull[..., 1]], axis=-1)
+    unit = "of the hull's along surge"
+    astern = "the moment of a tether that is fixed half a hull's length astern"
+    return [
+        _Load("a tether's drag", unit, np.concatenate([pull, none], axis=-1), TETHER),
+        _Load(astern, unit, np.concatenate([none, moment], axis=-1), TETHER),
+    ]
 
 
 def _lost_thrust(problem: Problem, model: Model, delay: Any, nu_r: np.ndarray) -> _Load:
