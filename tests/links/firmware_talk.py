@@ -49,7 +49,8 @@ class Line:
         self._line = mavutil.mavlink_connection(
             url, source_system=system, source_component=190, dialect="ardupilotmega"
         )
-        self.beats, self.sticks = True, None
+        self.beats = True
+        self.sticks: tuple[int, ...] | None = None
         self._beat_at = self._stick_at = 0.0
 
     @property

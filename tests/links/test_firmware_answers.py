@@ -7,7 +7,6 @@ that they simulate themselves. The twin is a 4.5.
 import json
 import re
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -168,7 +167,8 @@ def test_modes_without_a_place_are_refused_as_by_the_firmware():
 def test_pulses_are_the_firmwares(version, name):
     x, y, z, r, _, _, bits, s, t = STICKS[name]
     gain = FIRMWARE[version]["parameters"]["values"]["JS_GAIN_DEFAULT"][0]
-    assert list(pulses_of_sticks(Sticks(x, y, z, r, s, t, bits), gain)) == FIRMWARE[version]["channels"][name][:6]
+    pulses = pulses_of_sticks(Sticks(x, y, z, r, s, t, bits), gain)
+    assert pulses is not None and pulses.tolist() == FIRMWARE[version]["channels"][name][:6]
 
 
 def test_channels_of_the_twin_are_the_firmwares(asked):
@@ -209,8 +209,8 @@ def seconds(part, text):
     [("sticks cease", "Lost manual control", True), ("all ceases", "heartbeat lost", False)],
 )
 def test_time_to_thrusters_off_is_the_firmwares(part, text, beats):
-    said = []
-    pilot = Autopilot(Parameters(1, 0.5, 1000.0), lambda _, words: said.append(words))
+    texts = []
+    pilot = Autopilot(Parameters(1, 0.5, 1000.0), lambda _, words: texts.append(words))
     pilot.arm(255, 0.0, "")
     off, last = None, 0.0
     for now in np.arange(0.0, 5.0, 0.05):
@@ -220,7 +220,7 @@ def test_time_to_thrusters_off_is_the_firmwares(part, text, beats):
         pilot.check(now)
         off = now if off is None and not pilot.armed else off
     assert off == pytest.approx(seconds(part, text), abs=0.2)
-    assert any(text in words for words in said)
+    assert any(text in words for words in texts)
 
 
 def test_sticks_alone_are_a_sign_of_life_as_for_the_firmware():
@@ -269,4 +269,4 @@ def test_our_parameters_are_the_firmwares():
 def test_the_record_is_small_and_names_no_place():
     text = RECORD.read_text()
     assert len(text) < 200_000 and not re.search(r"/(tmp|work|home)/", text)
-    assert set(FIRMWARE) == {"4.5.0", "4.7.0"} and time.monotonic() > 0.0
+    assert set(FIRMWARE) == {"4.5.0", "4.7.0"}

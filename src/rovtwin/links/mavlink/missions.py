@@ -53,7 +53,7 @@ class Item:
             scale = 1e7 if message.frame in ON_MAP else 1.0
             x, y = (round(v * scale) if math.isfinite(v * scale) else WHOLE.stop for v in (x, y))
         params = (message.param1, message.param2, message.param3, message.param4)
-        frame = WITHOUT_INT.get(message.frame, message.frame)
+        frame = WITHOUT_INT[message.frame] if message.frame in WITHOUT_INT else message.frame
         return cls(frame, message.command, message.autocontinue, *params, x, y, message.z)
 
 
