@@ -242,8 +242,8 @@ def test_home_is_where_it_is_set():
         client.mav.command_int_send(1, 1, 0, 179, 0, 0, 1, 0, 0, 0, 0, 0, 0.0)  # here
         assert client.next("HOME_POSITION", altitude=round(-1000 * PLACE[2]))
         client.mav.command_int_send(1, 1, 0, 179, 0, 0, 0, 0, 0, 0, 0, 0, 0.0)  # no place: here
-        assert client.next("HOME_POSITION", altitude=round(-1000 * PLACE[2]))
         assert client.next("COMMAND_ACK", command=179, result=0)
+        assert client.next("HOME_POSITION", altitude=round(-1000 * PLACE[2]))  # after it, as ArduPilot sends it
 
 
 def upload(client, kind, items):
