@@ -70,7 +70,10 @@ class HostedLink(Link):
     def _nobody(self, patience: float) -> str:
         """What to say when nothing came in time."""
         if self._begun:
-            return f"no answer within {patience:g} s. Is the vehicle on, and the address right?"
+            return (
+                f"no answer within {patience:g} s. Is the vehicle on, and the address right, and this machine not too "
+                "busy with other things to listen?"
+            )
         return (
             f"the process that holds the link was not up within {patience:g} s: the vehicle was not asked. Is "
             "this machine busy with other things?"
