@@ -36,6 +36,12 @@ def test_a_vehicle_that_cannot_be_reached_says_why():
         HostedLink(Opener(refuses="no route to the moon"), 3)
 
 
+def test_a_process_that_is_not_up_in_time_is_not_laid_on_the_vehicle():
+    """Seen on a busy machine, where the vehicle was on all the time."""
+    with pytest.raises(LinkError, match="the vehicle was not asked"):
+        HostedLink(Opener(), 3, patience=0.01)
+
+
 def test_a_vehicle_that_is_lost_in_flight_is_an_error_at_the_next_read(tmp_path):
     with HostedLink(Opener(tmp_path / "told", dies_after=0.2), 3) as link, pytest.raises(LinkError, match="gone"):
         until = time.monotonic() + 5.0

@@ -56,7 +56,10 @@ ASKED = {
     "channels": (long(512, 65), "RC_CHANNELS", {"chan3_raw": 1500, "chan9_raw": 1100}),
     "power": (long(512, 125), "POWER_STATUS", {"Vcc": 5000}),
     "vibration": (long(512, 241), "VIBRATION", {"clipping_0": 0}),
-    "named values": (long(512, 251), "NAMED_VALUE_FLOAT", {"name": "RollPitch"}),
+    "named values": (long(512, 251), "COMMAND_ACK", {"command": 512, "result": FAILED}),
+    "interval of named values": (long(511, 251, 1e6), "COMMAND_ACK", {"command": 511, "result": DENIED}),
+    "reposition by a long": (long(192, -1, 1), "COMMAND_ACK", {"command": 192, "result": UNSUPPORTED}),
+    "arming by 2": (long(400, 2), "COMMAND_ACK", {"command": 400, "result": UNSUPPORTED}),
     "range": (long(512, 173), "RANGEFINDER", {"distance": 7.25}),
     "distance": (long(512, 132), "DISTANCE_SENSOR", {"current_distance": 725}),
     "landed": (long(512, 245), "EXTENDED_SYS_STATE", {"landed_state": 0}),
@@ -66,14 +69,14 @@ ASKED = {
     "checks": (long(401), "COMMAND_ACK", {"command": 401, "result": 0}),
     "reposition out of guided": (place, "COMMAND_ACK", {"command": 192, "result": DENIED}),
     "take-off": (long(22, 0, 0, 0, 0, 0, 0, 10), "COMMAND_ACK", {"command": 22, "result": UNSUPPORTED}),
-    "land": (long(21), "COMMAND_ACK", {"command": 21, "result": FAILED}),
+    "land": (long(21), "COMMAND_ACK", {"command": 21, "result": 0}),
     "return": (long(20), "COMMAND_ACK", {"command": 20, "result": UNSUPPORTED}),
     "stay": (long(17), "COMMAND_ACK", {"command": 17, "result": 0}),
     "turn out of guided": (long(115, 90), "COMMAND_ACK", {"command": 115, "result": FAILED}),
     "speed": (long(178, 1, 1), "COMMAND_ACK", {"command": 178, "result": UNSUPPORTED}),
     "motor test": (long(209, 1), "COMMAND_ACK", {"command": 209, "result": UNSUPPORTED}),
     "mission start": (long(300), "COMMAND_ACK", {"command": 300, "result": FAILED}),
-    "item by command": (long(224, 3), "COMMAND_ACK", {"command": 224, "result": FAILED}),
+    "item by command": (long(224, 3), "COMMAND_ACK", {"command": 224, "result": DENIED}),
     "fence on": (long(207, 1), "COMMAND_ACK", {"command": 207, "result": UNSUPPORTED}),
     "fence off": (long(207, 0), "COMMAND_ACK", {"command": 207, "result": 0}),
     "gyro calibration": (long(241, 1), "COMMAND_ACK", {"command": 241, "result": UNSUPPORTED}),
@@ -94,14 +97,14 @@ ASKED = {
     ),
     "mission": (lambda c: c.mav.mission_request_list_send(1, 1, 0), "MISSION_COUNT", {"mission_type": 0}),
     "fence": (lambda c: c.mav.mission_request_list_send(1, 1, 1), "MISSION_COUNT", {"mission_type": 1}),
-    "rally": (lambda c: c.mav.mission_request_list_send(1, 1, 2), "MISSION_ACK", {"type": 3, "mission_type": 2}),
+    "rally": (lambda c: c.mav.mission_request_list_send(1, 1, 2), "MISSION_COUNT", {"mission_type": 2}),
     "no such item": (lambda c: c.mav.mission_request_int_send(1, 1, 9, 0), "MISSION_ACK", {"type": 1}),
     "stray item": (
         lambda c: c.mav.mission_item_int_send(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, LATITUDE, LONGITUDE, -2.0, 0),
-        *("MISSION_ACK", {"type": 14}),
+        *("MISSION_ACK", {"type": 1}),
     ),
     "clear": (lambda c: c.mav.mission_clear_all_send(1, 1, 0), "MISSION_ACK", {"type": 0, "mission_type": 0}),
-    "clear all": (lambda c: c.mav.mission_clear_all_send(1, 1, 255), "MISSION_ACK", {"type": 0, "mission_type": 255}),
+    "clear all": (lambda c: c.mav.mission_clear_all_send(1, 1, 255), "MISSION_ACK", {"type": 3, "mission_type": 255}),
     "current item": (lambda c: c.mav.mission_set_current_send(1, 1, 0), "MISSION_CURRENT", {"seq": 0}),
     "part of a mission": (lambda c: c.mav.mission_write_partial_list_send(1, 1, 0, 1, 0), "MISSION_ACK", {"type": 3}),
     "logs": (lambda c: c.mav.log_request_list_send(1, 1, 0, 65535), "LOG_ENTRY", {"num_logs": 0}),
@@ -238,15 +241,16 @@ def test_home_is_where_it_is_set():
         assert client.next("GLOBAL_POSITION_INT", time_boot_ms=2000).relative_alt == -1500
         client.mav.command_int_send(1, 1, 0, 179, 0, 0, 1, 0, 0, 0, 0, 0, 0.0)  # here
         assert client.next("HOME_POSITION", altitude=round(-1000 * PLACE[2]))
-        client.mav.command_int_send(1, 1, 0, 179, 0, 0, 0, 0, 0, 0, 0, 0, 0.0)
-        assert client.next("COMMAND_ACK", command=179, result=FAILED)
+        client.mav.command_int_send(1, 1, 0, 179, 0, 0, 0, 0, 0, 0, 0, 0, 0.0)  # no place: here
+        assert client.next("COMMAND_ACK", command=179, result=0)
+        assert client.next("HOME_POSITION", altitude=round(-1000 * PLACE[2]))  # after it, as ArduPilot sends it
 
 
 def upload(client, kind, items):
     """Send a list as ground stations do; the result of the last acknowledgement."""
     client.mav.mission_count_send(1, 1, len(items), kind)
     while True:
-        message = client.next(["MISSION_REQUEST_INT", "MISSION_ACK"], mission_type=kind)
+        message = client.next(["MISSION_REQUEST", "MISSION_ACK"], mission_type=kind)
         if message.get_type() == "MISSION_ACK":
             return message.type
         frame, command, param1, x, y = items[message.seq]
@@ -264,11 +268,12 @@ def test_mission_comes_back_as_it_went():
         for i, item in enumerate(WAY):
             client.mav.mission_request_int_send(1, 1, i, 0)
             found = client.next("MISSION_ITEM_INT", seq=i)
-            assert (found.frame, found.command, found.param1, found.x, found.y) == item and found.z == -2.0
+            kept = (3, *item[1:])  # as ArduPilot keeps a height over home
+            assert (found.frame, found.command, found.param1, found.x, found.y) == kept and found.z == -2.0
         client.mav.mission_request_send(1, 1, 1, 0)
         assert client.next("MISSION_ITEM", seq=1).x == pytest.approx(63.45011, abs=1e-5)
         client.mav.mission_set_current_send(1, 1, 2)
-        assert client.next("MISSION_CURRENT", seq=2).total == 4
+        assert client.next("MISSION_CURRENT", seq=2).total == 3
         assert client.command(176, 1, 3) == FAILED  # AUTO
         client.mav.mission_clear_all_send(1, 1, 0)
         assert client.next("MISSION_ACK").type == 0
@@ -287,7 +292,8 @@ def test_mission_comes_back_as_it_went():
         (1, [(0, 5003, 0.0, 0, 0)], 1),  # a circle without a radius
         (1, [(0, 5001, 3.0, 0, 0)] * 2, 1),  # a polygon that lacks a corner
         (1, [(0, 5001, 4.0, 0, 0)] * 4 + [(0, 5004, 5.0, 0, 0)], 0),
-        (2, [(0, 5100, 0.0, 0, 0)], 3),  # rally points: ArduSub has none
+        (2, [(0, 16, 0.0, 0, 0)], 3),  # no rally point
+        (2, [(0, 5100, 0.0, 0, 0)], 0),
     ],
 )
 def test_lists_that_are_wrong_are_refused_and_change_nothing(kind, items, result):
@@ -306,7 +312,7 @@ def test_an_upload_asks_again_and_gives_up(monkeypatch):
     with station() as (_, client):
         client.mav.mission_count_send(1, 1, 2, 0)
         for _ in range(3):
-            assert client.next("MISSION_REQUEST_INT", seq=0)
+            assert client.next("MISSION_REQUEST", seq=0)
         assert client.next("MISSION_ACK", type=15)  # cancelled
         assert upload(client, 0, WAY) == 0
 
@@ -316,7 +322,7 @@ def test_two_clients_do_not_mix_their_missions():
         other = Client(f"udpout:127.0.0.1:{client.connection.destination_addr[1]}", 254)
         other.mav.heartbeat_send(6, 8, 0, 0, 0)
         client.mav.mission_count_send(1, 1, 2, 0)
-        assert client.next("MISSION_REQUEST_INT")
+        assert client.next("MISSION_REQUEST")
         other.mav.mission_count_send(1, 1, 1, 0)
         assert other.next("MISSION_ACK").type == 14
         other.mav.mission_item_int_send(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, LATITUDE, LONGITUDE, -2.0, 0)
@@ -350,6 +356,8 @@ def test_vibration_and_tether_are_measured():
         assert client.command(512, 241) == 0
         shaken = client.next("VIBRATION", time_usec=8_000_000)
         assert shaken.vibration_x == pytest.approx(0.5, rel=0.4)  # less the slow part, which the mean follows
-        assert client.command(512, 251) == 0
-        turned = client.next("NAMED_VALUE_FLOAT", name="TetherTrn", time_boot_ms=8000)
+        client.mav.request_data_stream_send(1, 1, 2, 2, 1)
+        assert client.command(512, 148) == 0
+        served.feed(8.01, [m for m in measured(8.01) if m.sensor == "pressure"])
+        turned = client.next("NAMED_VALUE_FLOAT", name="TetherTrn")
         assert turned.value == 2.0

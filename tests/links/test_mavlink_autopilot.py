@@ -154,14 +154,31 @@ def test_modes_are_holds(pilot):
     off, on = (False,) * 4, (True,) * 4
     assert holds == {
         **{19: off, 1: off, 16: on, 4: on},
-        **{0: (True, True, False, False), 2: (True, True, True, False)},
+        **{0: (True, True, False, False), 2: (True, True, True, False), 9: (True, True, True, False)},
     }
 
 
-@pytest.mark.parametrize("number", [3, 7, 9, 20, 21, 99, 2**32 - 1])
+@pytest.mark.parametrize("number", [3, 7, 20, 21, 99, 2**32 - 1])
 def test_modes_that_are_refused_say_why(pilot, said, number):
     assert not pilot.set_mode(number)
     assert pilot.mode.number == 19 and said and len(said[0]) > 20
+
+
+def test_surface_comes_up_and_holds_the_depth_there(pilot):
+    """As the firmware does: it asks for up by itself, and at 0.1 m changes to ALT_HOLD."""
+    armed(pilot, 9)
+    pilot.steer(255, np.array([0.2, 0.0, 0.5, 0.0, 0.0, 0.0]), 0.0)
+    assert pilot.wish(0.0).motion[2] == -1.0
+    pilot.arrive(0.11)
+    assert pilot.mode.number == 9
+    pilot.arrive(0.1)
+    assert pilot.mode.number == 2 and pilot.wish(0.0).motion[2] == 0.0
+
+
+@pytest.mark.parametrize("number", [4, 9, 16])
+def test_modes_that_hold_a_place_need_one(pilot, said, number):
+    pilot.knows_place = lambda: False
+    assert not pilot.set_mode(number) and said[-1].endswith("requires position")
 
 
 def test_arming_without_attitude(pilot, said):
@@ -200,12 +217,13 @@ def test_lost_pilot_can_be_neutral_instead(pilot, said):
     assert pilot.armed and not any(pilot.wish(4.5).motion) and said.count("Lost manual control") == 1
 
 
-def test_lost_ground_station_disarms_after_5_s(pilot):
+def test_lost_ground_station_disarms_after_2_5_s(pilot):
+    """As long as ArduSub 4.5 waits: 2.6 s to the text, measured."""
     armed(pilot, 4)
     pilot.obey(255, Order(target=HERE), 1.0)
-    pilot.check(5.9)
-    assert pilot.wish(5.9).target == HERE
-    pilot.check(6.1)
+    pilot.check(3.4)
+    assert pilot.wish(3.4).target == HERE
+    pilot.check(3.6)
     assert not pilot.armed and pilot.target is None
 
 
@@ -225,8 +243,8 @@ def test_set_points_of_others_are_flown_and_keep_no_fail_safe_from_acting(pilot)
 
 def test_set_points_of_who_armed_are_a_sign_of_life(pilot):
     assert pilot.set_mode(4) and pilot.arm(245, 0.0, "")
-    assert pilot.obey(245, Order(target=HERE), 4.0)
-    pilot.check(8.9)
+    assert pilot.obey(245, Order(target=HERE), 2.0)
+    pilot.check(4.4)
     assert pilot.armed
 
 

@@ -21,6 +21,7 @@ from rovtwin.links.mavlink.mixing import mixer
 from rovtwin.links.mavlink.modes import MODES
 from rovtwin.links.mavlink.readings import Readings
 from rovtwin.links.mavlink.steering import Steering
+from rovtwin.links.mavlink.telemetry import RATES
 from rovtwin.vehicle import load_vehicle
 
 pytest.importorskip("pymavlink", reason="pymavlink is not installed: pip install 'rovtwin[mavlink]'")
@@ -145,6 +146,16 @@ def test_throttle_has_a_gain_of_its_own(monkeypatch):
         link.arm()
         link.send(Command(np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])))
         assert soon(lambda: abs(last_motion(served)[2] - 0.2) < 1 / 399), last_motion(served)
+
+
+def test_the_gain_in_force_comes_from_a_firmware_that_streams_nothing_by_itself(caplog):
+    """ArduSub has no interval for named values (measured: 511 for 251 is denied): they come by their stream."""
+    with linked(gain=None, server_options={"rates": dict.fromkeys(RATES, 0.0)}) as (served, link):
+        feed = threading.Thread(target=collect, args=(link, served, 1.5))
+        feed.start()
+        link.arm()
+        feed.join()
+    assert link._steering.in_force and "does not say the gain in force" not in caplog.text
 
 
 def test_the_gain_in_force_counts_and_its_changes_are_said():

@@ -51,6 +51,11 @@ class Client:
         self.mav.command_long_send(1, 1, number, 0, *values, *[0] * (7 - len(values)))
         return self.next("COMMAND_ACK", command=number).result
 
+    def first(self, kind, number, *values):
+        """A message that comes before the acknowledgement of a command, and the result."""
+        self.mav.command_long_send(1, 1, number, 0, *values, *[0] * (7 - len(values)))
+        return self.next(kind), self.next("COMMAND_ACK", command=number).result
+
 
 @contextmanager
 def station(speed=1.0, system=255, how="udpout", readings=None, **options):
@@ -153,9 +158,12 @@ def test_rates_are_in_simulated_time():
 
 def test_rates_on_and_off():
     with station(rates={"ATTITUDE": 0.0}) as (served, client):
-        assert client.command(510, 30) == 0 and client.next("MESSAGE_INTERVAL").interval_us == -1
+        found, result = client.first("MESSAGE_INTERVAL", 510, 30)
+        assert (found.interval_us, result) == (-1, 0)
         client.mav.request_data_stream_send(1, 1, 10, 25, 1)
-        assert client.command(510, 30) == 0 and client.next("MESSAGE_INTERVAL").interval_us == 40_000
+        assert client.first("MESSAGE_INTERVAL", 510, 30)[0].interval_us == 40_000
+        found, result = client.first("MESSAGE_INTERVAL", 510, 9999)
+        assert (found.interval_us, result) == (0, 4)
         served.feed(1.0, measured(1.0))
         assert client.next("ATTITUDE").time_boot_ms == 1000
         assert client.command(511, 30, -1) == 0
@@ -195,7 +203,8 @@ def test_questions():
         assert client.command(512, 148) == 0
         assert client.next("AUTOPILOT_VERSION").capabilities & 8192
         assert client.command(520, 1) == 0 and client.next("AUTOPILOT_VERSION")
-        assert client.command(410) == 0 and client.next("HOME_POSITION").latitude == 634500000
+        home, result = client.first("HOME_POSITION", 410)
+        assert (home.latitude, result) == (634500000, 0)
         assert client.command(22) == 3 and client.command(512, 12345) == 4
         client.mav.mission_request_list_send(1, 1)
         assert client.next("MISSION_COUNT").count == 0

@@ -42,7 +42,7 @@ UNKNOWN = "mavsdk.action.ActionError: UNKNOWN: 'Unknown'; origin: takeoff(); par
             "; No winch",
         ),
         ("transponder", None, "Waiting\n", [], "not applicable", "other aircraft"),
-        ("all_params", 0, "FS_GCS_TIMEOUT: 5.0\n", [], "runs", "to its end"),
+        ("all_params", 0, "FS_GCS_TIMEOUT: 2.5\n", [], "runs", "to its end"),
     ],
 )
 def test_judged(name, status, output, said, result, seen):

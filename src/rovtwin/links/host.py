@@ -5,6 +5,7 @@ killed), or nothing comes through it, thrusters stop. Whoever writes to its stop
 leads past an autopilot that hangs.
 """
 
+import contextlib
 import logging
 import os
 import select
@@ -46,6 +47,8 @@ def main(pipe: Connection, opener: Opener, thrusters: int, stop_at: Path | None)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: sys.exit(0))
     threading.excepthook = _ended
+    with contextlib.suppress(OSError):  # nobody waits any more
+        pipe.send(("begun", None))  # whoever waits knows by it who is slow: this process or the vehicle
     host(pipe, opener, thrusters, stop_at)
 
 

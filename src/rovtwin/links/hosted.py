@@ -45,7 +45,7 @@ class HostedLink(Link):
         self._process = self._start(opener, thrusters, stop_at)
         self._failed: str | None = None
         self._readings: list[Measurement] = []
-        self._open, self._stopped, self._closed = False, False, False
+        self._begun, self._open, self._stopped, self._closed = False, False, False, False
         self._armed: str | None = None
         self._asked_at, self.stopped_at, self._unsaid = -np.inf, -np.inf, False
         self._told_age, self._told_at = 0.0, time.monotonic()
@@ -55,9 +55,7 @@ class HostedLink(Link):
             self._listen()
         if not self._open:
             self.close()
-            raise LinkError(
-                self._failed or f"no answer within {patience:g} s. Is the vehicle on, and the address right?"
-            )
+            raise LinkError(self._failed or self._nobody(patience))
 
     def _start(self, opener: Opener, thrusters: int, stop_at: Path | None) -> Any:
         """Start the host at the other end of `_pipe`; what it runs in."""
@@ -68,6 +66,18 @@ class HostedLink(Link):
         process.start()
         theirs.close()  # or it would never be seen closed here
         return process
+
+    def _nobody(self, patience: float) -> str:
+        """What to say when nothing came in time."""
+        if self._begun:
+            return (
+                f"no answer within {patience:g} s. Is the vehicle on, and the address right, and this machine not too "
+                "busy with other things to listen?"
+            )
+        return (
+            f"the process that holds the link was not up within {patience:g} s: the vehicle was not asked. Is "
+            "this machine busy with other things?"
+        )
 
     @property
     def stopped(self) -> bool:
@@ -166,7 +176,9 @@ class HostedLink(Link):
         try:
             while self._pipe.poll():
                 kind, content = self._pipe.recv()
-                if kind == "open":
+                if kind == "begun":
+                    self._begun = True
+                elif kind == "open":
                     self._open = True
                 elif kind == "failed":
                     self._failed = content

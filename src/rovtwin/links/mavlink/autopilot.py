@@ -8,11 +8,12 @@ import numpy as np
 from rovtwin.links.mavlink.guided import Order, Place
 from rovtwin.links.mavlink.missions import Missions
 from rovtwin.links.mavlink.mixing import Mixer, clean_axes
-from rovtwin.links.mavlink.modes import GUIDED, MANUAL, MODES, Mode, refusal
+from rovtwin.links.mavlink.modes import ALT_HOLD, GUIDED, MANUAL, MODES, SURFACE, Mode, refusal
 from rovtwin.links.mavlink.parameters import Parameters
 from rovtwin.links.wish import Wish
 
 EMERGENCY, CRITICAL, WARNING, INFO = 0, 2, 4, 6  # MAV_SEVERITY
+SURFACE_DEPTH = 0.1  # from here on it is at the surface, ArduSub's parameter of that name [m]
 VELOCITY_LIFE = 3.0  # a velocity set-point older than this stops the vehicle [s]; as ArduSub's GUIDED does
 
 Say = Callable[[int, str], None]  # severity and text of a STATUSTEXT
@@ -30,6 +31,7 @@ class Autopilot:
             motion stands for.
         drone: Name for its wishes.
         missions: The lists that clients uploaded.
+        knows_place: Whether the vehicle knows where it is now, which modes that hold a place and SURFACE need.
     """
 
     parameters: Parameters
@@ -42,11 +44,13 @@ class Autopilot:
     axes: np.ndarray = field(default_factory=lambda: np.zeros(6))
     target: Place | None = None
     missions: Missions = field(default_factory=Missions)
+    knows_place: Callable[[], bool] = lambda: True
     _velocity: tuple[float, float, float, float] | None = None
     _velocity_at: float = 0.0
     _input_at: float = -np.inf
     _heard_at: float = -np.inf
     _armed_by: int = 0
+    _steered: bool = False
     _neutral_said: bool = False
     _refused: str = ""
 
@@ -75,10 +79,18 @@ class Autopilot:
         if number not in MODES:
             self.say(WARNING, f"Mode refused: {refusal(number)}")
             return False
+        if MODES[number].needs_place and not self.knows_place():
+            self.say(WARNING, f"Mode change failed: {MODES[number].name} requires position")
+            return False
         if MODES[number] != self.mode:
             self.mode = MODES[number]
             self._let_go()
         return True
+
+    def arrive(self, depth: float) -> None:
+        """SURFACE ends at the surface: from there on the depth is held. `depth` in [m]."""
+        if self.armed and self.mode is SURFACE and depth <= SURFACE_DEPTH:
+            self.set_mode(ALT_HOLD.number)
 
     def is_pilot(self, system: int) -> bool:
         """Whether a system is the one whose silence disarms: SYSID_MYGCS, or who armed."""
@@ -99,7 +111,7 @@ class Autopilot:
             return False
         self.axes = clean_axes(axes)
         self._input_at = self._heard_at = now
-        self._neutral_said = False
+        self._steered, self._neutral_said = True, False
         return True
 
     def obey(self, system: int, order: Order, now: float) -> bool:
@@ -117,16 +129,21 @@ class Autopilot:
         return True
 
     def check(self, now: float) -> None:
-        """Fail-safes: a pilot or a ground station that is not heard any more."""
+        """Fail-safes: a pilot or a ground station that is not heard any more.
+
+        Sticks that came and ceased count in every mode, also in GUIDED; where none ever came, GUIDED does without.
+        """
+        late = now - self._input_at > self.parameters["FS_PILOT_TIMEOUT"]
         if not self.armed:
+            self._steered = self._steered and not late
             return
         if not self.has_pilot(now):
             self.say(CRITICAL, "MYGCS: heartbeat lost")
             self.disarm()
-        elif self.mode is not GUIDED and now - self._input_at > self.parameters["FS_PILOT_TIMEOUT"]:
+        elif late and (self._steered or self.mode is not GUIDED):
             if not self._neutral_said:
                 self.say(CRITICAL, "Lost manual control")
-            self._neutral_said = True
+            self._neutral_said, self._steered = True, False
             self.axes = np.zeros(6)
             if self.parameters["FS_PILOT_INPUT"] == 2:
                 self.disarm()
@@ -156,10 +173,13 @@ class Autopilot:
         if self.mode is GUIDED:
             return self._kept_velocity(now)
         held = np.array(self.mode.held)
+        axes = self.axes.copy()
+        if self.mode is SURFACE:
+            axes[2] = -1.0  # up
         # Sticks of what is held are rates; the others go through ArduSub's mixing.
-        free = np.where(held, 0.0, self.axes)
+        free = np.where(held, 0.0, axes)
         shares = free if self.mixer is None else self.mixer.motion(free)
-        return np.where(held, self.axes, shares)
+        return np.where(held, axes, shares)
 
     def _kept_velocity(self, now: float) -> np.ndarray:
         if self._velocity is None or now - self._velocity_at > VELOCITY_LIFE:

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from rovtwin.links.mavlink.autopilot import WARNING
+from rovtwin.links.mavlink.autopilot import INFO, WARNING
 from rovtwin.links.mavlink.mission_service import choose
 from rovtwin.links.mavlink.peers import Peer
 from rovtwin.links.mavlink.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
-from rovtwin.links.mavlink.telemetry import MESSAGES
+from rovtwin.links.mavlink.telemetry import MESSAGES, STREAM_ONLY
 from rovtwin.links.mavlink.wire import whole
 
 if TYPE_CHECKING:
@@ -22,9 +22,9 @@ SET_MISSION_CURRENT, RUN_PREARM_CHECKS, SEND_BANNER, FENCE_ENABLE, TERMINATE = 2
 CALIBRATE = 241
 FIRMWARE = (4, 5)  # the ArduSub whose behaviour this endpoint has
 RELEASE = 255  # FIRMWARE_VERSION_TYPE: an official one
-# MAV_PROTOCOL_CAPABILITY: missions, float parameters, COMMAND_INT, set-points in n and on the map, termination,
-# MAVLink 2, fences.
-CAPABILITIES = 1 | 2 | 4 | 8 | 128 | 256 | 2048 | 8192 | 16384
+# MAV_PROTOCOL_CAPABILITY: missions, float parameters, set-points of attitude, in n and on the map, termination,
+# MAVLink 2, fences, rally points; ArduSub's but for files and compass calibration.
+CAPABILITIES = 1 | 2 | 4 | 64 | 128 | 256 | 2048 | 8192 | 16384 | 32768
 CALIBRATIONS = "The twin's sensors have no calibration"
 NO_CAMERA = "There is no camera here"
 # Why a command that is none of this vehicle's is refused, by its number; others say that they are not supported.
@@ -49,7 +49,8 @@ class Request:
         by: System that sent it.
         values: param1 to param7, NaN where they are no number; latitude and longitude of a COMMAND_INT in 1e-7 deg.
         frame: MAV_FRAME of a COMMAND_INT, None of a COMMAND_LONG.
-        answers: Messages to send after the acknowledgement.
+        before, answers: Messages to send before the acknowledgement, and after it.
+        news: Messages to send to everybody after it.
         changed: Whether the vehicle shall do something else now.
     """
 
@@ -58,7 +59,9 @@ class Request:
     by: int
     values: tuple[float, ...]
     frame: int | None = None
+    before: list[Any] = field(default_factory=list)
     answers: list[Any] = field(default_factory=list)
+    news: list[Any] = field(default_factory=list)
     changed: bool = False
 
     def refuse(self, text: str, result: int = FAILED) -> int:
@@ -71,7 +74,7 @@ def _arm(request: Request) -> int:
     autopilot = request.talk.autopilot
     wanted = request.values[0]
     if wanted not in (0.0, 1.0):
-        return DENIED
+        return UNSUPPORTED
     request.changed = True
     if wanted == 0.0:
         autopilot.disarm()
@@ -104,7 +107,9 @@ def _mode(request: Request) -> int:
 def _interval(request: Request) -> int:
     name = _message_name(request)
     interval = request.values[1]
-    if name not in MESSAGES or math.isnan(interval):
+    if name not in MESSAGES or name in STREAM_ONLY or math.isnan(interval):
+        what = name or f"number {whole(request.values[0])}"
+        request.talk.tell_once(request.by, INFO, f"No stream of a message {what}")
         return DENIED
     if interval == 0.0:  # back to what it was at first
         request.peer.schedule.reset_rate(name)
@@ -114,12 +119,14 @@ def _interval(request: Request) -> int:
 
 
 def _interval_asked(request: Request) -> int:
+    """The interval comes before the acknowledgement, as ArduPilot has it."""
     name = _message_name(request)
     rate = request.peer.schedule.rate(name)
     interval = round(1e6 / rate) if rate > 0.0 else (-1 if name in MESSAGES else 0)
     dialect = request.talk.scene.dialect
-    request.answers.append(dialect.MAVLink_message_interval_message(max(0, whole(request.values[0])) % 65536, interval))
-    return ACCEPTED
+    number = max(0, whole(request.values[0])) % 65536
+    request.before.append(dialect.MAVLink_message_interval_message(number, interval))
+    return ACCEPTED if name in MESSAGES else FAILED
 
 
 def _message(request: Request) -> int:
@@ -128,7 +135,7 @@ def _message(request: Request) -> int:
 
 
 def _send(request: Request, name: str) -> int:
-    found = request.talk.telemetry(name)
+    found = [] if name in STREAM_ONLY else request.talk.telemetry(name)
     request.answers += found
     return ACCEPTED if found else FAILED
 
@@ -138,7 +145,10 @@ def _capabilities(request: Request) -> int:
 
 
 def _home(request: Request) -> int:
-    return _send(request, "HOME_POSITION")
+    """Home and the origin, both before the acknowledgement, as ArduPilot sends them."""
+    names = ("HOME_POSITION", "GPS_GLOBAL_ORIGIN")
+    request.before += [message for name in names for message in request.talk.telemetry(name)]
+    return ACCEPTED if request.before else FAILED
 
 
 def _message_name(request: Request) -> str:
@@ -147,12 +157,12 @@ def _message_name(request: Request) -> str:
 
 
 def _banner(request: Request) -> int:
-    request.talk.send_banner(request.peer)
+    request.answers += request.talk.banner()
     return ACCEPTED
 
 
 def _current(request: Request) -> int:
-    return ACCEPTED if choose(request.talk, whole(request.values[0])) else FAILED
+    return ACCEPTED if choose(request.talk, whole(request.values[0])) else DENIED
 
 
 def _fence(request: Request) -> int:

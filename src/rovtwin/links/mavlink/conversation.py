@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from rovtwin.links.mavlink import mission_service, motion_messages, services
+from rovtwin.links.mavlink import mission_service, services
 from rovtwin.links.mavlink.autopilot import INFO, WARNING, Autopilot
 from rovtwin.links.mavlink.commands import CAPABILITIES, COMMANDS, FIRMWARE, NO_CAMERA, REASONS, RELEASE, Request
 from rovtwin.links.mavlink.guided import order_of_attitude, order_of_global, order_of_local
@@ -99,9 +99,10 @@ class Conversation:
             known = self.scene.dialect.enums["MAV_CMD"].get(message.command)
             name = known.name.removeprefix("MAV_CMD_") if known else f"command {message.command}"
             self.tell_once(request.by, WARNING, REASONS.get(message.command, f"{name} is not supported"))
-        peer.send(self._ack(message, result))
-        for answer in request.answers:
+        for answer in (*request.before, self._ack(message, result), *request.answers):
             peer.send(answer)
+        for message in request.news:
+            self.everybody(message)
         return request.changed
 
     def telemetry(self, name: str) -> list[Any]:
@@ -117,11 +118,11 @@ class Conversation:
             self._texts.add((system, text))
             self.autopilot.say(severity, text)
 
-    def send_banner(self, peer: Peer) -> None:
+    def banner(self) -> list[Any]:
         """What it is, as ArduPilot says it to whoever asks for its parameters."""
         version = ".".join(str(part) for part in (*self.firmware, 0))
-        for text in (f"ArduSub V{version} (rovtwin)", "Frame: VECTORED_6DOF"):
-            peer.send(self.scene.dialect.MAVLink_statustext_message(INFO, text.encode()))
+        make = self.scene.dialect.MAVLink_statustext_message
+        return [make(INFO, text.encode()) for text in (f"ArduSub V{version} (rovtwin)", "Frame: VECTORED_6DOF")]
 
     def steer(self, message: Any, axes: Any) -> bool:
         """A pilot's input; a stranger is told once why it does not count."""
@@ -212,7 +213,8 @@ def _name(value: Any) -> str:
 
 
 def _parameter_list(talk: Conversation, message: Any, peer: Peer) -> None:
-    talk.send_banner(peer)
+    for text in talk.banner():
+        peer.send(text)
     for index in range(len(talk.autopilot.parameters)):
         _send_parameter(talk, peer, "", index)
 
@@ -277,5 +279,4 @@ def _version(talk: Conversation) -> Any:
 # Messages that are sent when asked for only, beside telemetry.
 ONCE: dict[str, Callable[[Conversation], Any]] = {
     "AUTOPILOT_VERSION": _version,
-    "GPS_GLOBAL_ORIGIN": lambda talk: motion_messages.origin(talk.scene) if talk.scene.home else None,
 }

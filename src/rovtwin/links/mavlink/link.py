@@ -43,8 +43,9 @@ GAIN_COMES = 1.5  # longest wait for the gain in force, said twice a second [s]
 RATES = {
     **{"ATTITUDE": 50.0, "RAW_IMU": 50.0, "SCALED_PRESSURE2": 20.0, "LOCAL_POSITION_NED": 10.0},
     **{"GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 10.0, "DISTANCE_SENSOR": 10.0, "SYS_STATUS": 2.0},
-    "NAMED_VALUE_FLOAT": 2.0,  # with it comes the gain in force
 }
+# The gain in force comes among named values, for which ArduSub knows no interval: they come with this stream.
+STREAM_OF_NAMED, NAMED_RATE, NAMED_LATE = 2, 2, 3.0  # MAV_DATA_STREAM_EXTENDED_STATUS, [Hz], [s]
 
 Axes = Callable[[np.ndarray], np.ndarray]
 
@@ -112,7 +113,7 @@ class MavlinkLink(Link):
         self._wanted, self._wanted_at = self._neutral, -math.inf
         self._stopped = self._closed = False
         self._asked = False  # whether it was asked to arm and not let go since: only then it is ours to steer
-        self._heard_at = -math.inf
+        self._heard_at = self._named_at = -math.inf
         self._error: LinkError | None = None
         self._disarm_since, self._disarm_until, self._wake = -math.inf, -math.inf, threading.Event()
         self._line = Line(url, baud, system, 190, self._heard)  # 190: MAV_COMP_ID_MISSIONPLANNER
@@ -317,6 +318,11 @@ class MavlinkLink(Link):
         for name, rate in self._rates.items():
             if rate > 0.0:
                 self._send_command(SET_INTERVAL, float(ids[name]), 1e6 / rate)
+        if (
+            self._target is not None and time.monotonic() - self._named_at > NAMED_LATE
+        ):  # a stream that somebody has set stays as it is
+            stream = self._dialect.MAVLink_request_data_stream_message
+            self._line.send(stream(self._target, 1, STREAM_OF_NAMED, NAMED_RATE, 1))
 
     def _learn_sticks(self, end: float) -> None:
         """What the vehicle makes of sticks; what they cannot ask of it is logged.
@@ -383,6 +389,7 @@ class MavlinkLink(Link):
         elif kind == "STATUSTEXT":
             self._texts.append(text_of(message))
         elif message.get_srcComponent() == 1:
+            self._named_at = time.monotonic() if kind == "NAMED_VALUE_FLOAT" else self._named_at
             if news := self._steering.take(kind, message):
                 logger.warning("mavlink: %s: %s", self._line.url, news)
         for sensor, values, boot in self._readings.of(message, arrival):

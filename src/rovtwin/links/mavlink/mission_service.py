@@ -13,6 +13,7 @@ from rovtwin.links.mavlink.missions import (
     FENCE,
     MISSION,
     ON_MAP,
+    RALLY,
     SILENT,
     UNSUPPORTED,
     Item,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 KEPT = {
     MISSION: "Mission kept; AUTO is not flown here",
     FENCE: "Fence kept; nothing watches over it here",
+    RALLY: "Rally points kept; nothing goes there here",
 }
 
 
@@ -40,7 +42,8 @@ def _acknowledge(talk: "Conversation", message: Any, peer: Peer, result: int, ki
 def _ask(talk: "Conversation", peer: Peer) -> None:
     upload = talk.autopilot.missions.upload
     assert upload is not None
-    message = talk.scene.dialect.MAVLink_mission_request_int_message
+    # ArduSub asks by the older message; it takes an item in either form.
+    message = talk.scene.dialect.MAVLink_mission_request_message
     peer.send(message(*upload.client, len(upload.items), upload.kind))
 
 
@@ -74,7 +77,7 @@ def _item(talk: "Conversation", message: Any, peer: Peer) -> None:
     _acknowledge(talk, message, peer, result, message.mission_type)
     if result == ACCEPTED:
         talk.tell_once(message.get_srcSystem(), INFO, KEPT[message.mission_type])
-    elif result == ERROR and before is not None:
+    elif result == ERROR and before is not None and missions.upload is None:
         talk.autopilot.say(WARNING, f"Fence refused: {fence_fault(before.items)}")
 
 
@@ -105,8 +108,8 @@ def _asked(talk: "Conversation", message: Any, peer: Peer) -> None:
 
 def _cleared(talk: "Conversation", message: Any, peer: Peer) -> None:
     kind = message.mission_type
-    kinds = (MISSION, FENCE) if kind == 255 else (kind,)  # MAV_MISSION_TYPE_ALL
-    result = max(talk.autopilot.missions.clear(one) for one in kinds)
+    # All kinds at once (255) are none that ArduPilot knows.
+    result = talk.autopilot.missions.clear(kind)
     _acknowledge(talk, message, peer, result, kind)
 
 

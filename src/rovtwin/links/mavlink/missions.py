@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-MISSION, FENCE = 0, 1  # MAV_MISSION_TYPE
+MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
 # MAV_MISSION_RESULT
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE = 0, 1, 2, 3, 4
 BAD_LATITUDE, BAD_LONGITUDE, BAD_HEIGHT, BAD_ORDER, DENIED, CANCELLED = 10, 11, 12, 13, 14, 15
@@ -19,6 +19,8 @@ ASK_AGAIN = 1.0  # an item that did not come is asked for again after this [s]
 ON_MAP, NO_FRAME = (0, 3, 5, 6), 2  # MAV_FRAME: latitude and longitude, heights over ellipsoid or home; no place
 LAST_COMMAND = 252  # of those that stand in missions: NAV_, CONDITION_ and DO_
 RETURN_POINT, POLYGONS, CIRCLES = 5000, (5001, 5002), (5003, 5004)  # MAV_CMD of a fence
+RALLY_POINT = 5100  # MAV_CMD
+WITHOUT_INT = {5: 0, 6: 3}  # MAV_FRAME of whole numbers and the frame that ArduPilot keeps an item in
 CORNERS = 3  # of a polygon, at least
 WHOLE = range(-(2**31), 2**31)  # what x and y of a MISSION_ITEM_INT hold
 
@@ -51,7 +53,8 @@ class Item:
             scale = 1e7 if message.frame in ON_MAP else 1.0
             x, y = (round(v * scale) if math.isfinite(v * scale) else WHOLE.stop for v in (x, y))
         params = (message.param1, message.param2, message.param3, message.param4)
-        return cls(message.frame, message.command, message.autocontinue, *params, x, y, message.z)
+        frame = WITHOUT_INT[message.frame] if message.frame in WITHOUT_INT else message.frame
+        return cls(frame, message.command, message.autocontinue, *params, x, y, message.z)
 
 
 @dataclass
@@ -77,14 +80,14 @@ class Missions:
 
     current: int = 0
     upload: Upload | None = None
-    _lists: dict[int, list[Item]] = field(default_factory=lambda: {MISSION: [], FENCE: []})
+    _lists: dict[int, list[Item]] = field(default_factory=lambda: {MISSION: [], FENCE: [], RALLY: []})
 
     def items(self, kind: int) -> Sequence[Item]:
         """The items of a list; none where there is no such list."""
         return self._lists.get(kind, [])
 
     def knows(self, kind: int) -> bool:
-        """Whether there are lists of a kind: ArduSub has no rally points."""
+        """Whether there are lists of a kind."""
         return kind in self._lists
 
     def begin(self, kind: int, client: Client, count: int, now: float) -> int:
@@ -110,7 +113,9 @@ class Missions:
             now: Real time [s].
         """
         upload = self.upload
-        if upload is None or upload.client != client or upload.kind != kind:
+        if upload is None or upload.kind != kind:
+            return ERROR
+        if upload.client != client:
             return DENIED
         if sequence != len(upload.items):
             return BAD_ORDER
@@ -149,6 +154,8 @@ def _fault(kind: int, item: Item, known: bool) -> int:
     if item.frame not in ON_MAP and not (kind == MISSION and item.frame == NO_FRAME):
         return BAD_FRAME
     if kind == FENCE and item.command not in (RETURN_POINT, *POLYGONS, *CIRCLES):
+        return UNSUPPORTED
+    if kind == RALLY and item.command != RALLY_POINT:
         return UNSUPPORTED
     if kind == MISSION and not (known and item.command <= LAST_COMMAND):
         return UNSUPPORTED

@@ -20,6 +20,11 @@ class Mode:
     hold_position: bool = False
 
     @property
+    def needs_place(self) -> bool:
+        """Whether the vehicle must know where it is; ArduSub 4.5 asks it of SURFACE too, 4.7 does not."""
+        return self.hold_position or self.name == "SURFACE"
+
+    @property
     def held(self) -> tuple[bool, ...]:
         """Which of surge, sway, heave, roll, pitch, yaw the vehicle keeps by itself, shape (6,)."""
         plane, level = self.hold_position, self.hold_level
@@ -33,13 +38,13 @@ STABILIZE = Mode(0, "STABILIZE", hold_level=True, hold_heading=True)
 ALT_HOLD = Mode(2, "ALT_HOLD", hold_level=True, hold_heading=True, hold_depth=True)
 POSHOLD = Mode(16, "POSHOLD", True, True, True, True)
 GUIDED = Mode(4, "GUIDED", True, True, True, True)
+SURFACE = Mode(9, "SURFACE", hold_level=True, hold_heading=True, hold_depth=True)  # it comes up by itself
 
-MODES = {mode.number: mode for mode in (MANUAL, ACRO, STABILIZE, ALT_HOLD, POSHOLD, GUIDED)}
+MODES = {mode.number: mode for mode in (MANUAL, ACRO, STABILIZE, ALT_HOLD, POSHOLD, GUIDED, SURFACE)}
 
 REFUSED = {
     3: "AUTO: missions are flown by the autopilot of rovtwin, not by this endpoint",
     7: "CIRCLE is not part of the twin",
-    9: "SURFACE is not part of the twin: steer up in ALT_HOLD",
     20: "MOTOR_DETECT is not part of the twin",
     21: "SURFTRAK is not part of the twin: use ALT_HOLD",
 }

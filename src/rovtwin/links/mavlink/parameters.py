@@ -37,7 +37,8 @@ class Parameters:
             Parameter("FS_PILOT_INPUT", 2, INT8, 1, 2),
             Parameter("FS_PILOT_TIMEOUT", 3.0, REAL32, 0.1, 10.0),
             Parameter("FS_GCS_ENABLE", 2, INT8, 2, 2),  # disarm
-            Parameter("FS_GCS_TIMEOUT", 5.0, REAL32, 2.0, 120.0),
+            # Not in ArduSub 4.5, which has 2.5 s for good; 4.7 has it, with 5 s at first.
+            Parameter("FS_GCS_TIMEOUT", 2.5, REAL32, 2.0, 120.0),
             Parameter("BARO_SPEC_GRAV", density / 1000.0, REAL32, density / 1000.0, density / 1000.0),
         )
         self._all = {parameter.name: parameter for parameter in listed}

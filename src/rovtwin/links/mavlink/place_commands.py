@@ -5,8 +5,8 @@ import math
 from rovtwin.links.mavlink.commands import Request
 from rovtwin.links.mavlink.guided import GLOBAL, GLOBAL_RELATIVE, Order, order_to
 from rovtwin.links.mavlink.modes import GUIDED, POSHOLD
-from rovtwin.links.mavlink.motion_messages import home
-from rovtwin.links.mavlink.results import ACCEPTED, DENIED, FAILED
+from rovtwin.links.mavlink.motion_messages import home, origin
+from rovtwin.links.mavlink.results import ACCEPTED, DENIED, FAILED, UNSUPPORTED
 from rovtwin.links.mavlink.wire import whole
 
 # MAV_CMD
@@ -42,6 +42,8 @@ def _go(request: Request) -> int:
     Stricter than ArduSub: while the pilot is there, nobody else takes the vehicle out of the pilot's mode by it.
     """
     autopilot, scene = request.talk.autopilot, request.talk.scene
+    if request.frame is None:  # ArduSub has it since 4.7, and never by this message
+        return request.refuse("Reposition: by COMMAND_INT only", UNSUPPORTED)
     flags = max(0, whole(request.values[1], 0))
     if autopilot.mode is not GUIDED and not flags & CHANGE_MODE:
         return request.refuse("Reposition: not in GUIDED", DENIED)
@@ -57,8 +59,7 @@ def _go(request: Request) -> int:
         return request.refuse(f"Reposition: {known}", DENIED)
     heading = request.values[3]
     heading = heading if math.isfinite(heading) else here[3]
-    frame = 0 if request.frame is None else request.frame
-    order = order_to(*where, request.values[6], frame, heading, scene.datum, scene.ground)
+    order = order_to(*where, request.values[6], request.frame, heading, scene.datum, scene.ground)
     if order.refusal:
         return request.refuse(f"Reposition: {order.refusal}", DENIED)
     request.changed = True
@@ -82,20 +83,21 @@ def _turn(request: Request) -> int:
 
 
 def _set_home(request: Request) -> int:
-    """DO_SET_HOME: here, or a place; all clients get it."""
+    """DO_SET_HOME: here, or a place; no place at all is here, as with ArduPilot. All clients get it."""
     scene = request.talk.scene
     where: tuple[int, int, float] | None = None
-    if request.values[0] == 1.0:
+    place = _on_map(request)
+    if request.values[0] == 1.0 or place == (0, 0):
         here = scene.place()
         where = None if here is None else scene.on_map(*here[:3])
-    elif (place := _on_map(request)) is not None and place != (0, 0):
+    elif place is not None:
         over = scene.ground if request.frame in GLOBAL_RELATIVE else 0.0
         known = request.frame is None or request.frame in GLOBAL + GLOBAL_RELATIVE
         where = (*place, request.values[6] + over) if known else None
     if where is None or not _is_place(where):
         return request.refuse("Home not set: no such place")
     scene.home_given = (where[0] / DEGREES, where[1] / DEGREES, where[2])
-    request.talk.everybody(home(scene))
+    request.news += [origin(scene), home(scene)]
     return ACCEPTED
 
 

@@ -150,9 +150,9 @@ def named_values(scene: Scene, at: Measurement) -> list[Any]:
 
 
 def current_item(scene: Scene, at: Measurement) -> Any:
-    """MISSION_CURRENT."""
+    """MISSION_CURRENT; its total leaves out the first item, which ArduPilot takes for home."""
     missions = scene.autopilot.missions
-    return scene.dialect.MAVLink_mission_current_message(missions.current, len(missions.items(0)))
+    return scene.dialect.MAVLink_mission_current_message(missions.current, max(0, len(missions.items(0)) - 1))
 
 
 def landed(scene: Scene, at: Measurement) -> Any:

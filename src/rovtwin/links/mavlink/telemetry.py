@@ -32,7 +32,11 @@ STREAMS = {  # of REQUEST_DATA_STREAM
     ),
 }
 STREAM_RATES = {1: 2.0, 2: 2.0, 3: 2.0, 6: 3.0, 10: 20.0, 11: 10.0, 12: 3.0}  # [Hz]
-ON_REQUEST = ("ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "POSITION_TARGET_GLOBAL_INT", "POSITION_TARGET_LOCAL_NED")
+ON_REQUEST = (
+    *("ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE", "POSITION_TARGET_GLOBAL_INT", "POSITION_TARGET_LOCAL_NED"),
+    "GPS_GLOBAL_ORIGIN",
+)
+STREAM_ONLY = ("NAMED_VALUE_FLOAT",)  # neither by an interval of its own nor once: ArduSub has no number for it
 # Hertz, in the vehicle's time; ground stations ask for what they want.
 RATES = {name: STREAM_RATES[stream] for stream, names in STREAMS.items() for name in names}
 STREAMS[0] = tuple(RATES)  # all
@@ -56,6 +60,7 @@ MESSAGES: dict[str, tuple[Build, tuple[str, ...]]] = {
     "POSITION_TARGET_GLOBAL_INT": (motion.target, ANY),
     "POSITION_TARGET_LOCAL_NED": (motion.target_n, ANY),
     "HOME_POSITION": (motion.home, ANY),
+    "GPS_GLOBAL_ORIGIN": (lambda scene, at: motion.origin(scene) if scene.home else None, ANY),
     "EKF_STATUS_REPORT": (motion.ekf, ANY),
     "SYS_STATUS": (state.status, ANY),
     "BATTERY_STATUS": (state.battery, ("battery",)),
