@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.timing import in_turns
 from rovtwin.core.block import Start
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.gnc.allocation import Allocated, AllocationInput
-from rovtwin.gnc.box_least_squares import MOST_STEPS, unbounded
-from rovtwin.gnc.priority_allocation import DAMPING, AllocationMemory, PriorityAllocation
+from rovtwin.gnc.allocation.box_least_squares import MOST_STEPS, unbounded
+from rovtwin.gnc.allocation.prioritised import DAMPING, AllocationMemory, PriorityAllocation
+from rovtwin.gnc.interfaces import Allocated, AllocationInput
 from rovtwin.vehicle import load_vehicle
 
 VEHICLES = ("double_blueye", "bluerov2_heavy")

@@ -33,7 +33,7 @@ from rovtwin.campaign.schema import Campaign, complete  # noqa: E402
 from rovtwin.campaign.store import Store  # noqa: E402
 from rovtwin.campaign.summary import column  # noqa: E402
 from rovtwin.campaign.workers import on_this_machine  # noqa: E402
-from rovtwin.scenario.flight import fly  # noqa: E402
+from rovtwin.runs.fly import fly  # noqa: E402
 
 SCENARIO = "lawnmower_hard"
 PORTION = 8

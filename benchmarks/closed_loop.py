@@ -8,9 +8,10 @@ import numpy as np
 from benchmarks.numpy_loop import NumpyLoop
 from benchmarks.timing import in_turns, rates, ratio
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.scenario import compose, load_scenario
-from rovtwin.scenario.loop import HostLoop, advance, advance_batch, stack, start_batch, start_loop
-from rovtwin.simulation.sensors import Sensor
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.loop import HostLoop, advance, advance_batch, stack, start_batch, start_loop
+from rovtwin.scenario import load_scenario
+from rovtwin.simulation.sensors.sensor import Sensor
 
 SCENARIO = "lawnmower_calm"
 

@@ -19,8 +19,9 @@ def lap():
     return t[-1] - t[-2]
 from rovtwin.core.numerics import jax, jnp
 found = {"import_jax_s": lap()}
-from rovtwin.scenario import compose, load_scenario
-from rovtwin.scenario.loop import HostLoop
+from rovtwin.runs.compose.composition import compose
+from rovtwin.scenario import load_scenario
+from rovtwin.runs.loop import HostLoop
 found["import_rovtwin_s"] = lap()
 run = compose(load_scenario("lawnmower_calm", ["autopilot=thesis"]))
 found["compose_s"] = lap()

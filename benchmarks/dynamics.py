@@ -12,7 +12,7 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import Model, load_vehicle
-from rovtwin.vehicle.dynamics import State, plant_step, rollout
+from rovtwin.vehicle.physics.dynamics import State, plant_step, rollout
 
 DT = 0.002
 CURRENT = np.array([0.1, -0.05, 0.0])

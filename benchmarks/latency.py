@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.closed_loop import composed
 from rovtwin.core.flow import Measurement
-from rovtwin.scenario.loop import start_loop
-from rovtwin.scenario.realtime import HostAutopilot
+from rovtwin.runs.loop import start_loop
+from rovtwin.runs.realtime import HostAutopilot
 
 
 def readings(rng: np.random.Generator, tick: int, dt: float) -> list[Measurement]:

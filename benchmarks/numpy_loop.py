@@ -28,7 +28,7 @@ class NumpyLoop:
     """One vehicle and its autopilot; `tick()` moves both on by one control period."""
 
     def __init__(self, composed: Any, noise: float = 1.0, seed: int = 0):
-        """From `rovtwin.scenario.compose(...)`; `noise` scales the sensors' noise and bias."""
+        """From `composition.compose(...)`; `noise` scales the sensors' noise and bias."""
         loop, scenario = composed.loop, composed.scenario
         self.plant, self.model = oracle.plant_of(loop.twin.model), oracle.plant_of(composed.model)
         self.dt, self.substeps = scenario.control_dt, scenario.substeps

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rovtwin.vehicle import Model
-from rovtwin.vehicle.dynamics import State
+from rovtwin.vehicle.physics.dynamics import State
 
 SOURCE = Path(__file__).with_name("reference.c")
 OPTIONS = ("-O3", "-march=native")

@@ -14,7 +14,8 @@ from rovtwin.positioning.detection import Detector
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import Port, cameras_of, project
+from rovtwin.vehicle.description.cameras import cameras_of
+from rovtwin.vehicle.physics.camera import Port, project
 
 SIZES = {"360p": 1 / 3, "720p": 2 / 3, "1080p": 1.0}
 VIEWS = {"mclab": (3.0, 0.3, 0.7), "pool": (2.0, 0.1, 0.9), "seabed": (0.0, 0.0, 10.7)}

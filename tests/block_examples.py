@@ -34,46 +34,56 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.ability import FINE
-from rovtwin.gnc.allocation import Allocation, AllocationInput
+from rovtwin.gnc.allocation.prioritised import PriorityAllocation
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.bow import Bow, BowInput
-from rovtwin.gnc.contingency import Contingency, ContingencyInput
-from rovtwin.gnc.control import ControlInput, Pid
-from rovtwin.gnc.course_keeping import CourseInput, CourseKeeping
-from rovtwin.gnc.ekf_tuning import EkfTuning
-from rovtwin.gnc.guidance import Guidance, GuidanceInput
-from rovtwin.gnc.mission import mission
+from rovtwin.gnc.control.reference_model import ReferenceModel
+from rovtwin.gnc.control.tracking import PathReference, Tracking
+from rovtwin.gnc.experiment import Experiment, Timeline
+from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping
+from rovtwin.gnc.guidance.crab_heading import Bow, BowInput
+from rovtwin.gnc.guidance.mission import mission
+from rovtwin.gnc.guidance.path_following import PathGuidance
+from rovtwin.gnc.guidance.terrain_following import TerrainFollowing, TerrainInput
+from rovtwin.gnc.interfaces import (
+    MODE_RETURNING,
+    MODE_RUNNING,
+    AllocationInput,
+    ControlInput,
+    GuidanceInput,
+    Mode,
+    ObserverInput,
+)
 from rovtwin.gnc.navigation.filter import NavigationFilter
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.gnc.observer import Ekf, ObserverInput
-from rovtwin.gnc.onboard import Onboard, OnboardInput, Order, Sense
-from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.priority_allocation import PriorityAllocation
-from rovtwin.gnc.reference import ReferenceModel
-from rovtwin.gnc.rules import Watched
-from rovtwin.gnc.supervisor import MODE_RETURNING, MODE_RUNNING, Mode, Supervisor
-from rovtwin.gnc.terrain import TerrainFollowing, TerrainInput
-from rovtwin.gnc.thruster_health import HealthInput, ThrusterHealth
-from rovtwin.gnc.tracking import PathReference, Tracking
-from rovtwin.gnc.trial import Timeline, Trial
+from rovtwin.gnc.safety.contingency import Contingency, ContingencyInput
+from rovtwin.gnc.safety.control_authority import FINE
+from rovtwin.gnc.safety.rules import SupervisorInput
+from rovtwin.gnc.safety.supervisor import Supervisor
+from rovtwin.gnc.safety.thruster_diagnosis import HealthInput, ThrusterHealth
+from rovtwin.gnc.thesis.allocation import Allocation
+from rovtwin.gnc.thesis.ekf import Ekf
+from rovtwin.gnc.thesis.ekf_tuning import EkfTuning
+from rovtwin.gnc.thesis.los_guidance import Guidance
+from rovtwin.gnc.thesis.pid import Pid
 from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.luenberger import Gains, MarkerLuenberger
 from rovtwin.positioning.sightings import Sightings, SightInput
-from rovtwin.simulation.airy import AirySea
 from rovtwin.simulation.battery import Battery, BatteryInput
-from rovtwin.simulation.cable import Cable
-from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.faults import FaultInput, Faults, ThrusterFault
-from rovtwin.simulation.sea import SeaState
-from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
-from rovtwin.simulation.tether import Tether, TetherInput
+from rovtwin.simulation.environment.airy import AirySea
+from rovtwin.simulation.environment.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.environment.sea import SeaState
+from rovtwin.simulation.environment.waves import ThesisWaves
+from rovtwin.simulation.environment.world import World
+from rovtwin.simulation.events.faults import FaultInput, Faults, ThrusterFault
+from rovtwin.simulation.sensors.sensor import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.tether.cable import Cable
+from rovtwin.simulation.tether.tether import Tether, TetherInput
 from rovtwin.simulation.twin import Twin, TwinInput
-from rovtwin.simulation.waves import ThesisWaves
-from rovtwin.simulation.world import World
-from rovtwin.vehicle.camera import R_DEVICE_C, Camera, lens_from, project
-from rovtwin.vehicle.dynamics import State
+from rovtwin.simulation.vehicle_firmware import Onboard, OnboardInput, Order, Sense
+from rovtwin.vehicle.description.cameras import Camera
+from rovtwin.vehicle.physics.camera import R_DEVICE_C, lens_from, project
+from rovtwin.vehicle.physics.dynamics import State
 
 TICKS = 60
 CONTROL, PHYSICS = 0.02, 0.002
@@ -168,9 +178,9 @@ def hosts() -> Host:
     return every_tick(Host())
 
 
-def watched() -> Watched:
+def watched() -> SupervisorInput:
     able = every_tick(jnp.asarray(FINE))
-    return Watched(
+    return SupervisorInput(
         estimates(),
         requests(),
         measurements(),
@@ -371,7 +381,7 @@ def trial() -> Example:
         count=jnp.asarray(TICKS - 10),
     )
     return Example(
-        Trial.of(model(), timeline), AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46))
+        Experiment.of(model(), timeline), AutopilotInput(measurements(), requests(), hosts(), over_time(4, seed=46))
     )
 
 
@@ -431,69 +441,71 @@ def marker_observer(**options: Any) -> Example:
 
 
 EXAMPLES: dict[str, Callable[[], Example]] = {
-    "gnc.allocation.Allocation": lambda: Example(
+    "gnc.thesis.allocation.Allocation": lambda: Example(
         Allocation.of(model()),
         AllocationInput(over_time(6, seed=60), every_tick(model().thrusters.health), every_tick(jnp.ones(6))),
     ),
     "gnc.autopilot.Autopilot": lambda: autopilot(Believer()),
     "gnc.autopilot.Autopilot: with the filter": lambda: autopilot(Ekf(model(), EkfTuning.consistent())),
-    "gnc.bow.Bow": bow,
-    "gnc.contingency.Contingency": contingency,
-    "gnc.control.Pid": pid,
-    "gnc.guidance.Guidance": guidance,
+    "gnc.guidance.crab_heading.Bow": bow,
+    "gnc.safety.contingency.Contingency": contingency,
+    "gnc.thesis.pid.Pid": pid,
+    "gnc.thesis.los_guidance.Guidance": guidance,
     "gnc.navigation.filter.NavigationFilter": navigation,
-    "gnc.observer.Ekf: consistent": lambda: ekf(EkfTuning.consistent()),
-    "gnc.observer.Ekf: as printed": lambda: ekf(EkfTuning.as_printed(CONTROL)),
-    "gnc.priority_allocation.PriorityAllocation": priority_allocation,
-    "gnc.path_guidance.PathGuidance": path_guidance,
-    "gnc.reference.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
+    "gnc.thesis.ekf.Ekf: consistent": lambda: ekf(EkfTuning.consistent()),
+    "gnc.thesis.ekf.Ekf: as printed": lambda: ekf(EkfTuning.as_printed(CONTROL)),
+    "gnc.allocation.prioritised.PriorityAllocation": priority_allocation,
+    "gnc.guidance.path_following.PathGuidance": path_guidance,
+    "gnc.control.reference_model.ReferenceModel": lambda: Example(ReferenceModel.thesis(obey_speed=True), setpoints()),
     # Modes are integers: there is nothing to differentiate.
-    "gnc.course_keeping.CourseKeeping": lambda: Example(
+    "gnc.guidance.course_keeping.CourseKeeping": lambda: Example(
         CourseKeeping.of(model()), CourseInput(setpoints(), estimates())
     ),
-    "gnc.terrain.TerrainFollowing": terrain,
-    "gnc.supervisor.Supervisor": lambda: Example(Supervisor(), watched(), differentiable=False),
+    "gnc.guidance.terrain_following.TerrainFollowing": terrain,
+    "gnc.safety.supervisor.Supervisor": lambda: Example(Supervisor(), watched(), differentiable=False),
     # Health is 1 or 0.
-    "gnc.thruster_health.ThrusterHealth": lambda: Example(
+    "gnc.safety.thruster_diagnosis.ThrusterHealth": lambda: Example(
         ThrusterHealth.of(model()), HealthInput(estimates(), commands()), differentiable=False
     ),
-    "gnc.tracking.PathReference": lambda: Example(PathReference.of(model()), setpoints()),
-    "gnc.onboard.Onboard": onboard,
-    "gnc.onboard.Sense": sense,
-    "gnc.tracking.Tracking": tracking,
-    "gnc.trial.Trial": trial,
+    "gnc.control.tracking.PathReference": lambda: Example(PathReference.of(model()), setpoints()),
+    "simulation.vehicle_firmware.Onboard": onboard,
+    "simulation.vehicle_firmware.Sense": sense,
+    "gnc.control.tracking.Tracking": tracking,
+    "gnc.experiment.Experiment": trial,
     "positioning.ekf.MarkerEkf": marker_filter,
     "positioning.luenberger.MarkerLuenberger": marker_observer,
     "positioning.luenberger.MarkerLuenberger: as printed": lambda: marker_observer(as_printed=True),
-    "simulation.airy.AirySea": lambda: Example(sea(), states(), PHYSICS),
-    "simulation.current.CombinedCurrent": lambda: Example(
+    "simulation.environment.airy.AirySea": lambda: Example(sea(), states(), PHYSICS),
+    "simulation.environment.current.CombinedCurrent": lambda: Example(
         CombinedCurrent((sheared(), wandering())), states().position, PHYSICS
     ),
-    "simulation.current.ConstantCurrent": lambda: Example(ConstantCurrent([0.1, 0, 0]), states().position, PHYSICS),
-    "simulation.current.GaussMarkovCurrent": lambda: Example(wandering(), states().position, PHYSICS),
-    "simulation.current.ShearedCurrent": lambda: Example(sheared(), states().position, PHYSICS),
-    **{f"simulation.sensors.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
-    "simulation.tether.Tether": tether,
+    "simulation.environment.current.ConstantCurrent": lambda: Example(
+        ConstantCurrent([0.1, 0, 0]), states().position, PHYSICS
+    ),
+    "simulation.environment.current.GaussMarkovCurrent": lambda: Example(wandering(), states().position, PHYSICS),
+    "simulation.environment.current.ShearedCurrent": lambda: Example(sheared(), states().position, PHYSICS),
+    **{f"simulation.sensors.sensor.Sensor: {kind}": functools.partial(sensor, kind) for kind in SENSORS},
+    "simulation.tether.tether.Tether": tether,
     "simulation.battery.Battery": battery,
-    "simulation.faults.Faults": faults,
+    "simulation.events.faults.Faults": faults,
     "simulation.twin.Twin": twin,
-    "simulation.waves.ThesisWaves": lambda: Example(waves(), states(), PHYSICS),
-    "simulation.world.World": lambda: Example(World(sheared(), waves()), states(), PHYSICS),
+    "simulation.environment.waves.ThesisWaves": lambda: Example(waves(), states(), PHYSICS),
+    "simulation.environment.world.World": lambda: Example(World(sheared(), waves()), states(), PHYSICS),
 }
 
 # Compiling these takes long: they run in `make test-all`.
-SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.observer.Ekf: as printed", "positioning.ekf.MarkerEkf"}
+SLOW = {"gnc.autopilot.Autopilot: with the filter", "gnc.thesis.ekf.Ekf: as printed", "positioning.ekf.MarkerEkf"}
 # Of several examples of a class one is batched and differentiated in the quick set.
 _ONE_EACH = {name.split(":")[0]: name for name in sorted(EXAMPLES, reverse=True)}.values()
 OTHERS = EXAMPLES.keys() - set(_ONE_EACH)
-# tests/simulation/test_twin.py batches twins, tests/scenario/test_model_based.py filters and autopilots.
+# tests/simulation/test_twin.py batches twins, tests/runs/test_model_based.py filters and autopilots.
 SLOW_BATCH = (
     SLOW | OTHERS | {"gnc.navigation.filter.NavigationFilter", "simulation.twin.Twin", "gnc.autopilot.Autopilot"}
 )
 SLOW_GRADIENT = SLOW_BATCH | {
-    "gnc.observer.Ekf: consistent",
-    "simulation.tether.Tether",
-    "gnc.priority_allocation.PriorityAllocation",
+    "gnc.thesis.ekf.Ekf: consistent",
+    "simulation.tether.tether.Tether",
+    "gnc.allocation.prioritised.PriorityAllocation",
 }
 
 __all__ = ["EXAMPLES", "SLOW", "SLOW_BATCH", "SLOW_GRADIENT", "START", "TICKS", "Example"]

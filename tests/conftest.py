@@ -1,4 +1,4 @@
-"""What all tests share: hypothesis profiles and the reference data beside the repository."""
+"""What all tests share: hypothesis profiles, reference data, a short scenario, a small vehicle."""
 
 import gc
 import os
@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
+
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.schema import Scenario
 
 # JAX compiles inside the first example, so a deadline per example means nothing. Every run draws the same examples;
 # `HYPOTHESIS_PROFILE=explore` draws many new ones. Most examples are seeds, which have no simplest form: no shrinking.
@@ -21,10 +24,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 # --no-loadscope-reorder).
 _LONG = (
     *("test_docs.py", "test_joint.py", "test_fail_safes.py", "test_navigation.py", "test_ekf.py", "test_tether.py"),
-    *("test_cli.py", "test_smoothing.py", "test_observer.py", "test_filming.py", "test_twin.py", "test_devices.py"),
-    *("test_priority_allocation.py", "test_track.py", "test_autopilot.py", "test_checks.py", "test_commands.py"),
-    *("test_trial.py", "test_html.py", "test_block_contract.py", "test_free_running.py"),
-    *("test_parameters.py", "test_panel.py", "test_thesis.py", "test_observer_model.py", "test_realtime.py"),
+    *("test_cli.py", "test_smooth.py", "test_filming.py", "test_twin.py", "test_devices.py"),
+    *("test_prioritised.py", "test_track.py", "test_autopilot.py", "test_checks.py", "test_commands.py"),
+    *("test_experiment.py", "test_html.py", "test_block_contract.py", "test_free_running.py"),
+    *("test_parameters.py", "test_panel.py", "test_thesis.py", "test_ekf_model.py", "test_realtime.py"),
 )
 
 
@@ -54,3 +57,37 @@ def shared_folder(*parts: str) -> Path:
 def fossen_folder() -> Path:
     """Results of Fossen's MSS toolbox, cross-checked against PythonVehicleSimulator."""
     return shared_folder("reference", "fossen")
+
+
+@pytest.fixture(scope="session")
+def short() -> Scenario:
+    """Twelve seconds of the lawn-mower in waves, by the autopilot that compiles fastest: dive, nothing finished.
+
+    Shared, so that its loop is compiled once.
+    """
+    return load_scenario("lawnmower_waves", ["autopilot=thesis", "duration=12", "name=short"])
+
+
+NO_SWAY = """
+name: no_sway
+mass: 6.5
+inertia: [0.06, 0.11, 0.12]
+volume: 0.00655
+center_of_buoyancy: [0, 0, -0.02]
+shape: {box: [0.42, 0.30, 0.20]}
+thrusters:
+  - &t {name: port, position: [-0.15, -0.11, 0], direction: [1, 0, 0], force: {ahead: 14, astern: 11},
+        curve: {power: 1.5}, dead_band: 0.05, time_constant: 0.12}
+  - {<<: *t, name: starboard, position: [-0.15, 0.11, 0]}
+  - {<<: *t, name: front, position: [0.14, 0, 0], direction: [0, 0, 1]}
+  - {<<: *t, name: vertical_port, position: [-0.10, -0.10, 0], direction: [0, 0, 1]}
+  - {<<: *t, name: vertical_starboard, position: [-0.10, 0.10, 0], direction: [0, 0, 1]}
+"""
+
+
+@pytest.fixture(scope="session")
+def no_sway(tmp_path_factory) -> Path:
+    """A light vehicle that no library has: two surge and three vertical thrusters, none sideways."""
+    path = tmp_path_factory.mktemp("vehicles") / "no_sway.yaml"
+    path.write_text(NO_SWAY, encoding="utf-8")
+    return path

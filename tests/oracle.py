@@ -1,8 +1,8 @@
 """The equations of motion once more, in plain NumPy and textbook form: the oracle of the physics tests.
 
-Written independently of `rovtwin.vehicle.dynamics` and on purpose in another form: explicit scalar matrices C_RB and
-C_A, rigid body in the velocity over ground (so nothing relies on moving C_RB to nu_r), Euler angles for the attitude.
-It is also the plain NumPy side of the benchmarks.
+Written independently of `rovtwin.vehicle.physics.dynamics` and on purpose in another form: explicit scalar matrices
+C_RB and C_A, rigid body in the velocity over ground (so nothing relies on moving C_RB to nu_r), Euler angles for the
+attitude. It is also the plain NumPy side of the benchmarks.
 
 Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2, 3, 4, 6; thesis (2.4)-(2.12)
 with the corrections of its errata.

@@ -94,7 +94,7 @@ def test_figures_of_an_identified_vehicle_say_which_are_predicted(capsys, monkey
 
 def test_a_vehicle_that_sank_before_is_asked_for_its_buoyancy(capsys, monkeypatch, tmp_path):
     """Devices bolted on one by one left the net buoyancy of each step's before, -1 N, and nothing said so."""
-    monkeypatch.setattr("rovtwin.scenario.vehicle_figures.compared", lambda before, after: [])
+    monkeypatch.setattr("rovtwin.runs.vehicle_figures.compared", lambda before, after: [])
     heavy, words = tmp_path / "heavy.yaml", ("lead_500g", "--at", "0,0,0.2")
     assert run(capsys, "vehicle", "add", "double_blueye", *words, "-o", heavy)[0] == 0
     code, out, _ = run(capsys, "vehicle", "add", heavy, *words, "--ballast")
@@ -107,7 +107,7 @@ def test_a_vehicle_that_sank_before_is_asked_for_its_buoyancy(capsys, monkeypatc
 
 
 def test_ballast_that_cannot_be_is_not_called_needless(capsys, monkeypatch):
-    monkeypatch.setattr("rovtwin.scenario.vehicle_figures.compared", lambda before, after: [])
+    monkeypatch.setattr("rovtwin.runs.vehicle_figures.compared", lambda before, after: [])
     _, out, _ = run(capsys, "vehicle", "add", "gladius_mini", "battery_pod", "--at", "2,0,0.2")
     assert "ballast: none found." in out and "it needs none" not in out
 

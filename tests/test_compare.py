@@ -8,11 +8,11 @@ import pytest
 
 import rovtwin.cli
 from rovtwin.cli.compare import labels
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.overlay import identified_file, to_yaml
-from rovtwin.identification.judgement.differences import as_a_whole, difference
-from rovtwin.identification.judgement.stated import Value, stated
+from rovtwin.identification.diagnostics.differences import as_a_whole, difference
+from rovtwin.identification.diagnostics.stated import Value, stated
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.result.overlay import identified_file, to_yaml
 from rovtwin.report.vehicle_comparison import agreement, compare_files, said_difference, said_relative, said_value
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 

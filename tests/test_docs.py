@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 import rovtwin.cli
-from rovtwin.scenario.composition import compose
+from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.findings import check
+from rovtwin.vehicle.analysis.lint import check
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -76,7 +76,7 @@ def test_campaign(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_identify(tmp_path: Path) -> None:
     from rovtwin.identification.identify import identify
-    from rovtwin.identification.joint.overlay import to_yaml
+    from rovtwin.identification.joint.result.overlay import to_yaml
     from rovtwin.vehicle import load_vehicle
 
     made = identify(load_vehicle("bluerov2"), [], free=["added_mass.yaw"])

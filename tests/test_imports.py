@@ -1,4 +1,6 @@
-"""Imports point one way: core <- vehicle <- siblings <- scenario <- campaign, console <- cli.
+"""Imports point one way: core <- vehicle <- siblings <- scenario <- runs <- live, planning, campaign, console <- cli.
+
+Inside a package they point one way, too (LAYERS), and at run time no two files import each other by any detour.
 
 The sources are parsed, not imported: the test is quick, and it also sees imports inside functions and under
 `TYPE_CHECKING`.
@@ -8,6 +10,8 @@ import ast
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -16,27 +20,64 @@ PACKAGE = Path(__file__).parents[1] / "src" / "rovtwin"
 
 SIBLINGS = {"simulation", "identification", "positioning", "gnc", "survey"}
 LEAVES = {"links", "report"}
-BELOW_SCENARIO = {"core", "vehicle", "monitoring"} | SIBLINGS | LEAVES
+LIBRARIES = {"core", "vehicle", "monitoring"} | SIBLINGS | LEAVES
 # What each package of rovtwin may import, besides itself. A new package gets its line here.
 RULES: dict[str, set[str]] = {
+    "_version": set(),
     "core": set(),
     "vehicle": {"core"},
     **{name: {"core", "vehicle"} for name in SIBLINGS | LEAVES},
     "identification": {"core", "vehicle", "report"},  # a result draws itself; report knows of no sibling
     "monitoring": {"core", "vehicle", "identification", "gnc"},  # it reads records, and counts in a vehicle's scales
-    "scenario": BELOW_SCENARIO,
-    "campaign": BELOW_SCENARIO | {"scenario"},
-    "console": BELOW_SCENARIO | {"scenario"},
-    "cli": BELOW_SCENARIO | {"scenario", "campaign", "console"},
+    "scenario": {"core", "vehicle", "gnc", "simulation"},  # it checks what people write by the names that these know
+    "runs": LIBRARIES | {"scenario"},
+    "live": LIBRARIES | {"scenario", "runs"},
+    "planning": LIBRARIES | {"scenario", "runs"},
+    "demo": LIBRARIES | {"scenario", "runs"},
+    "campaign": LIBRARIES | {"scenario", "runs"},
+    "console": LIBRARIES | {"scenario", "runs", "live", "planning"},
+    "cli": LIBRARIES | {"scenario", "runs", "live", "planning", "demo", "campaign", "console"},
+    "api": LIBRARIES | {"scenario", "runs", "live", "planning", "campaign"},
     "__main__": {"cli"},
-    "__init__": BELOW_SCENARIO | {"scenario", "campaign", "console"},  # lazily, see PROMPT
+    "__init__": LIBRARIES | {"scenario", "api"},  # lazily, see PROMPT
 }
+EVERYWHERE = {"_version"}
 WHERE_RULES_ARE = "RULES in tests/test_imports.py"
+# Rooms and modules inside a package, the lowest first: each imports its own line and the lines above it.
+LAYERS: dict[str, list[set[str]]] = {
+    "vehicle": [{"constants", "solids"}, {"physics"}, {"description"}, {"analysis"}, {"outfitting"}],
+    "gnc": [
+        {"interfaces", "mounting", "scales"},
+        {"thesis"},
+        {"allocation"},
+        {"navigation"},
+        {"guidance"},
+        {"control"},
+        {"safety"},
+        {"autopilot", "experiment"},
+    ],
+    "simulation": [
+        {"checks", "noise", "scene", "vehicle_firmware"},
+        {"battery", "camera", "environment", "events", "mismatch", "roll_out", "sensors", "tether"},
+        {"twin"},
+    ],
+    "identification/joint": [{"model"}, {"solver"}, {"uncertainty"}, {"estimate"}, {"build", "result"}],
+    "runs": [
+        {"interrupt", "limits", "loop", "pace", "realtime", "run", "track", "under_way", "vehicle_defaults"},
+        {"compose"},
+        {"trimmed", "vehicle_figures"},
+        {"feasibility"},
+        {"scoring"},
+        {"recording"},
+        {"batch", "fly", "smooth", "watch"},
+    ],
+    "live": [{"manoeuvres", "readiness"}, {"beside", "connect", "record", "recorder", "serving"}, {"flight"}],
+}
 
 # What may be imported while `rovtwin --help` starts; anything that computes goes inside the command's function.
 PROMPT = {"cli", "__main__", "__init__"}
 LIGHT_LIBRARIES = set(sys.stdlib_module_names) | {"typer", "rich", "click"}
-LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.core.files", "rovtwin.core.jsontext", "rovtwin.__version__"}
+LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.core.files", "rovtwin.core.jsontext", "rovtwin._version"}
 
 
 @dataclass(frozen=True)
@@ -47,14 +88,20 @@ class Import:
     line: int
     text: str
     at_start: bool  # executed when the module is imported
+    for_types: bool  # read by type checkers only
 
 
-def imports_of(path: Path, package: Path) -> Iterator[Import]:
+def imports_of(path: Path, package: Path) -> tuple[Import, ...]:
     """Every import of a file, relative ones resolved, also `import_module("...")` with a literal name."""
-    module = ["rovtwin", *path.relative_to(package).with_suffix("").parts]
-    parents = module[:-1]  # of a module, and of a package's __init__: the package `from .` means
+    module = ("rovtwin", *path.relative_to(package).with_suffix("").parts)
+    return _imports(module, path.read_text(encoding="utf-8"))
 
-    def visit(node: ast.AST, at_start: bool) -> Iterator[Import]:
+
+@cache
+def _imports(module: tuple[str, ...], source: str) -> tuple[Import, ...]:
+    parents = [*module[:-1]]  # of a module, and of a package's __init__: the package `from .` means
+
+    def visit(node: ast.AST, at_start: bool, for_types: bool = False) -> Iterator[Import]:
         names: list[str] = []
         match node:
             case ast.Import():
@@ -67,22 +114,24 @@ def imports_of(path: Path, package: Path) -> Iterator[Import]:
                 if call in ("import_module", "__import__"):
                     names = [name if not name.startswith(".") else ".".join([*parents, name.lstrip(".")])]
         for name in names:
-            yield Import(name, getattr(node, "lineno", 0), ast.unparse(node), at_start)
+            yield Import(name, getattr(node, "lineno", 0), ast.unparse(node), at_start, for_types)
 
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             body = node.body if isinstance(node.body, list) else [node.body]
             for child in ast.iter_child_nodes(node):
-                yield from visit(child, at_start and child not in body)  # defaults and decorators run at once
-        elif isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+                yield from visit(
+                    child, at_start and child not in body, for_types
+                )  # defaults and decorators run at once
+        elif isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
             for child in node.body:
-                yield from visit(child, False)
+                yield from visit(child, False, True)
             for child in node.orelse:
                 yield from visit(child, at_start)
         else:
             for child in ast.iter_child_nodes(node):
-                yield from visit(child, at_start)
+                yield from visit(child, at_start, for_types)
 
-    yield from visit(ast.parse(path.read_text(encoding="utf-8"), filename=str(path)), True)
+    return tuple(visit(ast.parse(source, filename="/".join(module)), True))
 
 
 def violations(path: Path, package: Path) -> list[str]:
@@ -96,18 +145,60 @@ def violations(path: Path, package: Path) -> list[str]:
     for item in imports_of(path, package):
         said = f"{where}:{item.line}: '{item.text}'"
         library, *rest = item.name.split(".")
-        if library == "rovtwin" and rest != ["__version__"]:
+        if library == "rovtwin":
             target = rest[0] if rest else "__init__"
             if target not in known or target in ("__init__", "*"):
                 found.append(f"{said} goes through the front door; import from the package that defines the name.")
             elif target not in RULES:
                 found.append(f"{said}: package '{target}' has no rule. Say who may import it in {WHERE_RULES_ARE}.")
-            elif target != owner and target not in RULES[owner]:
+            elif target not in RULES[owner] | EVERYWHERE | {owner}:
                 allowed = ", ".join(sorted(RULES[owner])) or "nothing of ours"
                 found.append(f"{said}: {owner} may not import {target} (it may import: {allowed}).")
         if owner in PROMPT and item.at_start and not _is_light(item.name, owner):
             found.append(f"{said} at the top of {owner} slows down `rovtwin --help`; import it inside the function.")
     return found
+
+
+def upward(path: Path, package: Path) -> list[str]:
+    """Imports inside a package that point up its LAYERS, and modules that have no place in them."""
+    inside = next((part for part in LAYERS if (package / part) in path.parents), None)
+    if inside is None or path == package / inside / "__init__.py":
+        return []
+    level = {name: i for i, names in enumerate(LAYERS[inside]) for name in names}
+    room = path.relative_to(package / inside).with_suffix("").parts[0]
+    if room not in level:
+        return [f"{inside}/{room} has no place. Give it one in LAYERS in tests/test_imports.py."]
+    prefix = f"rovtwin.{inside.replace('/', '.')}."
+    above = {name: i for name, i in level.items() if i > level[room]}
+    return [
+        f"{path.relative_to(package)}:{item.line}: '{item.text}': {target} is above {room} in LAYERS."
+        for item in imports_of(path, package)
+        if f"{item.name}.".startswith(prefix) and not item.for_types
+        # A name that is no room is one of the package's lazy face, which may lead anywhere.
+        for target in [item.name.removeprefix(prefix).split(".")[0] if item.name.startswith(prefix) else "the package"]
+        if target in above or target not in level
+    ]
+
+
+def circle(package: Path) -> list[str]:
+    """A circle of imports between files, [] where there is none; what only type checkers read does not count."""
+    modules = {".".join(["rovtwin", *p.relative_to(package).with_suffix("").parts]): p for p in package.rglob("*.py")}
+    modules = {name.removesuffix(".__init__"): path for name, path in modules.items()}
+
+    def module_of(name: str) -> str:
+        while name and name not in modules:
+            name = name.rpartition(".")[0]
+        return name
+
+    needs = {
+        name: {module_of(item.name) for item in imports_of(path, package) if not item.for_types} - {name, ""}
+        for name, path in modules.items()
+    }
+    try:
+        TopologicalSorter(needs).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
 
 
 def _is_light(name: str, owner: str) -> bool:
@@ -126,12 +217,51 @@ def test_imports_point_downwards(path: Path):
     assert not (wrong := violations(path, PACKAGE)), "\n" + "\n".join(wrong)
 
 
+@pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(PACKAGE)) for p in FILES])
+def test_rooms_import_downwards(path: Path):
+    assert not (wrong := upward(path, PACKAGE)), "\n" + "\n".join(wrong)
+
+
+def test_no_circle_of_imports():
+    assert not (found := circle(PACKAGE)), "a circle of imports: " + " <- ".join(found)
+
+
+def test_a_circle_is_found(tmp_path: Path):
+    for name, text in (
+        ("a", "from rovtwin.b import x"),
+        ("b", "def f():\n    import rovtwin.c"),
+        ("c", "import rovtwin.a"),
+    ):
+        (tmp_path / f"{name}.py").write_text(text)
+    assert set(circle(tmp_path)) == {"rovtwin.a", "rovtwin.b", "rovtwin.c"}
+    (tmp_path / "c.py").write_text("if TYPE_CHECKING:\n    import rovtwin.a")
+    assert circle(tmp_path) == []
+
+
+def test_an_import_up_a_room_is_found(tmp_path: Path):
+    path = tmp_path / "gnc" / "allocation" / "a.py"
+    path.parent.mkdir(parents=True)
+    path.write_text("from rovtwin.gnc.safety.rules import Rules\nfrom rovtwin.gnc.interfaces import Mode\n")
+    (wrong,) = upward(path, tmp_path)
+    assert wrong.startswith("gnc/allocation/a.py:1:") and "safety is above allocation" in wrong
+    for face in (
+        "from rovtwin.gnc import fly",
+        "import rovtwin.gnc as g",
+        "if not TYPE_CHECKING:\n    import rovtwin.gnc.safety",
+    ):
+        path.write_text(face)
+        assert upward(path, tmp_path), face
+    nowhere = tmp_path / "gnc" / "nowhere.py"
+    nowhere.write_text("")
+    assert "gnc/nowhere has no place" in upward(nowhere, tmp_path)[0]
+
+
 # The checker itself, on a small tree: each line must be found, or must pass.
 
 BAD = [
     ("core/a.py", "import rovtwin.vehicle"),
-    ("core/a.py", "import numpy, rovtwin.gnc.observer as o"),
-    ("core/a.py", "from rovtwin.vehicle.model import Model"),
+    ("core/a.py", "import numpy, rovtwin.gnc.thesis.ekf as o"),
+    ("core/a.py", "from rovtwin.vehicle.physics.model import Model"),
     ("core/a.py", "from rovtwin import vehicle"),
     ("core/a.py", "from ..vehicle import Model"),
     ("core/a.py", "from .. import vehicle"),
@@ -144,11 +274,12 @@ BAD = [
     ("core/a.py", "import rovtwin"),
     ("core/a.py", "from rovtwin import Model"),
     ("core/a.py", "from rovtwin import *"),
+    ("core/a.py", "from rovtwin import __version__"),
     ("simulation/a.py", "from rovtwin.gnc import Observer"),
     ("gnc/a.py", "from rovtwin.survey import plan"),
     ("links/a.py", "from rovtwin.simulation import Twin"),
     ("report/a.py", "from rovtwin.identification import fit"),
-    ("survey/a.py", "from rovtwin.scenario import fly"),
+    ("survey/a.py", "from rovtwin.runs import fly"),
     ("scenario/a.py", "from rovtwin.campaign import study"),
     ("campaign/a.py", "from rovtwin.console import app"),
     ("console/a.py", "from rovtwin.cli import main"),
@@ -157,7 +288,7 @@ BAD = [
     ("cli/main.py", "from numpy import array"),
     ("cli.py", "try:\n    import matplotlib\nexcept ImportError:\n    pass"),
     ("cli.py", "class A:\n    import equinox"),
-    ("cli.py", "from rovtwin.scenario import fly, study"),
+    ("cli.py", "from rovtwin.runs import fly, study"),
     ("cli.py", "from .scenario import fly  # top"),
     ("cli.py", "from .core.log import Log"),
     ("__init__.py", "from rovtwin.vehicle import Vehicle"),
@@ -167,14 +298,14 @@ BAD = [
 GOOD = [
     (
         "core/a.py",
-        "import jax\nfrom rovtwin.core.b import c\nfrom . import b\nfrom .b import c\nfrom rovtwin import __version__",
+        "import jax\nfrom rovtwin.core.b import c\nfrom . import b\nfrom .b import c\nfrom rovtwin._version import v",
     ),
     ("core/deep/a.py", "from .. import errors\nfrom ..errors import RovtwinError"),
     ("vehicle/a.py", "from rovtwin.core import frames\nfrom ..core.frames import R_nb\nfrom rovtwinish import x"),
     ("gnc/a.py", "from rovtwin.vehicle import Model\nfrom ..core import Block"),
-    ("scenario/a.py", "from rovtwin.gnc import x\nfrom rovtwin.simulation import y\nfrom ..links import z"),
-    ("campaign/a.py", "from rovtwin.scenario import fly"),
-    ("cli.py", "import sys\nimport typer\nfrom rich.table import Table\nfrom rovtwin import __version__"),
+    ("runs/a.py", "from rovtwin.gnc import x\nfrom rovtwin.simulation import y\nfrom ..links import z"),
+    ("campaign/a.py", "from rovtwin.runs import fly"),
+    ("cli.py", "import sys\nimport typer\nfrom rich.table import Table\nfrom rovtwin._version import __version__"),
     (
         "cli.py",
         "from rovtwin.core.errors import LogError\ndef f():\n    import jax\n    from rovtwin.campaign import study",
@@ -213,9 +344,9 @@ def test_checker_names_file_line_import_and_what_is_allowed(tmp_path: Path):
 
 
 def test_checker_asks_for_a_rule_for_a_new_package(tmp_path: Path):
-    (wrong,) = _checked(tmp_path, "planning/a.py", "import math")
-    assert "package 'planning' has no rule" in wrong and WHERE_RULES_ARE in wrong
+    (wrong,) = _checked(tmp_path, "quays/a.py", "import math")
+    assert "package 'quays' has no rule" in wrong and WHERE_RULES_ARE in wrong
     user = tmp_path / "rovtwin" / "scenario" / "a.py"
-    user.write_text("from rovtwin.planning import a\n")
+    user.write_text("from rovtwin.quays import a\n")
     (wrong,) = violations(user, tmp_path / "rovtwin")
-    assert "package 'planning' has no rule" in wrong and WHERE_RULES_ARE in wrong
+    assert "package 'quays' has no rule" in wrong and WHERE_RULES_ARE in wrong

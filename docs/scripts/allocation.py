@@ -14,11 +14,11 @@ import numpy as np
 
 from rovtwin.core.block import Start
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import Allocation
-from rovtwin.gnc.attainable import lost_axes, remaining
-from rovtwin.gnc.priority_allocation import AllocationInput, PriorityAllocation
+from rovtwin.gnc.allocation.attainable_wrench import lost_axes, remaining
+from rovtwin.gnc.allocation.prioritised import AllocationInput, PriorityAllocation
+from rovtwin.gnc.thesis.allocation import Allocation
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.thrusters import force_limits, static_force
+from rovtwin.vehicle.physics.thrusters import force_limits, static_force
 
 DT = 0.02
 SOUND, LOST = np.ones(6), np.array([1.0, 1, 1, 0, 0, 0])

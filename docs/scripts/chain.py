@@ -263,7 +263,7 @@ def _last(message: str) -> str:
 def library() -> list[str]:
     """All vehicles of the library; devices have no thrusters."""
     from rovtwin.vehicle import load_vehicle
-    from rovtwin.vehicle.files import list_library
+    from rovtwin.vehicle.description.files import list_library
 
     return [name for name in list_library() if load_vehicle(name).thruster_names]
 

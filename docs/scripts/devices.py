@@ -35,12 +35,12 @@ from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 from rovtwin.vehicle import Model, Vehicle, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.dynamics import State, rollout
-from rovtwin.vehicle.extent import around_thrusters, bounding_box
-from rovtwin.vehicle.trim import hang, steady_speed
+from rovtwin.vehicle.analysis.extent import around_thrusters, bounding_box
+from rovtwin.vehicle.analysis.stability import hang, steady_speed
+from rovtwin.vehicle.physics.dynamics import State, rollout
 
 VEHICLES = ("double_blueye", "bluerov2_heavy", "gladius_mini")
 PLACES = {

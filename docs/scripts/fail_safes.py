@@ -12,8 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 
 CASES = {
     "a leak at 60 s": ["faults=[{fault: leak, at: 60}]"],

@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 
 from rovtwin.report.catalogue import figures
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 
 FAULT = "faults=[{at: 150, thruster: starboard.surge, fault: dead}]"
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from rovtwin.vehicle import list_library, load_vehicle
+from rovtwin.vehicle.analysis.stability import reach, steady_speed
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.reach import rank
-from rovtwin.vehicle.trim import reach, steady_speed
+from rovtwin.vehicle.physics.actuation import rank
 
 # Ahead [m/s], where somebody states one. Marked *: the file's forces were chosen to meet it, so that it proves nothing.
 STATED = {"gladius_mini": "2.0*", "minerva": "1.0*", "sparus_ii": "1.5 to 2.0", "lbv300": "1.5*", "blueye_x3": "1.5"}

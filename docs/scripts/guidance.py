@@ -30,13 +30,14 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import Allocation
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.control import ControlInput, Pid, linearised_damping, restoring_stiffness
-from rovtwin.gnc.mission import mission
-from rovtwin.gnc.reference import ReferenceModel
+from rovtwin.gnc.control.reference_model import ReferenceModel
+from rovtwin.gnc.guidance.mission import mission
+from rovtwin.gnc.interfaces import ControlInput
+from rovtwin.gnc.thesis.allocation import Allocation
+from rovtwin.gnc.thesis.pid import Pid, linearised_damping, restoring_stiffness
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import State, plant_step
+from rovtwin.vehicle.physics.dynamics import State, plant_step
 
 DT = 0.02
 SETS = {

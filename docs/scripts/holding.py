@@ -13,14 +13,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rovtwin.core.numerics import jax
-from rovtwin.scenario.composition import compose
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.feasibility.sea import holdings, thesis_rms, worst
+from rovtwin.runs.feasibility.station_keeping import holding
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
-from rovtwin.scenario.sea import holdings, thesis_rms, worst
-from rovtwin.simulation.airy import AirySea
-from rovtwin.simulation.holding import holding
-from rovtwin.simulation.sea import SeaState
-from rovtwin.simulation.world import World
+from rovtwin.simulation.environment.airy import AirySea
+from rovtwin.simulation.environment.sea import SeaState
+from rovtwin.simulation.environment.world import World
 from rovtwin.vehicle import load_vehicle
 
 VEHICLES = ("double_blueye", "double_blueye_thesis")

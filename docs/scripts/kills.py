@@ -240,7 +240,7 @@ def prepare(bench: Bench, kinds: list[str]) -> Iterator[Any]:
     """What the commands need: a served twin and an identification; compiled programs."""
     if "identify" in kinds:
         from rovtwin.identification.identify import identify
-        from rovtwin.identification.joint.overlay import to_yaml
+        from rovtwin.identification.joint.result.overlay import to_yaml
         from rovtwin.vehicle import load_vehicle
 
         made = identify(load_vehicle("bluerov2"), [], free=["added_mass.yaw"])

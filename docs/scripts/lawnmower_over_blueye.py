@@ -19,13 +19,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rovtwin.core.log import Log
+from rovtwin.live.connect import connect, source
+from rovtwin.live.flight import fly_live
 from rovtwin.report.style import BLACK, BLUE
+from rovtwin.runs.fly import fly
+from rovtwin.runs.pace import Clock
+from rovtwin.runs.scoring.scores import distance_to_leg
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
-from rovtwin.scenario.live.connect import connect, source
-from rovtwin.scenario.live.flight import fly_live
-from rovtwin.scenario.pace import Clock
-from rovtwin.scenario.score import distance_to_leg
 
 HOSTS, UGPS, DVL = ("127.0.0.62", "127.0.0.63"), 8081, 16172
 

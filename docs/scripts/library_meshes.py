@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from rovtwin.vehicle.files import LIBRARY
+from rovtwin.vehicle.description.files import LIBRARY
 
 make = trimesh.creation
 

@@ -12,9 +12,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from rovtwin.scenario.composition import compose
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.run import chunks
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.run import chunks
 
 AUTOPILOTS = {"thesis_placed": "#c0504d", "model_based": "#1f5fa8"}
 

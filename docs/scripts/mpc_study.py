@@ -26,17 +26,14 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import FINISHED, Environment, Estimate
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import AllocationInput
-from rovtwin.gnc.control import ControlInput
-from rovtwin.gnc.guidance import GuidanceInput
-from rovtwin.gnc.mission import mission
-from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.priority_allocation import PriorityAllocation
-from rovtwin.gnc.supervisor import MODE_RUNNING, Mode
-from rovtwin.gnc.tracking import PathReference, Tracking
+from rovtwin.gnc.allocation.prioritised import PriorityAllocation
+from rovtwin.gnc.control.tracking import PathReference, Tracking
+from rovtwin.gnc.guidance.mission import mission
+from rovtwin.gnc.guidance.path_following import PathGuidance
+from rovtwin.gnc.interfaces import MODE_RUNNING, AllocationInput, ControlInput, GuidanceInput, Mode
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import State, coriolis_wrench, damping_wrench, plant_step
-from rovtwin.vehicle.reach import wrench_limits
+from rovtwin.vehicle.physics.actuation import wrench_limits
+from rovtwin.vehicle.physics.dynamics import State, coriolis_wrench, damping_wrench, plant_step
 
 DT, HOLD, LIMIT = 0.02, 5, 500.0  # control period [s], periods between two plans, longest flight [s]
 LAWNMOWER = [(6, 0), (6, 3), (0, 3), (0, 6), (6, 6), (6, 9), (0, 9)]  # thesis, table 8.3

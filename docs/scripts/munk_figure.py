@@ -13,7 +13,7 @@ import numpy as np
 
 from rovtwin.core.numerics import jax
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.trim import depth_held, linearised, reach, stability, steady_speed
+from rovtwin.vehicle.analysis.stability import depth_held, linearised, reach, stability, steady_speed
 
 VEHICLES = {"double_blueye_thesis": "tab:red", "double_blueye": "tab:blue"}
 PITCH, THETA = 4, 7

@@ -15,11 +15,11 @@ from scipy.stats import chi2
 
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.bound import damping_slopes, inertial_bound, position_bound
-from rovtwin.gnc.observer import Ekf, EkfTuning
-from rovtwin.scenario.composition import compose
+from rovtwin.gnc.navigation.accuracy_bound import damping_slopes, inertial_bound, position_bound
+from rovtwin.gnc.thesis.ekf import Ekf, EkfTuning
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.loop import Loop
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.loop import Loop
 from rovtwin.vehicle import load_vehicle
 
 DT, SECONDS, SETTLED = 0.02, 300.0, 60.0

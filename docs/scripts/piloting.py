@@ -12,8 +12,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 
 WORDS = {10: "down", 22: "ahead", 42: "ahead, turning", 62: "to starboard", 75: "stay"}
 

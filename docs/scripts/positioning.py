@@ -29,7 +29,7 @@ from rovtwin.report.lens import port_figure
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import cameras_of
+from rovtwin.vehicle.description.cameras import cameras_of
 
 COLOURS = {"truth": "0.2", "Luenberger, thesis": "#c0392b", "filter": "#1f5a87", "smoother": "#3a8a4d"}
 

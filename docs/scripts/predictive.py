@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from rovtwin.core.frames import euler_from_quaternion
-from rovtwin.vehicle.thrusters import force_limits
+from rovtwin.vehicle.physics.thrusters import force_limits
 
 LEVEL = np.array([0, 1, 5])  # surge, sway, yaw
 STEPS, STEP = 20, 0.25  # of the prediction; [s]

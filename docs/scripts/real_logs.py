@@ -9,8 +9,8 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from rovtwin.identification.diagnostics.validation import Prediction
 from rovtwin.identification.identify import identify
-from rovtwin.identification.judgement.validation import Prediction
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.vehicle import load_vehicle

@@ -8,7 +8,7 @@ import json
 import sys
 from pathlib import Path
 
-from rovtwin.scenario.batch import COLUMNS, table_row
+from rovtwin.runs.batch import COLUMNS, table_row
 
 
 def table(result: dict) -> str:

@@ -16,9 +16,9 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.world import walls_of
+from rovtwin.simulation.environment.world import walls_of
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import State, rollout
+from rovtwin.vehicle.physics.dynamics import State, rollout
 
 DT, SECONDS = 0.002, 60
 

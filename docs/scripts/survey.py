@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from rovtwin.scenario.flight import fly
-from rovtwin.scenario.plan_survey import SurveyRequest, lay_out, survey_picture
+from rovtwin.planning.survey import SurveyRequest, lay_out, survey_picture
+from rovtwin.runs.fly import fly
 from rovtwin.survey.room import Swath
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "survey"

@@ -13,9 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from rovtwin.core.numerics import as_array, jax
-from rovtwin.scenario.compose_world import relief_of
+from rovtwin.runs.compose.world import relief_of
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 
 NAME = "terrain_following"
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from rovtwin.core.block import Start
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.simulation.cable import Cable
-from rovtwin.simulation.tether import Tether, TetherInput
-from rovtwin.vehicle.dynamics import State
+from rovtwin.simulation.tether.cable import Cable
+from rovtwin.simulation.tether.tether import Tether, TetherInput
+from rovtwin.vehicle.physics.dynamics import State
 
 SPEEDS = np.linspace(0.0, 0.6, 13)
 THRUST = 20.0  # of the Double Blueye ahead [N]

@@ -11,7 +11,7 @@ import numpy as np
 
 from rovtwin.core.numerics import jax
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import damping_wrench
+from rovtwin.vehicle.physics.dynamics import damping_wrench
 
 SPEEDS = np.array([0.1, 0.15, 0.2, 0.25, 0.3, 0.35])
 RIG, TARE, RATE, RAMP = 6.0, 1.7, 50.0, 0.1

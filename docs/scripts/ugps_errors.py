@@ -23,7 +23,7 @@ from scipy.optimize import nnls
 from scipy.sparse import csr_array
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.acoustic import AcousticErrors
+from rovtwin.simulation.sensors.acoustic import AcousticErrors
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data" / "ugps_g2"
 IN_WATER = (300.0, 1340.0)  # of the log; before and after it the locator is on deck [s]

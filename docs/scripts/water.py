@@ -10,7 +10,7 @@ import numpy as np
 
 from rovtwin.report.style import BLACK, SERIES, SMALL, dress, new_figure
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.water import density
+from rovtwin.vehicle.description.water import density
 
 # Examples, not measurements: temperature [deg C] and salinity.
 PLACES = {"warm pool": (24, 0), "brackish, as the Baltic": (16, 7), "fjord with river water": (8, 20), "sea": (8, 34)}

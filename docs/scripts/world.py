@@ -15,12 +15,12 @@ import numpy as np
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.airy import AirySea
-from rovtwin.simulation.current import GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.sea import SeaState, wavenumber
-from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
-from rovtwin.simulation.waves import SEAS, ThesisWaves, filter_parameters, spectrum
-from rovtwin.vehicle.dynamics import State
+from rovtwin.simulation.environment.airy import AirySea
+from rovtwin.simulation.environment.current import GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.environment.sea import SeaState, wavenumber
+from rovtwin.simulation.environment.waves import SEAS, ThesisWaves, filter_parameters, spectrum
+from rovtwin.simulation.sensors.sensor import Sensor, SensorInput, table_5_7
+from rovtwin.vehicle.physics.dynamics import State
 
 START = Start.at()
 STILL = State(jnp.zeros(3), START.attitude, jnp.zeros(6), jnp.zeros(0))

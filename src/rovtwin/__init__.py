@@ -6,23 +6,23 @@ The names below load on first use, so that `rovtwin --help` answers before JAX i
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from rovtwin._version import __version__
+
 if TYPE_CHECKING:
     from rovtwin.core.log import Log
     from rovtwin.identification.identify import identify
     from rovtwin.identification.result import Identification
+    from rovtwin.runs.fly import fly
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.flight import fly
-    from rovtwin.vehicle.model import Model
-    from rovtwin.vehicle.vehicle import Vehicle, load_vehicle
-
-__version__ = "0.1.0"
+    from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle
+    from rovtwin.vehicle.physics.model import Model
 
 _WHERE = {
     "load_vehicle": "rovtwin.vehicle",
     "Vehicle": "rovtwin.vehicle",
     "Model": "rovtwin.vehicle",
-    "load_scenario": "rovtwin.scenario",
-    "fly": "rovtwin.scenario",
+    "load_scenario": "rovtwin.scenario.files",
+    "fly": "rovtwin.runs.fly",
     "Log": "rovtwin.core.log",
     "identify": "rovtwin.identification.identify",
     "Identification": "rovtwin.identification.result",

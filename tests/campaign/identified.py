@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.identification.joint.overlay import identified_file
-from rovtwin.identification.joint.parameters import Parameter, Parameters
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.groups import thruster_groups
+from rovtwin.identification.joint.model.parameters import Parameter, Parameters
+from rovtwin.identification.joint.result.overlay import identified_file
 from rovtwin.vehicle import load_vehicle
 
 

@@ -10,8 +10,8 @@ from rovtwin.campaign.packages import require
 from rovtwin.campaign.samples import draws, scenario_at, tasks
 from rovtwin.campaign.schema import Campaign, load_campaign
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.fitting import fitted, own_values
-from rovtwin.scenario.limits import Limits
+from rovtwin.runs.compose.fitting import fitted, own_values
+from rovtwin.runs.limits import Limits
 from rovtwin.vehicle import load_vehicle
 
 VARY = {

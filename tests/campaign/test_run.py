@@ -23,7 +23,7 @@ from rovtwin.campaign.store import Store, read_table
 from rovtwin.campaign.summary import column, share_interval, summarise, wall_time
 from rovtwin.campaign.workers import Dask, at_scheduler, on_slurm, on_this_machine
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.flight import fly
+from rovtwin.runs.fly import fly
 
 FILE = {
     "scenario": "lawnmower_waves",

@@ -14,7 +14,7 @@ from rovtwin.campaign.tune_result import Judged, Tuned, Wish, paired
 from rovtwin.campaign.tune_search import Search, search
 from rovtwin.campaign.tune_writing import as_data, write_tuned
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.compose_autopilot import tuned_for_another
+from rovtwin.runs.compose.autopilot import tuned_for_another
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import ModelBasedSection
 from rovtwin.vehicle import load_vehicle

@@ -87,8 +87,8 @@ def open_views(views_page: tuple[Any, list[str]]) -> Iterator[Callable[..., Any]
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a short run that was completed: two way-points."""
+    from rovtwin.runs.fly import fly
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.flight import fly
 
     first, second = (f"{{position: [0.6, {y}, 0.5], speed: 0.3, acceptance: 0.3}}" for y in (0, 0.5))
     changes = ["autopilot=thesis", "duration=60", "name=short", f"mission.waypoints=[{first}, {second}]"]

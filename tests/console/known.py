@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from rovtwin.identification.joint.catalogue import catalogue
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.overlay import identified_file
+from rovtwin.identification.joint.model.catalogue import catalogue
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.result.overlay import identified_file
 from rovtwin.vehicle import load_vehicle
 
 WIDTHS = {"restoring.net_buoyancy": 0.1, "restoring.center_of_buoyancy_x": 1e-3, "restoring.center_of_buoyancy_y": 1e-3}

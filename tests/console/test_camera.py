@@ -13,7 +13,8 @@ from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.scenario.files import load_scenario
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import cameras_of, project
+from rovtwin.vehicle.description.cameras import cameras_of
+from rovtwin.vehicle.physics.camera import project
 
 cv2 = pytest.importorskip("cv2", reason="the camera's view needs OpenCV")
 

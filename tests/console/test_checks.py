@@ -4,9 +4,9 @@ import pytest
 
 from rovtwin.console.engine.checks import MOST, faults, kept, require_none
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.runs.compose.composition import vehicle_of
+from rovtwin.runs.feasibility.point_numbers import counted, named
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.point_numbers import counted, named
 from rovtwin.scenario.schema import MissionSection, Waypoint
 
 FENCE = "autopilot.supervisor.geofence=15"
@@ -72,7 +72,7 @@ def test_numbers_are_counted_and_found_again(points):
 
 
 def test_a_finding_names_all_way_points_that_it_is_of():
-    from rovtwin.scenario.feasibility import judge
+    from rovtwin.runs.feasibility.mission import judge
 
     scenario = planned((5, 0, 2), (5, 5, 2), (0, 5, 2), changes=())
     points = [w.model_copy(update={"speed": 3.0}) for w in scenario.waypoints]

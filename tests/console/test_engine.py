@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.scenario.test_feasibility import NO_HEAVE
+from tests.runs.test_feasibility import NO_HEAVE
 
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
@@ -19,10 +19,10 @@ from rovtwin.console.engine.state import Changes, plan_told
 from rovtwin.core.datum import Datum
 from rovtwin.core.errors import ConfigError, LinkError, LogError
 from rovtwin.core.flow import Command
+from rovtwin.runs.compose.fitting import own_values
+from rovtwin.runs.limits import Limits
+from rovtwin.runs.pace import Clock
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.fitting import own_values
-from rovtwin.scenario.limits import Limits
-from rovtwin.scenario.pace import Clock
 from rovtwin.scenario.schema import MissionSection, Waypoint
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
@@ -143,8 +143,8 @@ class FakeFlight:
 @pytest.fixture
 def engine(monkeypatch):
     """An engine with a vehicle that was heard, not armed."""
-    monkeypatch.setattr(module, "Shipyard", FakeYard)
-    monkeypatch.setattr(module, "Teller", FakeTeller)
+    monkeypatch.setattr(module, "SessionBuilder", FakeYard)
+    monkeypatch.setattr(module, "Publisher", FakeTeller)
     monkeypatch.setattr(module, "setup_of", lambda *_: {})
     monkeypatch.setattr(ticker, "flown", lambda *_: dict(RESTING))
     monkeypatch.setattr(ticker.Consistency, "take", lambda *_: None)
@@ -318,8 +318,8 @@ def test_a_vehicle_that_cannot_be_closed_keeps_nobody_from_ending(engine):
 def test_a_yard_makes_no_second_vessel_while_one_waits_to_be_taken(monkeypatch):
     """Two would steer one vehicle, and STOP would reach the newer one only."""
     made = []
-    monkeypatch.setattr(vessel.Shipyard, "_vessel", lambda self: made.append(1) or f"vessel {len(made)}")
-    yard = vessel.Shipyard(SimpleNamespace(), 1.0, lambda stage, note: None)
+    monkeypatch.setattr(vessel.SessionBuilder, "_vessel", lambda self: made.append(1) or f"vessel {len(made)}")
+    yard = vessel.SessionBuilder(SimpleNamespace(), 1.0, lambda stage, note: None)
     for _ in range(2):
         yard.begin()
         yard._thread.join(2.0)
@@ -337,7 +337,9 @@ def test_sources_are_let_go_of_when_one_of_them_fails(monkeypatch):
             raise LinkError("port in use")
         return fine
 
-    yard = vessel.Shipyard(SimpleNamespace(is_twin=False, link="x", sensors=("good", "bad")), 1.0, lambda *_: None)
+    yard = vessel.SessionBuilder(
+        SimpleNamespace(is_twin=False, link="x", sensors=("good", "bad")), 1.0, lambda *_: None
+    )
     yard._helm = (None, None, None, None)
     monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: closed.append("link")))
     monkeypatch.setattr(vessel, "source", source)
@@ -485,7 +487,7 @@ def test_what_is_made_ready_is_told_step_by_step(monkeypatch, tmp_path):
         yard._go_on(3)
         raise LinkError("no such vehicle")
 
-    yard = vessel.Shipyard(SimpleNamespace(is_twin=True, sensors=(), link="twin://"), 1.0, say)
+    yard = vessel.SessionBuilder(SimpleNamespace(is_twin=True, sensors=(), link="twin://"), 1.0, say)
     monkeypatch.setattr(yard, "_open", lambda: SimpleNamespace(close=lambda: None))
     monkeypatch.setattr(yard, "_compiled", compiled)
     yard._make()

@@ -11,7 +11,7 @@ import pytest
 from tests.console.loops import ran
 from tests.console.messages import state as state_of_a_flight
 
-from rovtwin.console.engine.state import Consistency, Hearing, band
+from rovtwin.console.engine.state import Consistency, SensorStatus, band
 from rovtwin.console.history import history
 from rovtwin.console.marks import marks_of
 from rovtwin.console.replay import Recording
@@ -82,7 +82,7 @@ def test_sensors_are_as_old_as_they_were(recording):
     told = recording.state(t)["sensors"]["position"]
     assert told["age"] == pytest.approx(0.3)
     np.testing.assert_array_equal(told["value"], series.values[4, :-1])
-    assert recording.state(0.0)["sensors"].keys() == Hearing(list(recording.readings)).told(0.0)["sensors"].keys()
+    assert recording.state(0.0)["sensors"].keys() == SensorStatus(list(recording.readings)).told(0.0)["sensors"].keys()
 
 
 def test_consistency_is_that_of_a_flight(recording):

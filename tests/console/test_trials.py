@@ -16,9 +16,9 @@ from rovtwin.core.datum import datum_of
 from rovtwin.core.flow import PHASES, REASONS, Measurement
 from rovtwin.core.log import Log
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.scenario.composition import compose
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.pace import Clock
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.pace import Clock
 
 ZERO = 7.0  # an engine's clock when the test begins [s]
 

@@ -18,11 +18,11 @@ from rovtwin.console.engine.watching import IN_A_TEST, VehicleWatch
 from rovtwin.core.flow import AutopilotOutput, Command, Estimate, Progress, Reference, Setpoint, Slot, Wrench
 from rovtwin.core.log import Log
 from rovtwin.core.numerics import jnp
+from rovtwin.live import beside
 from rovtwin.monitoring.factors import Factors, changed
 from rovtwin.monitoring.flight import Found
-from rovtwin.scenario.composition import compose
+from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.live import beside
 
 SECONDS, ZERO = 65.0, 7.0  # of the flight; an engine's clock when it is armed
 

@@ -9,7 +9,7 @@ from rovtwin.console.engine.world import LEASH, TRUTH, WorldLink
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Command, Slot
 from rovtwin.links.twin import TwinLink
-from rovtwin.scenario.pace import Clock
+from rovtwin.runs.pace import Clock
 
 DT = 0.02
 

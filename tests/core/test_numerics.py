@@ -34,7 +34,7 @@ def test_fresh_process_is_configured_before_jax_starts(tmp_path):
     """XLA reads its flags once: importing any module that computes must be enough, and what is compiled is kept."""
     script = """
 import os
-from rovtwin.vehicle import dynamics
+from rovtwin.vehicle.physics import dynamics
 import jax
 print(jax.config.jax_enable_x64, jax.config.read("jax_cpu_enable_async_dispatch"), os.environ["PJRT_NPROC"])
 print(os.environ.get("XLA_FLAGS", ""))

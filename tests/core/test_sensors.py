@@ -5,11 +5,11 @@ from typing import get_args
 import pytest
 
 from rovtwin.core.sensors import ESSENTIAL, SENSORS, kind_named, kind_of, names_of
-from rovtwin.gnc.ekf_tuning import STATES
+from rovtwin.gnc.thesis.ekf_tuning import STATES
 from rovtwin.identification.logs.record import SIGNALS
 from rovtwin.scenario.schema import SensorsSection
-from rovtwin.simulation.sensor_kinds import IDEAL
-from rovtwin.vehicle.schema import SensorKind
+from rovtwin.simulation.sensors.kinds import IDEAL
+from rovtwin.vehicle.description.schema import SensorKind
 
 
 @pytest.mark.parametrize("kind", SENSORS)

@@ -7,10 +7,10 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import AutopilotInput, Environment, Estimate, Slot
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.gnc.mission import mission
-from rovtwin.vehicle.dynamics import State, plant_step
-from rovtwin.vehicle.model import Model, rigid_body_matrix
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.gnc.guidance.mission import mission
+from rovtwin.vehicle.physics.dynamics import State, plant_step
+from rovtwin.vehicle.physics.model import Model, rigid_body_matrix
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 DT = 0.02
 ARM = 0.28

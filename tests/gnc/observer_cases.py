@@ -9,11 +9,12 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment, Measurements, Slot
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.ekf_tuning import SENSOR_STD
-from rovtwin.gnc.observer import Ekf, ObserverInput
-from rovtwin.vehicle.dynamics import State, acceleration, plant_step
-from rovtwin.vehicle.model import Model, rigid_body_matrix
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.gnc.interfaces import ObserverInput
+from rovtwin.gnc.thesis.ekf import Ekf
+from rovtwin.gnc.thesis.ekf_tuning import SENSOR_STD
+from rovtwin.vehicle.physics.dynamics import State, acceleration, plant_step
+from rovtwin.vehicle.physics.model import Model, rigid_body_matrix
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 DT = 0.02
 RATE = {"position": 1.0, "pressure": 42.0, "gyro": 100.0, "attitude": 100.0, "dvl": 10.0, "accelerometer": 100.0}

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from tests.gnc.flying import ARM, thirty_kg, two_bodies
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import Allocation, coupled, weighted_pseudo_inverse
-from rovtwin.vehicle.reach import rank, reachable_share, uncontrollable_directions, wrench_limits
-from rovtwin.vehicle.thrusters import force_limits, static_force, thrusters_from
+from rovtwin.gnc.thesis.allocation import Allocation, coupled, weighted_pseudo_inverse
+from rovtwin.vehicle.physics.actuation import rank, reachable_share, uncontrollable_directions, wrench_limits
+from rovtwin.vehicle.physics.thrusters import force_limits, static_force, thrusters_from
 
 # Four vectored horizontal thrusters, which surge, sway and yaw share, and two vertical ones: a common small ROV.
 _C = np.sqrt(0.5)

@@ -24,9 +24,9 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.rules import RULES, Rules
-from rovtwin.gnc.supervisor import Supervisor
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.gnc.safety.rules import RULES, Rules
+from rovtwin.gnc.safety.supervisor import Supervisor
+from rovtwin.vehicle.physics.thrusters import static_force
 
 KEY = jax.random.key(0)
 START = Start.at((0.0, 0.0, 0.5))

@@ -9,8 +9,7 @@ from tests.gnc.flying import estimate_of
 from rovtwin.core.block import Start
 from rovtwin.core.flow import GO, HELD, LEAK, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Setpoint
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.gnc.contingency import Contingency, ContingencyInput
-from rovtwin.gnc.supervisor import (
+from rovtwin.gnc.interfaces import (
     MODE_ABORTED,
     MODE_HOLDING,
     MODE_PAUSED,
@@ -20,6 +19,7 @@ from rovtwin.gnc.supervisor import (
     MODE_SURFACING,
     Mode,
 )
+from rovtwin.gnc.safety.contingency import Contingency, ContingencyInput
 
 DT = 0.1
 BLOCK = Contingency(

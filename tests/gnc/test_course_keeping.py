@@ -26,17 +26,17 @@ from rovtwin.core.flow import (
 )
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
+from rovtwin.gnc.allocation.prioritised import PriorityAllocation
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.contingency import Contingency
-from rovtwin.gnc.course_keeping import CourseInput, CourseKeeping
-from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.priority_allocation import PriorityAllocation
-from rovtwin.gnc.rules import RULES, Rules
+from rovtwin.gnc.control.tracking import PathReference, Tracking
+from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping
+from rovtwin.gnc.guidance.path_following import PathGuidance
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
+from rovtwin.gnc.safety.contingency import Contingency
+from rovtwin.gnc.safety.rules import RULES, Rules
+from rovtwin.gnc.safety.supervisor import Supervisor
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.gnc.supervisor import Supervisor
-from rovtwin.gnc.sustained import SustainedSpeed
-from rovtwin.gnc.tracking import PathReference, Tracking
-from rovtwin.vehicle.dynamics import State, coriolis_wrench, damping_wrench, plant_step
+from rovtwin.vehicle.physics.dynamics import State, coriolis_wrench, damping_wrench, plant_step
 
 MODEL = thirty_kg(T=np.delete(two_bodies(), [1, 4], axis=1))
 SCALES = VehicleScales.of(MODEL)
@@ -183,8 +183,8 @@ def test_a_heading_that_was_given_up_is_not_taken_again_at_the_limit():
 def test_passes_outside_the_acceptance_are_counted():
     guidance = PathGuidance.of(MODEL, steered=True)
     memory = guidance.init(jax.random.key(0), Start.at())
-    from rovtwin.gnc.path import piece_of
-    from rovtwin.gnc.path_guidance import _missed
+    from rovtwin.gnc.guidance.path import piece_of
+    from rovtwin.gnc.guidance.path_following import _missed
 
     plan = route([(4, 0)])
     piece = piece_of(plan, jnp.asarray(0), jnp.zeros(2), jnp.zeros(()), 0.06, 0.1)
@@ -225,7 +225,7 @@ def test_it_comes_home_across_a_current():
 
 
 def test_velocity_through_the_water_makes_the_course_good_before_the_speed():
-    sustained = SustainedSpeed.of(MODEL)
+    sustained = AchievableSpeed.of(MODEL)
     most = float(sustained.most[0, 0])
     current = jnp.array([0.0, 0.6 * most])
     w, swept = sustained.course(jnp.array([0.3 * most, 0.0]), current)
@@ -246,7 +246,7 @@ def test_a_pilot_steers_himself():
     from tests.block_examples import estimates, setpoints
 
     from rovtwin.core.flow import PILOTED
-    from rovtwin.gnc.course_keeping import CourseInput
+    from rovtwin.gnc.guidance.course_keeping import CourseInput
 
     first = jax.tree.map(lambda x: x[0], (setpoints(), estimates()))
     asked = dataclasses.replace(first[0], phase=jnp.asarray(PILOTED))

@@ -11,16 +11,15 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Environment, Reference
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import AllocationInput
-from rovtwin.gnc.control import ControlInput
-from rovtwin.gnc.heave_feedback import HeaveFeedback
-from rovtwin.gnc.priority_allocation import PriorityAllocation
+from rovtwin.gnc.allocation.prioritised import PriorityAllocation
+from rovtwin.gnc.allocation.shared_thrust import SharedThrust
+from rovtwin.gnc.control.heave_feedback import HeaveFeedback
+from rovtwin.gnc.control.tracking import Tracking
+from rovtwin.gnc.interfaces import AllocationInput, ControlInput
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.gnc.shared_thrust import SharedThrust
-from rovtwin.gnc.tracking import Tracking
-from rovtwin.vehicle.dynamics import State, plant_step
-from rovtwin.vehicle.reach import wrench_of_forces
-from rovtwin.vehicle.trim import by_products, tilt_of_thrust
+from rovtwin.vehicle.analysis.stability import by_products, tilt_of_thrust
+from rovtwin.vehicle.physics.actuation import wrench_of_forces
+from rovtwin.vehicle.physics.dynamics import State, plant_step
 
 
 @eqx.filter_jit

@@ -7,11 +7,11 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment, Estimate, Reference
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.gnc.control import ControlInput
-from rovtwin.gnc.tracking import Tracking
+from rovtwin.gnc.control.tracking import Tracking
+from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import State, damping_wrench, plant_step
-from rovtwin.vehicle.thrusters import command_for_force
+from rovtwin.vehicle.physics.dynamics import State, damping_wrench, plant_step
+from rovtwin.vehicle.physics.thrusters import command_for_force
 
 DT, LEARNS = 0.02, 2.0  # [s]; the observer knows the disturbance by so much later
 REAL = 60.0  # [s]

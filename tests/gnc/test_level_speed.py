@@ -5,20 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 from tests.gnc.flying import thirty_kg
-from tests.gnc.test_sustained import pushed
+from tests.gnc.test_speed_limit import pushed
 
 from rovtwin.core.flow import Environment, Reference
 from rovtwin.core.frames import quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.control import ControlInput
-from rovtwin.gnc.level_allowance import MOST, QUIET, TILTED, Allowance, LevelAllowance
-from rovtwin.gnc.level_speed import EASY, LevelSpeed
+from rovtwin.gnc.control.tracking import Tracking
+from rovtwin.gnc.guidance.level_allowance import MOST, QUIET, TILTED, Allowance, LevelAllowance
+from rovtwin.gnc.guidance.level_speed import EASY, LevelSpeed
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed
+from rovtwin.gnc.interfaces import ControlInput
 from rovtwin.gnc.scales import ANY, MARGIN, VehicleScales
-from rovtwin.gnc.sustained import SustainedSpeed
-from rovtwin.gnc.tracking import Tracking
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import acceleration
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.vehicle.physics.dynamics import acceleration
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 BARE = thirty_kg(
     thrusters=thrusters_from(jnp.zeros((6, 0)), jnp.zeros(0)),
@@ -145,7 +145,7 @@ def test_tracking_drifts_where_holding_would_tip_the_vehicle():
         return control.step(control.init(None, None), given, 0.02)[1].tau
 
     drifting = asked(jnp.array([-0.2 * axes[0], 0.0]))
-    drag = SustainedSpeed.of(model)._drag(jnp.array([axes[0], 0.0]))
+    drag = AchievableSpeed.of(model)._drag(jnp.array([axes[0], 0.0]))
     assert drifting[0] == pytest.approx(float(drag[0]), rel=0.02)
     unlimited = dataclasses.replace(control.sustained, level=LevelSpeed(jnp.array([ANY, ANY])))
     control = dataclasses.replace(control, sustained=unlimited)

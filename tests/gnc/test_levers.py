@@ -22,10 +22,10 @@ from rovtwin.core.flow import Command, Slot
 from rovtwin.core.frames import rotation_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.sensors import kind_of
+from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.mounting import Mount, at_co
 from rovtwin.gnc.navigation.filter import NavigationFilter
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.gnc.observer import ObserverInput
 
 SEEDS, SECONDS = 8, 60.0
 NAMES = ("position", "pressure", "accelerometer", "gyro", "attitude", "dvl")

@@ -3,7 +3,7 @@ import pytest
 from tests.gnc.flying import LAWNMOWER, points, route
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.gnc.mission import mission, total_length, waypoints
+from rovtwin.gnc.guidance.mission import mission, total_length, waypoints
 
 
 def test_rows_are_as_given_and_padding_shares_the_shape():

@@ -10,16 +10,18 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Slot
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.navigation import motion, readings
+from rovtwin.gnc.interfaces import ObserverInput
+from rovtwin.gnc.navigation import measurements as readings
+from rovtwin.gnc.navigation import prediction as motion
 from rovtwin.gnc.navigation.corrections import opening
 from rovtwin.gnc.navigation.filter import Forecast, NavigationFilter
-from rovtwin.gnc.navigation.sea import SeaState
 from rovtwin.gnc.navigation.state import ERRORS, NavigationState
 from rovtwin.gnc.navigation.tuning import Mount, Tuning
-from rovtwin.gnc.observer import ObserverInput
-from rovtwin.vehicle.discrepancy import discrepancy_from, kernels
-from rovtwin.vehicle.schema import LearnedDiscrepancy
-from rovtwin.vehicle.thrusters import command_for_force
+from rovtwin.gnc.navigation.wave_estimator import SeaState
+from rovtwin.vehicle.description.learned import discrepancy_from
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
+from rovtwin.vehicle.physics.discrepancy import kernels
+from rovtwin.vehicle.physics.thrusters import command_for_force
 
 DT = 0.02
 RNG = np.random.default_rng(4)

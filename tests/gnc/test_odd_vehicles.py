@@ -8,17 +8,16 @@ from tests.gnc.flying import estimate_of, thirty_kg
 
 from rovtwin.core.flow import Reference
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.allocation import AllocationInput
-from rovtwin.gnc.contingency import Contingency
-from rovtwin.gnc.control import ControlInput
+from rovtwin.gnc.allocation.prioritised import PriorityAllocation
+from rovtwin.gnc.control.tracking import Tracking
+from rovtwin.gnc.guidance.path_following import PathGuidance
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, significant
+from rovtwin.gnc.interfaces import AllocationInput, ControlInput
 from rovtwin.gnc.navigation.tuning import beliefs
-from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.priority_allocation import PriorityAllocation
+from rovtwin.gnc.safety.contingency import Contingency
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.gnc.sustained import SustainedSpeed, significant
-from rovtwin.gnc.tracking import Tracking
-from rovtwin.vehicle.reach import axis_limits
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.vehicle.physics.actuation import axis_limits
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 AXES = np.eye(6)
 SURGE_PAIR = AXES[:, [0, 0]] + 0.2 * AXES[:, [5, 5]] * [1.0, -1.0]
@@ -58,8 +57,8 @@ def test_every_speed_and_every_belief_is_a_positive_number(name):
 
 
 def test_thrust_to_one_side_holds_nothing_from_the_other():
-    assert float(SustainedSpeed.of(ONE_WAY).aside_speed()) == 0.0
-    assert float(SustainedSpeed.of(thirty_kg()).aside_speed()) > 0.1
+    assert float(AchievableSpeed.of(ONE_WAY).aside_speed()) == 0.0
+    assert float(AchievableSpeed.of(thirty_kg()).aside_speed()) > 0.1
 
 
 def test_turning_does_not_drive_a_vehicle_ahead():

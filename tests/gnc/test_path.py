@@ -8,11 +8,10 @@ from tests.gnc.flying import DT, LAWNMOWER, estimate_of, points, route, run_leng
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORTED, DIVE, FINISHED, GO, HOLD, IDLE, PAUSED
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.guidance import GuidanceInput
-from rovtwin.gnc.mission import mission
-from rovtwin.gnc.path import piece_of
-from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.supervisor import MODE_ABORTED, MODE_PAUSED, MODE_RUNNING, Mode
+from rovtwin.gnc.guidance.mission import mission
+from rovtwin.gnc.guidance.path import piece_of
+from rovtwin.gnc.guidance.path_following import PathGuidance
+from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_PAUSED, MODE_RUNNING, GuidanceInput, Mode
 from rovtwin.vehicle import load_vehicle
 
 GUIDANCE = PathGuidance(

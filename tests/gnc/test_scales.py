@@ -9,20 +9,20 @@ import pytest
 from tests.gnc.flying import aft, thirty_kg
 
 from rovtwin.core.numerics import as_array, jnp
-from rovtwin.gnc.bow import Bow
-from rovtwin.gnc.contingency import Contingency
-from rovtwin.gnc.course_keeping import CourseKeeping
+from rovtwin.gnc.allocation.prioritised import PriorityAllocation
+from rovtwin.gnc.control.tracking import PathReference, Tracking
+from rovtwin.gnc.guidance.course_keeping import CourseKeeping
+from rovtwin.gnc.guidance.crab_heading import Bow
+from rovtwin.gnc.guidance.path_following import PathGuidance
+from rovtwin.gnc.guidance.speed_limit import FREE
 from rovtwin.gnc.navigation.state import ACCELEROMETER_BIAS, ATTITUDE, DRAG, GYRO_BIAS, POSITION, WAVE_PLACE
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.gnc.off_course import SETTLES, limits_of
-from rovtwin.gnc.path_guidance import PathGuidance
-from rovtwin.gnc.priority_allocation import PriorityAllocation
+from rovtwin.gnc.safety.contingency import Contingency
+from rovtwin.gnc.safety.off_course import SETTLES, limits_of
+from rovtwin.gnc.safety.thruster_diagnosis import ThrusterHealth
 from rovtwin.gnc.scales import ANY, VehicleScales
-from rovtwin.gnc.sustained import FREE
-from rovtwin.gnc.thruster_health import ThrusterHealth
-from rovtwin.gnc.tracking import PathReference, Tracking
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 S = 2.0  # ratio of lengths
 LENGTH, TIME, MASS = S, np.sqrt(S), S**3

@@ -24,9 +24,7 @@ from rovtwin.core.flow import (
     Slot,
 )
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.gnc.ability import FINE, HEAVE_LOST, UNABLE
-from rovtwin.gnc.rules import ACTIONS, RULES, VITAL, Rules, Watched, inside
-from rovtwin.gnc.supervisor import (
+from rovtwin.gnc.interfaces import (
     MODE_ABORTED,
     MODE_HOLDING,
     MODE_IDLE,
@@ -36,8 +34,10 @@ from rovtwin.gnc.supervisor import (
     MODE_RUNNING,
     MODE_SURFACING,
     Mode,
-    Supervisor,
 )
+from rovtwin.gnc.safety.control_authority import FINE, HEAVE_LOST, UNABLE
+from rovtwin.gnc.safety.rules import ACTIONS, RULES, VITAL, Rules, SupervisorInput, inside
+from rovtwin.gnc.safety.supervisor import Supervisor
 
 DT = 0.5
 FENCE = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]]
@@ -80,7 +80,7 @@ def watched(
     saturated=False,
     wanted=None,
 ):
-    return Watched(
+    return SupervisorInput(
         at() if estimate is None else estimate,
         jnp.asarray(request),
         EMPTY | (readings or {}),
@@ -184,7 +184,7 @@ def test_a_negative_variance_is_no_knowledge():
     assert ask(MODE_RUNNING, estimate=broken) == (MODE_ABORTED, flow.ESTIMATE_LOST)
 
 
-# Rule: what calls it (a Watched), and what just does not.
+# Rule: what calls it (a SupervisorInput), and what just does not.
 SHORT = [0.0, 1.1, 0.0, 0.0, 0.0, 0.0]
 CUT, ROLL = np.arange(6) == 2, np.arange(6) == 3
 TRIGGERS = {

@@ -23,8 +23,8 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle.dynamics import State, plant_step
-from rovtwin.vehicle.trim import steady_speed
+from rovtwin.vehicle.analysis.stability import steady_speed
+from rovtwin.vehicle.physics.dynamics import State, plant_step
 
 
 class Broken(eqx.Module):

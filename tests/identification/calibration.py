@@ -32,18 +32,18 @@ from scipy.stats import norm
 from tests.identification import broken
 from tests.identification.synthetic import STEP, full_pull, steps_command
 
+from rovtwin.identification.diagnostics.reliance import doubts_about
+from rovtwin.identification.diagnostics.whiteness import residual_analysis
 from rovtwin.identification.identify import default_free
-from rovtwin.identification.joint.anchors import static_evidence
-from rovtwin.identification.joint.catalogue import catalogue, choose
 from rovtwin.identification.joint.estimate import estimate
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import INFLOW, MOUNTING
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.segments import cut
-from rovtwin.identification.joint.shooting import Shooting
-from rovtwin.identification.judgement.reliance import doubts_about
-from rovtwin.identification.judgement.whiteness import residual_analysis
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.parameters import INFLOW, MOUNTING
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.solver.anchors import static_evidence
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Problem
+from rovtwin.identification.joint.solver.segments import cut
+from rovtwin.identification.joint.solver.shooting import Shooting
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION, PULL = 60.0, 0.02

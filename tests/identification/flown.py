@@ -9,7 +9,7 @@ from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import State, rollout
+from rovtwin.vehicle.physics.dynamics import State, rollout
 
 STEP = 0.02
 _rollout = jax.jit(rollout, static_argnames="dt")

@@ -16,6 +16,7 @@ from tests.identification.broken import Broken, axis_steps, record
 
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import jnp
+from rovtwin.identification.diagnostics.validation import Predictor, judged
 from rovtwin.identification.discrepancy.acceptance import HORIZON, learned
 from rovtwin.identification.discrepancy.regression import regressed, windows_of
 from rovtwin.identification.discrepancy.sparse import Sparse, sparse
@@ -23,11 +24,10 @@ from rovtwin.identification.discrepancy.training import with_block
 from rovtwin.identification.identify import parameters_and_prior
 from rovtwin.identification.joint.build import offsets_of, problem_of
 from rovtwin.identification.joint.estimate import Solution, estimate
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.shooting import Shooting
-from rovtwin.identification.judgement.validation import Predictor, judged
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.shooting import Shooting
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.thrusters import static_force
 
 TRUTHS = {
     "double_blueye": Broken(thrust_loss=0.5, duct=40.0, arm=0.3, cubic=1.0),

@@ -3,12 +3,12 @@
     python -m tests.identification.payloads --first 20000 --count 100
 
 A payload (box, cylinder, sphere or ellipsoid of 0.2 to 6 kg, 0.8 to 3 times as dense as water) sits 1 to 12 cm under,
-above, beside, before or behind the shapes of a vehicle. The truth is the panel method on all shapes together, on meshes
-of about 1000 panels (the same panels of the vehicle with and without the payload, so that their error cancels; panels
-two thirds as large change what a payload does by 2 to 10 % of it). The prediction starts from the panel method's M_A of
-the vehicle alone, as if it had been identified. The widths (joint/interaction.py) were chosen by seeds 0 to 99 on
-double_blueye, bluerov2_heavy, nosway and torpedo, and made a twelfth wider after a look at seeds from 10000 on; seeds
-from 20000 on and frame250 were looked at only afterwards.
+above, beside, before or behind the shapes of a vehicle. The truth is the panel method on all shapes together, on
+meshes of about 1000 panels (the same panels of the vehicle with and without the payload, so that their error cancels;
+panels two thirds as large change what a payload does by 2 to 10 % of it). The prediction starts from the panel
+method's M_A of the vehicle alone, as if it had been identified. The widths (joint/result/interaction.py) were chosen
+by seeds 0 to 99 on double_blueye, bluerov2_heavy, nosway and torpedo, and made a twelfth wider after a look at seeds
+from 10000 on; seeds from 20000 on and frame250 were looked at only afterwards.
 """
 
 import argparse
@@ -16,11 +16,12 @@ import json
 
 import numpy as np
 
-from rovtwin.identification.joint.payload import predicted_change
-from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
+from rovtwin.identification.joint.result.payload import predicted_change
+from rovtwin.identification.priors.mesh_file import mesher_of
+from rovtwin.identification.priors.panel import panel_added_mass
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.extent import bounding_box
 
 PANELS = 700  # of the vehicle alone, about; the payload adds 150 to 500
 THRUSTER = {"name": "t", "direction": [1, 0, 0], "force": 10.0}

@@ -15,16 +15,16 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import BOTH_WAYS, SKEW
-from rovtwin.identification.joint.parameters import DIRECTIONS
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.couplings import BOTH_WAYS, SKEW
+from rovtwin.identification.joint.model.parameters import DIRECTIONS
 from rovtwin.identification.steady.free_running import NU, free_running
+from rovtwin.planning.records import trial_records
+from rovtwin.runs.loop import stack
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.loop import stack
-from rovtwin.scenario.records import trial_records
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.dynamics import damping_wrench
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.dynamics import damping_wrench
+from rovtwin.vehicle.physics.thrusters import static_force
 
 EXPONENT, PULL = 1.75, 0.02
 # The first pattern that fits counts. Couplings are shares: 0.05 is a lever of one or two centimetres.

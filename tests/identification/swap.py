@@ -17,15 +17,16 @@ from tests.identification.calibration import flown
 from tests.identification.synthetic import full_pull, record, steps_command
 
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import share_of
-from rovtwin.identification.joint.parameters import DAMPINGS, DIRECTIONS
-from rovtwin.identification.joint.payload import predicted_change
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.couplings import share_of
+from rovtwin.identification.joint.model.parameters import DAMPINGS, DIRECTIONS
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.result.payload import predicted_change
+from rovtwin.identification.priors.mesh_file import mesher_of
+from rovtwin.identification.priors.panel import panel_added_mass
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
+from rovtwin.vehicle.analysis.extent import bounding_box
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.extent import bounding_box
 
 PART = {
     "name": "camera",

@@ -6,9 +6,9 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.joint.nodes import NODE
+from rovtwin.identification.joint.model.nodes import NODE
 from rovtwin.identification.logs.record import Record, Signal
-from rovtwin.vehicle.dynamics import State, rollout
+from rovtwin.vehicle.physics.dynamics import State, rollout
 
 STEP = 0.01
 NOISE = {

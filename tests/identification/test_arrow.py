@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.identification.joint.arrow import Arrow
+from rovtwin.identification.joint.solver.arrow import Arrow
 
 
 def dense(arrow):

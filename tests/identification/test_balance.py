@@ -5,12 +5,12 @@ import pytest
 from tests.identification.synthetic import record, steps_command
 
 from rovtwin.identification.identify import default_free
-from rovtwin.identification.joint.anchors import static_evidence
-from rovtwin.identification.joint.balance import Balance, balanced
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.path import smoothed_path
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.solver.anchors import static_evidence
+from rovtwin.identification.joint.solver.equation_error import Balance, balanced
+from rovtwin.identification.joint.solver.path import smoothed_path
+from rovtwin.identification.joint.solver.segments import Grid, cut
 from rovtwin.vehicle import load_vehicle
 
 GRID, DURATION = Grid(0.02, 250, 20.0), 60.0

@@ -10,20 +10,21 @@ from tests.vehicle.discrepancies import block, file_with, random_part
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.core.numerics import jax
+from rovtwin.identification.diagnostics.validation import Prediction, Score
 from rovtwin.identification.discrepancy.acceptance import decided
 from rovtwin.identification.discrepancy.regression import Windows, regressed
 from rovtwin.identification.discrepancy.sparse import sparse
 from rovtwin.identification.discrepancy.training import extended
 from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.build import problem_of
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.judgement.validation import Prediction, Score
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.solver.options import Options
 from rovtwin.identification.result import Identification
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.discrepancy import discrepancy_from, discrepancy_variance, discrepancy_wrench
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.learned import discrepancy_from
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
+from rovtwin.vehicle.physics.discrepancy import discrepancy_variance, discrepancy_wrench
 
 VEHICLE = load_vehicle("double_blueye")
 FREE = ["added_mass.surge", "quadratic_damping.yaw", "thrusters.surge.force_ahead"]

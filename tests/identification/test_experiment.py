@@ -13,13 +13,13 @@ from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.experiment.choice import choose_tests, expected, spread, variance_ratio
 from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.joint.segments import Grid
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.solver.segments import Grid
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import State, rollout
+from rovtwin.vehicle.physics.dynamics import State, rollout
 
 STEP, STEPS = 0.05, 60
 GRID = Grid(step=STEP, steps=STEPS, rate=20.0)

@@ -23,7 +23,7 @@ from rovtwin.identification.steady.free_running import FreeRunning, free_running
 from rovtwin.identification.steady.smoothed_motion import motion_of
 from rovtwin.identification.steady.start_up import start_up, start_up_residual
 from rovtwin.vehicle import Model, load_vehicle
-from rovtwin.vehicle.dynamics import State, rollout
+from rovtwin.vehicle.physics.dynamics import State, rollout
 
 DT, PUSH, PAUSE = 0.02, 18.0, 6.0
 LEVELS = {  # in the order of the thrusters: port surge, sway, heave, starboard surge, sway, heave

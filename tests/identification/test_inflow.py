@@ -5,13 +5,13 @@ import pytest
 from tests.identification.broken import axis_steps
 from tests.identification.synthetic import full_pull, record, slopes_of_the_ends
 
+from rovtwin.identification.diagnostics.remarks import about_inflow
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.build import problem_of
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.judgement.remarks import about_inflow
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.solver.options import Options
 from rovtwin.identification.result import Identification
 from rovtwin.identification.structure import restricted, rung_of
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict

@@ -11,21 +11,21 @@ from tests.identification.calibration import flown
 from tests.identification.synthetic import record, steps_command
 
 from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.identification.diagnostics.reliance import doubts_about
+from rovtwin.identification.diagnostics.remarks import about_scale, about_solution
+from rovtwin.identification.diagnostics.validation import predict
 from rovtwin.identification.identify import default_free, identify
-from rovtwin.identification.joint.agreement import parts, stretches, widened
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import place_of
 from rovtwin.identification.joint.estimate import _not_astray, estimate
-from rovtwin.identification.joint.nodes import NODE
-from rovtwin.identification.joint.overlay import to_yaml
-from rovtwin.identification.joint.payload import predicted_change
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.scale import scale_response, with_scale
-from rovtwin.identification.joint.segments import cut
-from rovtwin.identification.judgement.reliance import doubts_about
-from rovtwin.identification.judgement.remarks import about_scale, about_solution
-from rovtwin.identification.judgement.validation import predict
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.couplings import place_of
+from rovtwin.identification.joint.model.nodes import NODE
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.result.overlay import to_yaml
+from rovtwin.identification.joint.result.payload import predicted_change
+from rovtwin.identification.joint.result.scale import scale_response, with_scale
+from rovtwin.identification.joint.solver.problem import Problem
+from rovtwin.identification.joint.solver.segments import cut
+from rovtwin.identification.joint.uncertainty.agreement import parts, stretches, widened
 from rovtwin.identification.result import Identification
 from rovtwin.report.repeatability import repeatability_table
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict

@@ -15,30 +15,30 @@ from typer.testing import CliRunner
 
 from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, IdentificationError
-from rovtwin.identification.identify import identify, step_in_words
-from rovtwin.identification.joint.apart import Apart
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.overlay import to_yaml
-from rovtwin.identification.judgement.contradictions import (
+from rovtwin.identification.diagnostics.contradictions import (
     about_dead_bands,
     about_logs_apart,
     about_prior,
     contradicted,
     no_dead_band,
 )
-from rovtwin.identification.judgement.gain import about_gain, gain_by_shape
-from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
-from rovtwin.identification.judgement.remarks import about_alike, about_narrow, about_water
-from rovtwin.identification.judgement.validation import pushed_axes
-from rovtwin.identification.judgement.verdict import _in_words, up_to_scale, verdicts
+from rovtwin.identification.diagnostics.gain import about_gain, gain_by_shape
+from rovtwin.identification.diagnostics.plausible import about_equal_thrusters, about_odd_values
+from rovtwin.identification.diagnostics.remarks import about_alike, about_narrow, about_water
+from rovtwin.identification.diagnostics.validation import pushed_axes
+from rovtwin.identification.diagnostics.verdict import _in_words, up_to_scale, verdicts
+from rovtwin.identification.identify import identify, step_in_words
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.result.overlay import to_yaml
+from rovtwin.identification.joint.uncertainty.apart import Apart
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.identification.result import Identification
-from rovtwin.scenario.composition import _say_doubts, compose
+from rovtwin.runs.compose.composition import _say_doubts, compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.description.identified import fingerprint
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ def test_it_is_said_when_shown_and_before_it_flies(doubtful, caplog, monkeypatch
         assert DOUBT in " ".join(CliRunner().invoke(app, ["vehicle", command, path]).output.split())
     # Another test of this process may have heard it; libraries of others set up logging for themselves.
     _say_doubts.cache_clear()
-    monkeypatch.setattr(logging.getLogger("rovtwin.scenario.composition"), "disabled", False)
+    monkeypatch.setattr(logging.getLogger("rovtwin.runs.compose.composition"), "disabled", False)
     caplog.set_level("WARNING", "rovtwin")
     caplog.clear()
     for _ in range(2):

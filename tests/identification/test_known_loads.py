@@ -18,7 +18,7 @@ from rovtwin.identification.identify import identify
 from rovtwin.identification.logs.record import Ballast, Record, Signal
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
-from rovtwin.vehicle.dynamics import State, plant_step
+from rovtwin.vehicle.physics.dynamics import State, plant_step
 
 DURATION = 30.0
 PIECE = Ballast(mass=1.5, volume=2e-4, position=(0.05, 0.02, 0.15))

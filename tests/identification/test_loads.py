@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.joint.loads import thrust_history
-from rovtwin.identification.joint.segments import Grid, cut
+from rovtwin.identification.joint.model.loads import thrust_history
+from rovtwin.identification.joint.solver.segments import Grid, cut
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.thrusters import static_force
 
 STEP = 0.02
 KEYS = ("command", "held", "fresh")

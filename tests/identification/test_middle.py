@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.middle import moved_to_the_middle
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.uncertainty.posterior_mean import moved_to_the_middle
 
 RIGID, COUNT = 30.0, 12  # [kg]; directions of motion
 

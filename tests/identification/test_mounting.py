@@ -7,11 +7,11 @@ from tests.identification.synthetic import steps_command
 
 from rovtwin.identification.identify import default_free, identify
 from rovtwin.identification.joint.build import problem_of
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.nodes import NODE
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import MOUNTING
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.nodes import NODE
+from rovtwin.identification.joint.model.parameters import MOUNTING
+from rovtwin.identification.joint.solver.options import Options
 from rovtwin.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("double_blueye")

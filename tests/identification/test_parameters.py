@@ -8,18 +8,18 @@ from hypothesis import strategies as st
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax
 from rovtwin.identification.identify import default_free
-from rovtwin.identification.joint.anchors import static_evidence
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import COUPLINGS, bound_of, place_of, shares
-from rovtwin.identification.joint.groups import thruster_groups
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import MOUNTING
-from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.couplings import COUPLINGS, bound_of, place_of, shares
+from rovtwin.identification.joint.model.groups import thruster_groups
+from rovtwin.identification.joint.model.parameters import MOUNTING
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.solver.anchors import static_evidence
+from rovtwin.identification.joint.solver.options import Options
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.damping import Damping
-from rovtwin.vehicle.dynamics import damping_wrench
-from rovtwin.vehicle.soundness import driving_velocity
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.description.drag import Damping
+from rovtwin.vehicle.description.validation import driving_velocity
+from rovtwin.vehicle.physics.dynamics import damping_wrench
+from rovtwin.vehicle.physics.thrusters import static_force
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from tests.identification import payloads
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.identify import identify
-from rovtwin.identification.joint.interaction import added_mass_std
-from rovtwin.identification.joint.payload import predicted_change
+from rovtwin.identification.joint.result.interaction import added_mass_std
+from rovtwin.identification.joint.result.payload import predicted_change
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.constants import FRESH_WATER, GRAVITY
 

@@ -1,20 +1,22 @@
 """What pushes a vehicle and is in no model: it is told from noise of sensors, and from an exact model's nothing."""
 
 from copy import copy
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.identification.broken import Broken, axis_steps, record
 
+from rovtwin.identification.diagnostics.remarks import about_effects, about_segments
 from rovtwin.identification.identify import identify
-from rovtwin.identification.joint.agreement import MOTIONS, _by_motion
 from rovtwin.identification.joint.estimate import estimate
-from rovtwin.identification.joint.nodes import FADES
-from rovtwin.identification.joint.options import MOST_SEGMENTS, Options
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.segments import EFFECTS, cut
-from rovtwin.identification.joint.unmodelled import Effects, known_of
-from rovtwin.identification.judgement.remarks import about_effects, about_segments
+from rovtwin.identification.joint.model.nodes import FADES
+from rovtwin.identification.joint.solver.options import MOST_SEGMENTS, Options
+from rovtwin.identification.joint.solver.problem import Problem
+from rovtwin.identification.joint.solver.segments import EFFECTS, cut
+from rovtwin.identification.joint.uncertainty.agreement import MOTIONS, _by_motion
+from rovtwin.identification.joint.uncertainty.unmodelled import Effects, _at_full_force, _tether, known_of
 from rovtwin.report.identification_tables import disturbance_table
 from rovtwin.vehicle import load_vehicle
 
@@ -195,3 +197,23 @@ def test_a_push_at_the_start_is_as_large_as_any_later(pushed):
 def test_segments_that_outlast_a_push_are_a_finding():
     assert about_segments(1.0, True) == [] == about_segments(6.0, False)
     assert "segments last 6.0 s" in about_segments(6.0, True)[0]
+
+
+@pytest.mark.parametrize(("length", "pulls"), [(None, True), (0.0, False), (10.0, True)])
+def test_a_tether_that_is_stated_to_be_absent_has_no_effect(pushed, length, pulls):
+    record = replace(log_of(Broken(), 10.0), tether_length=length)
+    segments = cut([record], pushed.problem.segments.grid)
+    problem = copy(pushed.problem)
+    problem.segments = segments
+    nu_r = np.ones((len(segments.arrays["tether"]), 3, 6))
+    for load in _tether(problem, VEHICLE.model(), nu_r):
+        assert np.any(load.at_grid) == pulls
+
+
+def test_a_loss_seen_at_small_forces_is_larger_at_full_force():
+    """A law that gives 0.4 of the loss where the tests are takes 2.5 times of it at full force; drag stays."""
+    names = ("thrusters.surge.inflow_loss", "quadratic_damping.surge")
+    parameters = SimpleNamespace(names=names, values=lambda theta: np.array([0.1, 100.0]))
+    problem = SimpleNamespace(shooting=SimpleNamespace(parameters=parameters))
+    found = _at_full_force(problem, np.zeros(2), np.array([0.06, 0.06]))
+    np.testing.assert_allclose(found, [0.15, 0.06])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.quick import BIASED, Quick
+from rovtwin.identification.quick import BIASED, Quick
+from rovtwin.planning.records import trial_records
+from rovtwin.runs.loop import stack
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.loop import stack
-from rovtwin.scenario.records import trial_records
 from rovtwin.vehicle import load_vehicle
 
 

@@ -8,9 +8,9 @@ import pytest
 from tests.conftest import shared_folder
 
 from rovtwin.identification.identify import Identification, identify
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.prior import default_prior
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.solver.options import Options
 from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.vehicle import load_vehicle

@@ -15,18 +15,18 @@ from tests.identification.synthetic import record, steps_command
 
 import rovtwin
 from rovtwin.core.errors import IdentificationError, LogError
+from rovtwin.identification.diagnostics.validation import Prediction
+from rovtwin.identification.diagnostics.verdict import Blind
+from rovtwin.identification.diagnostics.whiteness import Residuals
 from rovtwin.identification.identify import identify
 from rovtwin.identification.joint.estimate import Solution
-from rovtwin.identification.joint.nodes import Nodes
-from rovtwin.identification.joint.problem import Noise, Unknowns
-from rovtwin.identification.joint.unmodelled import Effects
-from rovtwin.identification.judgement.validation import Prediction
-from rovtwin.identification.judgement.verdict import Blind
-from rovtwin.identification.judgement.whiteness import Residuals
+from rovtwin.identification.joint.model.nodes import Nodes
+from rovtwin.identification.joint.solver.problem import Noise, Unknowns
+from rovtwin.identification.joint.uncertainty.unmodelled import Effects
 from rovtwin.identification.result import Identification
 from rovtwin.report.identification import write_identification_report
 from rovtwin.vehicle import Vehicle, load_vehicle
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 FREE = [
     "added_mass.surge",

@@ -6,7 +6,7 @@ from tests.identification.synthetic import record, steps_command
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.identify import identify
-from rovtwin.identification.joint import sampling
+from rovtwin.identification.joint.result import sampling
 from rovtwin.vehicle import load_vehicle
 
 DURATION = 30.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rovtwin.identification.joint.segments import Grid, cut, nodes_from_data
+from rovtwin.identification.joint.solver.segments import Grid, cut, nodes_from_data
 from rovtwin.identification.logs.record import Record, Signal
 
 STEP = 0.02

@@ -5,10 +5,10 @@ import pytest
 from tests.identification.synthetic import record
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.diagnostics.validation import Prediction, Score
 from rovtwin.identification.identify import identify
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.judgement.validation import Prediction, Score
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.prior import default_prior
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.structure import (
     LADDER,

@@ -227,7 +227,7 @@ def test_a_missing_file_and_a_tow_that_never_settles(tmp_path: Path) -> None:
 def test_damping_is_what_the_plant_needs_to_keep_its_speed() -> None:
     """The model's own drag, logged as a rig would, comes back."""
     from rovtwin.core.numerics import as_array
-    from rovtwin.vehicle.dynamics import damping_wrench
+    from rovtwin.vehicle.physics.dynamics import damping_wrench
 
     model = load_vehicle("double_blueye").model()
     speeds = np.array(SPEEDS)

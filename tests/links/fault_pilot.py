@@ -34,7 +34,7 @@ def tell(word: str, *more: object) -> None:
 
 @dataclass(frozen=True)
 class Opener:
-    """Opens a link in the process that it is called in, as `scenario.live.connect` does."""
+    """Opens a link in the process that it is called in, as `live.connect` does."""
 
     where: str
     clock: Callable[[], float]

@@ -18,7 +18,7 @@ from tests.links.fault_clock import jump_in
 from rovtwin.core.errors import LinkError
 from rovtwin.core.flow import Measurement
 from rovtwin.links.wish import Wish
-from rovtwin.scenario.serving.serve import serve
+from rovtwin.live.serving.serve import serve
 
 BLUEYE_HOSTS, MAVLINK_HOST = ("127.0.0.30", "127.0.0.31"), "127.0.0.40"
 HTTP, UDP, TCP = 8795, 14795, 14796

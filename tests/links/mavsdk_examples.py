@@ -186,8 +186,8 @@ def _provoke(own: int) -> None:
 def _server(port: int, own: int) -> Any:
     from rovtwin.links.mavlink.mixing import mixer
     from rovtwin.links.mavlink.server import MavlinkServer
-    from rovtwin.scenario.composition import vehicle_of
-    from rovtwin.scenario.serving.protocols import world_for
+    from rovtwin.live.serving.protocols import world_for
+    from rovtwin.runs.compose.composition import vehicle_of
 
     scenario = world_for(VEHICLE, (), None)
     thrusters = vehicle_of(scenario).model().thrusters

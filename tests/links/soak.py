@@ -50,9 +50,9 @@ def client(until: float, counted) -> None:
 def soak(minutes: float, say=print) -> dict:
     """Serve and listen for so long; memory of both processes [MB] once a minute from the first one on, and the pace."""
     from rovtwin.links.apart import Protocols
-    from rovtwin.scenario.serving import serve as module
-    from rovtwin.scenario.serving.host import ServedVehicle
-    from rovtwin.scenario.serving.protocols import places_of, servers_of, world_for
+    from rovtwin.live.serving import serve as module
+    from rovtwin.live.serving.host import ServedVehicle
+    from rovtwin.live.serving.protocols import places_of, servers_of, world_for
 
     scenario = world_for("double_blueye", [], None)
     vehicle = ServedVehicle(scenario)

@@ -9,9 +9,10 @@ from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.links.blueye.double import LEVERS
 from rovtwin.links.blueye.merge import Merge
 from rovtwin.links.blueye.thrust import force_shares
-from rovtwin.vehicle import load_vehicle, measurement
-from rovtwin.vehicle.dynamics import State
-from rovtwin.vehicle.thrusters import static_force, thrusters_from
+from rovtwin.vehicle import load_vehicle
+from rovtwin.vehicle.physics import measurement
+from rovtwin.vehicle.physics.dynamics import State
+from rovtwin.vehicle.physics.thrusters import static_force, thrusters_from
 
 HEARD = (False, False)
 EULER = np.array([0.2, -0.1, 2.0])

@@ -12,7 +12,6 @@ from blueye.sdk.mission import create_waypoint_instruction, prepare_new_mission
 from tests.links.blueye_vehicle import readings
 
 from rovtwin.core.datum import Datum
-from rovtwin.gnc.onboard import FREQUENCY, INTEGRAL, RATE, REACH
 from rovtwin.links.blueye import instructions, notes
 from rovtwin.links.blueye import mission as m
 from rovtwin.links.blueye.answers import answer
@@ -23,6 +22,7 @@ from rovtwin.links.blueye.mission_status import status_of
 from rovtwin.links.blueye.steps import Able, Refused, Step
 from rovtwin.links.blueye.telemetry import KNOWN, SENSED, Telemetry
 from rovtwin.links.blueye.wire import Client, MissionOrder, Motion, ResetOdometer, Watchdog
+from rovtwin.simulation.vehicle_firmware import FREQUENCY, INTEGRAL, RATE, REACH
 
 DATUM = Datum(63.4415, 10.4174)
 ABLE = Able(DATUM, position=True, altitude=True, here=(0.0, 0.0))
@@ -46,7 +46,7 @@ def mission(*instructions: bp.Instruction, **more) -> object:
 
 
 class Vehicle:
-    """With mass, drag and little force, over a floor at 12 m; keeps its target as `gnc.onboard` does, axis by axis.
+    """With mass, drag and little force, over a floor at 12 m; keeps its target as `vehicle_firmware` does, by axis.
 
     It turns at 1 rad/s at most. Its top speed is the square root of force over drag, 0.39 m/s.
     """

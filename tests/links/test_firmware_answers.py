@@ -1,6 +1,7 @@
 """The served twin answers as ArduSub's firmware does: the same questions to both, what the firmware said is recorded.
 
-`firmware_talk` made the recording, of ArduSub 4.5.0-beta1 and 4.7.0-dev, compiled as they are and run with the vehicle
+`firmware_talk` made the recording, of ArduSub 4.5.0-beta1 (with its pilot-input fail-safe, which simulation leaves out)
+and 4.7.0-dev, compiled without CAN, networking and scripting and run with the vehicle
 that they simulate themselves. The twin is a 4.5.
 """
 
@@ -15,6 +16,7 @@ from tests.links.firmware_talk import RECORD, Line, shape
 from tests.links.mavlink_vehicle import endpoint, measured, soon
 from tests.links.serving import serving
 
+from rovtwin.core.flow import Measurement
 from rovtwin.links.mavlink.autopilot import Autopilot
 from rovtwin.links.mavlink.modes import REFUSED
 from rovtwin.links.mavlink.parameters import Parameters
@@ -147,8 +149,16 @@ def test_modes_are_taken_as_by_the_firmware(asked, mode):
     assert asked.answers(long(SET_MODE, 1, mode)) == expected
 
 
-def test_modes_without_a_place_are_refused_as_by_the_firmware():
-    bare = [m for m in measured(1.0) if m.sensor not in ("position", "dvl")]
+NO_PLACE = {
+    "no sensor": [],
+    "an estimate, which a served twin always has": [Measurement("estimate", np.zeros(12), 1.0)],
+    "a position of long ago": [Measurement("position", np.zeros(2), -30.0)],
+}
+
+
+@pytest.mark.parametrize("more", NO_PLACE.values(), ids=NO_PLACE)
+def test_modes_without_a_place_are_refused_as_by_the_firmware(more):
+    bare = [m for m in measured(1.0) if m.sensor not in ("position", "dvl", "estimate")] + more
     server = endpoint(rates={"HOME_POSITION": 0.0})
     with serving(server) as served:
         assert soon(lambda: bool(served.said))

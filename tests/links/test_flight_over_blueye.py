@@ -16,13 +16,13 @@ from tests.links.twins import free_port
 
 from rovtwin.core.log import Log
 from rovtwin.identification.logs.readers import read_records
+from rovtwin.live.connect import connect, source
+from rovtwin.live.flight import fly_live
 from rovtwin.report import write_report
+from rovtwin.runs.fly import fly
+from rovtwin.runs.pace import Clock
+from rovtwin.runs.scoring.scores import distance_to_leg
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
-from rovtwin.scenario.live.connect import connect, source
-from rovtwin.scenario.live.flight import fly_live
-from rovtwin.scenario.pace import Clock
-from rovtwin.scenario.score import distance_to_leg
 from rovtwin.vehicle import load_vehicle
 
 HOSTS, HTTP = ("127.0.0.22", "127.0.0.23"), 8795

@@ -175,6 +175,15 @@ def test_surface_comes_up_and_holds_the_depth_there(pilot):
     assert pilot.mode.number == 2 and pilot.wish(0.0).motion[2] == 0.0
 
 
+def test_surface_ends_without_a_depth(pilot, said):
+    """It would push up for ever."""
+    armed(pilot, 9)
+    pilot.lose_depth()
+    assert pilot.mode.number == 19 and not any(pilot.wish(0.0).motion) and said[-1].startswith("Depth lost")
+    pilot.lose_depth()
+    assert said[-2:] != [said[-1]] * 2, "said once"
+
+
 @pytest.mark.parametrize("number", [4, 9, 16])
 def test_modes_that_hold_a_place_need_one(pilot, said, number):
     pilot.knows_place = lambda: False

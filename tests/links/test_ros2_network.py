@@ -20,8 +20,8 @@ from rovtwin.links.ros2 import convert
 from rovtwin.links.ros2 import messages as msg
 from rovtwin.links.ros2.confine import confined
 from rovtwin.links.ros2.link import Ros2Link
+from rovtwin.links.ros2.middleware import open_transport
 from rovtwin.links.ros2.server import Ros2Server
-from rovtwin.links.ros2.transport import open_transport
 from rovtwin.links.server import require_loopback
 
 pytest.importorskip("cyclonedds")

@@ -54,7 +54,7 @@ def fed(served):
         thread.join()
 
 
-class Ears:
+class SensorMux:
     """Reads on and looks at what it reads."""
 
     def __init__(self, source):
@@ -82,7 +82,7 @@ def test_wrong_readings_never_and_right_ones_again(kind, fault):
         here, there, wire = free_port(), free_port(), Wire()
         proxy = loop.open(TcpProxy(wire, (HOST, here), (HOST, there)))
         with serving(server(port=there)) as served, fed(served), source_of(here) as source:
-            ears = Ears(source)
+            ears = SensorMux(source)
             assert ears.heard(5, 20.0) == 5
             wire.set(down=FAULTS[fault]) if fault != "half-open" else wire.set(FAULTS[fault])
             ears.heard(10_000, 1.0)

@@ -12,11 +12,11 @@ import numpy as np
 
 from rovtwin.links import apart
 from rovtwin.links.server import Server
-from rovtwin.scenario.pace import Pace
-from rovtwin.scenario.serving.host import ServedVehicle
-from rovtwin.scenario.serving.protocols import places_of, servers_of, world_for
-from rovtwin.scenario.serving.serve import serve
-from rovtwin.scenario.trimmed import trimmed
+from rovtwin.live.serving.host import ServedVehicle
+from rovtwin.live.serving.protocols import places_of, servers_of, world_for
+from rovtwin.live.serving.serve import serve
+from rovtwin.runs.pace import Pace
+from rovtwin.runs.trimmed import trimmed
 
 
 def free_port() -> int:

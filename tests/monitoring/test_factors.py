@@ -8,7 +8,7 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.monitoring.factors import Factors, changed
 from rovtwin.monitoring.state import ERRORS, Motion, acceleration, linearised, stepped
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.dynamics import acceleration as of_plant
+from rovtwin.vehicle.physics.dynamics import acceleration as of_plant
 
 VEHICLES = ("double_blueye", "bluerov2_heavy", "torpedo", "tilt_six")
 

@@ -11,9 +11,9 @@ import pytest
 from tests.identification.commands import run
 
 from rovtwin.monitoring.reference import UNIT_TO_UNIT, identified_std
+from rovtwin.runs.fly import fly
+from rovtwin.runs.watch import watch_runs
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
-from rovtwin.scenario.watching import watch_runs
 
 
 @pytest.fixture(scope="module")

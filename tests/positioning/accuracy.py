@@ -34,7 +34,7 @@ from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.camera.sensor import camera_named
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import Camera, cameras_of
+from rovtwin.vehicle.description.cameras import Camera, cameras_of
 
 quaternions = jax.jit(jax.vmap(quaternion_from_rotation))
 FACE = 6.0  # where the marked side of the box is in `mclab`, north [m]

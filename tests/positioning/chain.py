@@ -18,10 +18,10 @@ from rovtwin.core.log import Log
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.positioning.track import Method
+from rovtwin.runs.fly import fly
+from rovtwin.runs.track import Wanted, track_run
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 from rovtwin.scenario.schema.trial import AXES
-from rovtwin.scenario.tracking import Wanted, track_run
 from rovtwin.vehicle import Vehicle, load_vehicle, vehicle_from_dict
 
 TRUTH = "double_blueye_thesis"

@@ -5,7 +5,7 @@ import numpy as np
 
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle.camera import Lens, project, ray
+from rovtwin.vehicle.physics.camera import Lens, project, ray
 
 _ray, _project = jax.jit(ray), jax.jit(project)
 WATER, INK, PAPER, MARGIN = 120.0, 25.0, 225.0, 1.34  # grey levels; side of the print over that of the marker

@@ -11,7 +11,7 @@ from rovtwin.positioning.calibration import calibrate
 from rovtwin.positioning.camera_file import as_data, choose, read_lens
 from rovtwin.report.lens import residual_figure
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import Port, lens_from, ray
+from rovtwin.vehicle.physics.camera import Port, lens_from, ray
 
 cv2 = pytest.importorskip("cv2")
 LENS = lens_from([520, 523], [322, 238], (640, 480), [0.12, -0.05, 1e-3, -5e-4, 0.0])

@@ -21,8 +21,8 @@ from tests.positioning.tracks import camera
 from rovtwin.core.log import Log
 from rovtwin.positioning.ekf import MarkerEkf
 from rovtwin.positioning.sight import sizes_of
+from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
-from rovtwin.scenario.flight import fly
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
 

@@ -15,7 +15,7 @@ from rovtwin.cli.track import track
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.positioning.camera_file import as_data
-from rovtwin.scenario.tracking import Wanted, _layout
+from rovtwin.runs.track import Wanted, _layout
 
 cv2 = pytest.importorskip("cv2")
 app = typer.Typer()

@@ -12,7 +12,7 @@ from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.print_fit import fitted
 from rovtwin.positioning.sight import Eyes, rotation, see
 from rovtwin.positioning.sightings import sightings
-from rovtwin.vehicle.camera import Port, lens_from
+from rovtwin.vehicle.physics.camera import Port, lens_from
 
 SMALL = lens_from([500, 501], [319, 241], (640, 480), [0.31, 0.08, 0.0, 0.0, 0.03])
 

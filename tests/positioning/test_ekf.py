@@ -32,7 +32,7 @@ from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.run import run_observer, step
 from rovtwin.positioning.sight import sizes_of
 from rovtwin.positioning.sightings import Frames, sightings
-from rovtwin.vehicle.camera import Port, lens_from
+from rovtwin.vehicle.physics.camera import Port, lens_from
 
 LAYOUT, EYE = wall(), camera()
 SIZES = np.full(1000, 0.15)

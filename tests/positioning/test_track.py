@@ -23,7 +23,8 @@ from rovtwin.positioning.sightings import Frames, sightings
 from rovtwin.positioning.smoother import smooth
 from rovtwin.positioning.track import track
 from rovtwin.positioning.track_log import track_log
-from rovtwin.vehicle.camera import Camera, Port
+from rovtwin.vehicle.description.cameras import Camera
+from rovtwin.vehicle.physics.camera import Port
 
 N = 150
 TUNING = SlamTuning.of(pixel=0.2, acceleration=0.07)

@@ -10,7 +10,7 @@ from rovtwin.core.log import Channel, Log
 from rovtwin.positioning.detection import Detections, Detector
 from rovtwin.positioning.recording import Attitude, _instants, record
 from rovtwin.positioning.video import Video
-from rovtwin.vehicle.camera import lens_from
+from rovtwin.vehicle.physics.camera import lens_from
 
 cv2 = pytest.importorskip("cv2")
 SIZE = (160, 120)

@@ -7,7 +7,8 @@ import numpy as np
 from rovtwin.core.markers import Layout
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.positioning.detection import Detections
-from rovtwin.vehicle.camera import R_DEVICE_C, Camera, lens_from, project
+from rovtwin.vehicle.description.cameras import Camera
+from rovtwin.vehicle.physics.camera import R_DEVICE_C, lens_from, project
 
 _project = jax.jit(project)
 LENS = lens_from([1025, 1027], [987, 552], (1920, 1080), [0.31, 0.08, 0.0, 0.0, 0.03])  # thesis table 5.8, left

@@ -18,7 +18,7 @@ from rovtwin.positioning.detection import Detector
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.camera import Camera, cameras_of
+from rovtwin.vehicle.description.cameras import Camera, cameras_of
 
 ATTENUATION = (0.3, 0.6, 1.0, 1.5)  # beam attenuation [1/m]
 SIZES = (0.15, 0.3)  # of markers [m]

@@ -11,25 +11,25 @@ import pytest
 from tests.vehicle.discrepancies import block, random_part
 
 from rovtwin.cli.identify import as_object
+from rovtwin.identification.diagnostics.reliance import doubts_about
+from rovtwin.identification.diagnostics.remarks import about_thrust
+from rovtwin.identification.diagnostics.validation import Prediction, Score
+from rovtwin.identification.diagnostics.verdict import Blind, verdicts
+from rovtwin.identification.diagnostics.whiteness import Residuals, autocorrelation
 from rovtwin.identification.discrepancy.acceptance import Acceptance
 from rovtwin.identification.identify import Identification, identify
-from rovtwin.identification.joint.apart import Apart
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.problem import Noise
-from rovtwin.identification.joint.segments import Grid
-from rovtwin.identification.judgement.reliance import doubts_about
-from rovtwin.identification.judgement.remarks import about_thrust
-from rovtwin.identification.judgement.validation import Prediction, Score
-from rovtwin.identification.judgement.verdict import Blind, verdicts
-from rovtwin.identification.judgement.whiteness import Residuals, autocorrelation
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.couplings import place_of
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.solver.problem import Noise
+from rovtwin.identification.joint.solver.segments import Grid
+from rovtwin.identification.joint.uncertainty.apart import Apart
 from rovtwin.report.curves import Subject, curves, speed_grid
 from rovtwin.report.identification import curves_of, write_identification_report
 from rovtwin.report.identification_tables import between, correlated_table, estimated, parameter_table, percent
 from rovtwin.report.identification_words import assumptions, excitation, is_coupling, not_learnt, verdict
 from rovtwin.vehicle import load_vehicle
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
 
 FREE = ["added_mass.surge", "linear_damping.surge", "quadratic_damping.surge", "quadratic_damping.roll",
         "thrusters.surge.*"]  # fmt: skip

@@ -1,7 +1,7 @@
 """Groups of thrusters and what teaches a parameter, in words."""
 
-from rovtwin.identification.joint.catalogue import catalogue
-from rovtwin.identification.joint.groups import thruster_groups
+from rovtwin.identification.joint.model.catalogue import catalogue
+from rovtwin.identification.joint.model.groups import thruster_groups
 from rovtwin.report.parameter_words import groups_in_words, what_teaches
 from rovtwin.vehicle import load_vehicle
 

@@ -4,11 +4,11 @@ import numpy as np
 from scipy import stats
 
 from rovtwin.core.numerics import jnp
-from rovtwin.simulation.airy import AirySea
-from rovtwin.simulation.sea import SeaState
-from rovtwin.vehicle.dynamics import State
-from rovtwin.vehicle.model import GRAVITY, Model, rigid_body_matrix
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.simulation.environment.airy import AirySea
+from rovtwin.simulation.environment.sea import SeaState
+from rovtwin.vehicle.physics.dynamics import State
+from rovtwin.vehicle.physics.model import GRAVITY, Model, rigid_body_matrix
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 SMALL_SEA = AirySea.of(SeaState.of(0.27, zero_crossing_period=3.0, gamma=3.3), direction=np.pi, depth=20.0)

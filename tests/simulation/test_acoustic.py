@@ -7,8 +7,8 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.acoustic import AcousticErrors
-from rovtwin.simulation.sensors import Sensor
+from rovtwin.simulation.sensors.acoustic import AcousticErrors
+from rovtwin.simulation.sensors.sensor import Sensor
 
 
 @partial(jax.jit, static_argnames="count")

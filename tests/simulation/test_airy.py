@@ -7,11 +7,11 @@ from tests.simulation.helper import SHORT_CRESTED, SMALL_SEA, one_wave, state
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.airy import AirySea, _cosine_sine
-from rovtwin.simulation.current import ConstantCurrent
-from rovtwin.simulation.sea import SeaState
-from rovtwin.simulation.world import World
-from rovtwin.vehicle.model import GRAVITY
+from rovtwin.simulation.environment.airy import AirySea, _cosine_sine
+from rovtwin.simulation.environment.current import ConstantCurrent
+from rovtwin.simulation.environment.sea import SeaState
+from rovtwin.simulation.environment.world import World
+from rovtwin.vehicle.physics.model import GRAVITY
 
 START = Start.at()
 DEEP = AirySea.of(SeaState.of(4.1, zero_crossing_period=8.7), direction=0.4, count=24)

@@ -7,11 +7,11 @@ from tests.simulation.helper import SHORT_CRESTED, SMALL_SEA, one_wave, state, v
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.sensors import Sensor, SensorInput
-from rovtwin.simulation.world import World
-from rovtwin.vehicle.dynamics import acceleration, damping_wrench, plant_step
-from rovtwin.vehicle.model import GRAVITY
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.simulation.environment.world import World
+from rovtwin.simulation.sensors.sensor import Sensor, SensorInput
+from rovtwin.vehicle.physics.dynamics import acceleration, damping_wrench, plant_step
+from rovtwin.vehicle.physics.model import GRAVITY
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 START = Start.at()
 

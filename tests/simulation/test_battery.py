@@ -9,9 +9,9 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.simulation.battery import Battery, BatteryInput, thruster_power
-from rovtwin.simulation.sensors import Sensor
+from rovtwin.simulation.environment.world import World
+from rovtwin.simulation.sensors.sensor import Sensor
 from rovtwin.simulation.twin import Twin, TwinInput
-from rovtwin.simulation.world import World
 
 DT = 0.02
 START = Start.at((0.0, 0.0, 5.0))

@@ -15,7 +15,8 @@ from rovtwin.simulation.scene import load_scene, scene_from_dict
 from rovtwin.simulation.scene.schema import Water
 from rovtwin.simulation.scene.surfaces import Material, Rectangle
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.camera import Camera, Port, cameras_of, lens_from, project
+from rovtwin.vehicle.description.cameras import Camera, cameras_of
+from rovtwin.vehicle.physics.camera import Port, lens_from, project
 
 cv2 = pytest.importorskip("cv2")
 

@@ -8,9 +8,9 @@ from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
-from rovtwin.simulation.world import World
-from rovtwin.vehicle.dynamics import State, plant_step
+from rovtwin.simulation.environment.current import CombinedCurrent, ConstantCurrent, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.environment.world import World
+from rovtwin.vehicle.physics.dynamics import State, plant_step
 
 START = Start.at()
 HERE = jnp.zeros(3)

@@ -8,9 +8,9 @@ from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.faults import FaultInput, Faults, ThrusterFault
+from rovtwin.simulation.environment.world import World
+from rovtwin.simulation.events.faults import FaultInput, Faults, ThrusterFault
 from rovtwin.simulation.twin import Twin, TwinInput
-from rovtwin.simulation.world import World
 
 DT, TICKS = 0.02, 150
 START = Start.at((0.0, 0.0, 5.0))

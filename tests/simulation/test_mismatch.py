@@ -7,7 +7,7 @@ from tests.simulation.helper import vehicle
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.simulation.mismatch import DAMPING, drawn, lifted, perturbed
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.thrusters import static_force
 
 MODEL = vehicle()
 KEY = jax.random.key(4)

@@ -5,8 +5,8 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jnp
-from rovtwin.simulation import waves
-from rovtwin.simulation.sea import SeaState, components, period_ratio, wavenumber
+from rovtwin.simulation.environment import waves
+from rovtwin.simulation.environment.sea import SeaState, components, period_ratio, wavenumber
 
 SMALL = SeaState.of(0.27, zero_crossing_period=3.0, gamma=3.3)
 STORM = SeaState.of(4.1, zero_crossing_period=8.7)

@@ -10,8 +10,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.core.sensors import SENSORS
-from rovtwin.simulation.sensor_kinds import IDEAL
-from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.sensors.kinds import IDEAL
+from rovtwin.simulation.sensors.sensor import Sensor, SensorInput, table_5_7
 
 START, DT = Start.at(), 0.002
 SEA = Environment.calm(floor=jnp.asarray(20.0))

@@ -12,11 +12,11 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.frames import quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import as_array, jax, jnp
-from rovtwin.simulation.cable import ENOUGH, TOE, Cable, balance, solve
-from rovtwin.simulation.tether import HAULING_SPEED, Pull, Tether, TetherInput
+from rovtwin.simulation.environment.world import World
+from rovtwin.simulation.tether.cable import ENOUGH, TOE, Cable, balance, solve
+from rovtwin.simulation.tether.tether import HAULING_SPEED, Pull, Tether, TetherInput
 from rovtwin.simulation.twin import Twin, TwinInput
-from rovtwin.simulation.world import World
-from rovtwin.vehicle.dynamics import State, kinetic_energy
+from rovtwin.vehicle.physics.dynamics import State, kinetic_energy
 
 DT = 0.02
 DIAMETER, C_D, C_F, EA, RHO = 0.005, 1.2, 0.015, 2e4, 1000.0

@@ -9,14 +9,14 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.current import ConstantCurrent
+from rovtwin.simulation.environment.current import ConstantCurrent
+from rovtwin.simulation.environment.waves import ThesisWaves
+from rovtwin.simulation.environment.world import World
 from rovtwin.simulation.mismatch import perturbed
-from rovtwin.simulation.sensors import Sensor, table_5_7
+from rovtwin.simulation.sensors.sensor import Sensor, table_5_7
 from rovtwin.simulation.twin import Twin, TwinInput
-from rovtwin.simulation.waves import ThesisWaves
-from rovtwin.simulation.world import World
-from rovtwin.vehicle.dynamics import rollout
-from rovtwin.vehicle.model import GRAVITY
+from rovtwin.vehicle.physics.dynamics import rollout
+from rovtwin.vehicle.physics.model import GRAVITY
 
 DT = 0.02
 START = Start.at((0.0, 0.0, 0.5), 0.3)

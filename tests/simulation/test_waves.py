@@ -8,7 +8,7 @@ from tests.simulation.helper import mean_interval, state, variance_interval
 from rovtwin.core.block import Start
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.simulation.waves import (
+from rovtwin.simulation.environment.waves import (
     DAMPING_RATIO,
     SEAS,
     ThesisWaves,
@@ -17,7 +17,7 @@ from rovtwin.simulation.waves import (
     filter_parameters,
     spectrum,
 )
-from rovtwin.simulation.world import World
+from rovtwin.simulation.environment.world import World
 
 START = Start.at()
 STORM = ThesisWaves(*SEAS[3])

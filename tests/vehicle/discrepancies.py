@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.description.identified import fingerprint
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 

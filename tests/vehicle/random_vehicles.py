@@ -9,9 +9,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from rovtwin.core.numerics import jnp
-from rovtwin.vehicle.dynamics import State
-from rovtwin.vehicle.model import GRAVITY, Model, rigid_body_matrix
-from rovtwin.vehicle.thrusters import Thrusters
+from rovtwin.vehicle.physics.dynamics import State
+from rovtwin.vehicle.physics.model import GRAVITY, Model, rigid_body_matrix
+from rovtwin.vehicle.physics.thrusters import Thrusters
 
 THRUSTERS = 8  # columns; those a vehicle does not have give no force
 

@@ -25,9 +25,9 @@ from rovtwin.core.frames import (
 )
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle import dynamics
-from rovtwin.vehicle.dynamics import State, acceleration, coriolis_wrench, damping_wrench, rollout
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics import dynamics
+from rovtwin.vehicle.physics.dynamics import State, acceleration, coriolis_wrench, damping_wrench, rollout
+from rovtwin.vehicle.physics.model import Model
 
 DT = 0.002
 STEPS = 500

@@ -10,11 +10,11 @@ import yaml
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.ballast import LEAD, Stock, Wish, pieces_for, places_around
-from rovtwin.vehicle.ballasted import Materials, ballast
-from rovtwin.vehicle.extent import bounding_box
-from rovtwin.vehicle.trim import hang
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.analysis.extent import bounding_box
+from rovtwin.vehicle.analysis.stability import hang
+from rovtwin.vehicle.description.vehicle import Vehicle
+from rovtwin.vehicle.outfitting.ballast import LEAD, Stock, Wish, pieces_for, places_around
+from rovtwin.vehicle.outfitting.ballasted import Materials, ballast
 
 GRAVITY = 9.81
 

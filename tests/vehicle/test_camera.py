@@ -6,7 +6,8 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jnp
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.camera import Port, cameras_of, lens_from, project, ray
+from rovtwin.vehicle.description.cameras import cameras_of
+from rovtwin.vehicle.physics.camera import Port, lens_from, project, ray
 
 # Thesis table 5.8, left camera, and a lens with everything in it.
 LENSES = {

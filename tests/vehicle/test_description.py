@@ -12,7 +12,7 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import jax
 from rovtwin.vehicle import check, list_library, load_vehicle, render, summary, vehicle_from_dict, vehicle_schema
-from rovtwin.vehicle.thrusters import command_for_force, static_force
+from rovtwin.vehicle.physics.thrusters import command_for_force, static_force
 
 GRAVITY = 9.81
 force_of, command_of = jax.jit(static_force), jax.jit(command_for_force)
@@ -370,7 +370,7 @@ def accepts(schema, value, root):
 @pytest.mark.parametrize("name", list_library())
 def test_the_json_schema_accepts_the_library(name):
     from rovtwin.core.config import read_yaml
-    from rovtwin.vehicle.files import LIBRARY
+    from rovtwin.vehicle.description.files import LIBRARY
 
     schema = vehicle_schema()
     data = read_yaml(LIBRARY / f"{name}.yaml")

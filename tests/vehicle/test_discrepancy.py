@@ -13,9 +13,10 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.discrepancy import discrepancy_from, discrepancy_variance, discrepancy_wrench, novelty
-from rovtwin.vehicle.dynamics import State, acceleration, damping_wrench, learned_wrench, rollout
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.learned import discrepancy_from
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
+from rovtwin.vehicle.physics.discrepancy import discrepancy_variance, discrepancy_wrench, novelty
+from rovtwin.vehicle.physics.dynamics import State, acceleration, damping_wrench, learned_wrench, rollout
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 T = np.eye(6)  # thrusters that push along every axis

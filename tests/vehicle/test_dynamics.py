@@ -12,7 +12,8 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle.dynamics import (
+from rovtwin.vehicle.description.vehicle import load_vehicle
+from rovtwin.vehicle.physics.dynamics import (
     State,
     kinetic_energy,
     plant_step,
@@ -20,8 +21,7 @@ from rovtwin.vehicle.dynamics import (
     restoring_wrench,
     rollout,
 )
-from rovtwin.vehicle.model import GRAVITY, Model, rigid_body_matrix
-from rovtwin.vehicle.vehicle import load_vehicle
+from rovtwin.vehicle.physics.model import GRAVITY, Model, rigid_body_matrix
 
 DT = 0.002
 

@@ -13,9 +13,9 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, quaternion_rate, rotation_from_quaternion
 from rovtwin.core.integrate import rk4_step
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle.dynamics import State, acceleration, rollout
-from rovtwin.vehicle.model import Model, rigid_body_matrix
-from rovtwin.vehicle.thrusters import thrusters_from
+from rovtwin.vehicle.physics.dynamics import State, acceleration, rollout
+from rovtwin.vehicle.physics.model import Model, rigid_body_matrix
+from rovtwin.vehicle.physics.thrusters import thrusters_from
 
 CURRENT = np.array([-0.20, 0.35, 0.05])
 DT, STEPS = 0.005, 8000

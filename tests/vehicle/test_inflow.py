@@ -11,9 +11,9 @@ from rovtwin.core.numerics import jax, jnp
 from rovtwin.monitoring.state import Motion
 from rovtwin.monitoring.state import acceleration as followed
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.dynamics import State, acceleration, damping_wrench, inflow_of, rollout
-from rovtwin.vehicle.thrusters import inflow_damping, inflow_wrench
-from rovtwin.vehicle.trim import steady_speed
+from rovtwin.vehicle.analysis.stability import steady_speed
+from rovtwin.vehicle.physics.dynamics import State, acceleration, damping_wrench, inflow_of, rollout
+from rovtwin.vehicle.physics.thrusters import inflow_damping, inflow_wrench
 
 LOSS = 0.4  # [s/m]
 

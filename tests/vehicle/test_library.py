@@ -11,14 +11,8 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.frames import euler_from_quaternion, quaternion_from_euler, rotate_to_body
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.dynamics import State, plant_step, rollout
-from rovtwin.vehicle.findings import uncontrollable
-from rovtwin.vehicle.identified import fingerprint
-from rovtwin.vehicle.show import sources
-from rovtwin.vehicle.soundness import driving_velocity
-from rovtwin.vehicle.thrust_curve import read_bollard_csv
-from rovtwin.vehicle.thrusters import static_force
-from rovtwin.vehicle.trim import (
+from rovtwin.vehicle.analysis.lint import uncontrollable
+from rovtwin.vehicle.analysis.stability import (
     LATERAL,
     LONGITUDINAL,
     depth_held,
@@ -29,6 +23,12 @@ from rovtwin.vehicle.trim import (
     stability,
     steady_speed,
 )
+from rovtwin.vehicle.analysis.summary import sources
+from rovtwin.vehicle.description.identified import fingerprint
+from rovtwin.vehicle.description.thrust_curve import read_bollard_csv
+from rovtwin.vehicle.description.validation import driving_velocity
+from rovtwin.vehicle.physics.dynamics import State, plant_step, rollout
+from rovtwin.vehicle.physics.thrusters import static_force
 
 DOCS = Path(__file__).parents[2] / "docs" / "vehicles.md"
 T200 = Path(__file__).parents[2] / ".." / "shared" / "data" / "t200"

@@ -12,15 +12,15 @@ from trimesh.transformations import rotation_matrix
 from rovtwin.core.errors import ConfigError
 from rovtwin.identification.priors.outline import outline_of
 from rovtwin.identification.priors.widths import prior_widths
-from rovtwin.scenario.belongings import kept_beside
+from rovtwin.scenario.assets import kept_beside
 from rovtwin.vehicle import check, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.damping import drag_elements
-from rovtwin.vehicle.extent import bounding_box
-from rovtwin.vehicle.hydrodynamics import Solid, added_mass
-from rovtwin.vehicle.identified import fingerprint
-from rovtwin.vehicle.mesh_solid import open_share
-from rovtwin.vehicle.schema import Shape
-from rovtwin.vehicle.visuals import pieces_of
+from rovtwin.vehicle.analysis.extent import bounding_box
+from rovtwin.vehicle.analysis.visuals import pieces_of
+from rovtwin.vehicle.description.added_mass import Solid, added_mass
+from rovtwin.vehicle.description.drag import drag_elements
+from rovtwin.vehicle.description.identified import fingerprint
+from rovtwin.vehicle.description.schema import Shape
+from rovtwin.vehicle.solids.mesh_solid import open_share
 
 make = trimesh.creation
 BOX = [0.6, 0.4, 0.3]
@@ -269,7 +269,8 @@ def test_a_detailed_mesh_is_read_within_seconds_and_once(tmp_path):
 
 def test_the_panel_method_takes_a_vehicle_of_meshes_and_boxes(tmp_path):
     pytest.importorskip("capytaine", reason="needs the extra 'panel'")
-    from rovtwin.identification.priors.panel import mesher_of, panel_added_mass
+    from rovtwin.identification.priors.mesh_file import mesher_of
+    from rovtwin.identification.priors.panel import panel_added_mass
 
     hull_file(tmp_path, ball(0.3, 0.3, 0.3))
     alone = panel_added_mass(mesher_of(load_vehicle(tmp_path / "my.yaml")), panel_size=0.06)

@@ -2,10 +2,10 @@
 
 import pytest
 
-from rovtwin.scenario.compose_faults import units_of
-from rovtwin.scenario.serving.vehicle import drones_of
+from rovtwin.live.serving.vehicle import drones_of
+from rovtwin.runs.compose.faults import units_of
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.urdf import urdf
+from rovtwin.vehicle.analysis.urdf import urdf
 
 DVL = {"name": "dvl", "mass": 0.17, "volume": 1e-4, "sensors": [{"name": "dvl", "kind": "dvl"}]}
 THRUSTER = {"name": "surge", "direction": [1, 0, 0], "force": 10.0}

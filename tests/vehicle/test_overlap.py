@@ -3,9 +3,9 @@
 import pytest
 
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.findings import findings
-from rovtwin.vehicle.overlap import overlaps
-from rovtwin.vehicle.refit import add, trimming, with_ballast
+from rovtwin.vehicle.analysis.lint import findings
+from rovtwin.vehicle.analysis.overlap import overlaps
+from rovtwin.vehicle.outfitting.refit import add, trimming, with_ballast
 
 HULL = {"mass": 14.0, "volume": 0.01415, "center_of_buoyancy": [0, 0, -0.03], "shape": {"box": [0.5, 0.4, 0.28]}}
 TUBE = {"mass": 3.0, "shape": {"cylinder": {"length": 0.3, "radius": 0.06}}}

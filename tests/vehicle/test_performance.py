@@ -6,11 +6,11 @@ import pytest
 from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.vehicle import load_vehicle, summary, vehicle_from_dict
-from rovtwin.vehicle.dynamics import State, coriolis_wrench, plant_step, restoring_wrench
-from rovtwin.vehicle.model import Model, rigid_body_matrix
-from rovtwin.vehicle.performance import COASTED, DIRECTIONS, performance
-from rovtwin.vehicle.thrusters import static_force, thrusters_from
-from rovtwin.vehicle.trim import stability
+from rovtwin.vehicle.analysis.performance import COASTED, DIRECTIONS, performance
+from rovtwin.vehicle.analysis.stability import stability
+from rovtwin.vehicle.physics.dynamics import State, coriolis_wrench, plant_step, restoring_wrench
+from rovtwin.vehicle.physics.model import Model, rigid_body_matrix
+from rovtwin.vehicle.physics.thrusters import static_force, thrusters_from
 
 MASS, DRAG = 50.0, 100.0
 EVERY_WAY = [(axis, k) for axis in DIRECTIONS for k in (0, 1)]

@@ -2,9 +2,10 @@
 
 import pytest
 
-from rovtwin.vehicle import check, files, load_vehicle
-from rovtwin.vehicle.plausible import implausible
-from rovtwin.vehicle.vehicle import vehicle_from_dict
+from rovtwin.vehicle import check, load_vehicle
+from rovtwin.vehicle.analysis.plausible import implausible
+from rovtwin.vehicle.description import files
+from rovtwin.vehicle.description.vehicle import vehicle_from_dict
 
 BOX = {"box": [0.4, 0.3, 0.2]}
 

@@ -7,10 +7,10 @@ import yaml
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.ballast import Piece
-from rovtwin.vehicle.floating import floating_of
-from rovtwin.vehicle.identified import fingerprint
-from rovtwin.vehicle.refit import add, remove, trimming, with_ballast
+from rovtwin.vehicle.analysis.hydrostatics import floating_of
+from rovtwin.vehicle.description.identified import fingerprint
+from rovtwin.vehicle.outfitting.ballast import Piece
+from rovtwin.vehicle.outfitting.refit import add, remove, trimming, with_ballast
 
 OWN = """# mine
 name: own

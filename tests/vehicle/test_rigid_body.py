@@ -6,10 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rovtwin.vehicle import vehicle_from_dict
-from rovtwin.vehicle.hydrodynamics import Solid
-from rovtwin.vehicle.model import rigid_body_matrix
-from rovtwin.vehicle.rigid_body import MassProperties, Placement, combine, rotation_zyx
-from rovtwin.vehicle.schema import Shape
+from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.rigid_body import MassProperties, combine
+from rovtwin.vehicle.description.schema import Shape
+from rovtwin.vehicle.physics.model import rigid_body_matrix
+from rovtwin.vehicle.solids.placement import Placement, rotation_zyx
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.vehicle.thrusters import (
+from rovtwin.vehicle.physics.thrusters import (
     Thrusters,
     command_for_force,
     force_just_after,

@@ -7,10 +7,10 @@ import pytest
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import list_library, load_vehicle, vehicle_from_dict
-from rovtwin.vehicle.identified import fingerprint
-from rovtwin.vehicle.rigid_body import rotation_zyx
-from rovtwin.vehicle.urdf import urdf
-from rovtwin.vehicle.visuals import pieces_of
+from rovtwin.vehicle.analysis.urdf import urdf
+from rovtwin.vehicle.analysis.visuals import pieces_of
+from rovtwin.vehicle.description.identified import fingerprint
+from rovtwin.vehicle.solids.placement import rotation_zyx
 
 FLU = np.diag([1.0, -1.0, -1.0])
 PART = {

@@ -6,7 +6,7 @@ import pytest
 from rovtwin.core.errors import ConfigError
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.water import density, density_of
+from rovtwin.vehicle.description.water import density, density_of
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,14 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
-from rovtwin import __version__
+from rovtwin._version import __version__
 from rovtwin.campaign.rows import row_of, row_of_failure
 from rovtwin.campaign.samples import draws, scenario_at
 from rovtwin.campaign.schema import Campaign
 from rovtwin.core.errors import ConfigError, RovtwinError
-from rovtwin.scenario.batch import same_program, score_run, score_together
-from rovtwin.scenario.composition import Composed, compose
-from rovtwin.scenario.feasibility import require_feasible
+from rovtwin.runs.batch import same_program, score_run, score_together
+from rovtwin.runs.compose.composition import Simulation, compose
+from rovtwin.runs.feasibility.mission import require_feasible
 
 Row = dict[str, Any]
 
@@ -40,7 +40,7 @@ def fly_samples(
     campaign = _campaign(text)
     began, wall, cpu = time.time(), time.perf_counter(), time.process_time()
     rows: dict[int, Row] = {}
-    runs: dict[int, Composed] = {}
+    runs: dict[int, Simulation] = {}
     for index in indices:
         try:
             run = compose(scenario_at(campaign, index))
@@ -65,7 +65,7 @@ def _campaign(text: str) -> Campaign:
     return Campaign.model_validate_json(text)
 
 
-def _fly_group(campaign: Campaign, runs: dict[int, Composed], lanes: int, look: Callable[[], None]) -> dict[int, Row]:
+def _fly_group(campaign: Campaign, runs: dict[int, Simulation], lanes: int, look: Callable[[], None]) -> dict[int, Row]:
     """Rows of samples that one compiled program flies."""
     summaries: Sequence[dict[str, Any] | str]
     try:

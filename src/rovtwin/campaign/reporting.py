@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rovtwin import __version__
+from rovtwin._version import __version__
 from rovtwin.campaign.distributions import Choice
 from rovtwin.campaign.rows import SCORES
 from rovtwin.campaign.run import Session

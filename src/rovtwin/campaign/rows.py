@@ -48,7 +48,7 @@ def row_of(index: int, drawn: dict[str, Any], summary: dict[str, Any]) -> dict[s
     Args:
         index: Of the sample.
         drawn: By path.
-        summary: As `scenario.flight.summarise` gives it.
+        summary: As `runs.scoring.summary.summarise` gives it.
     """
     flat = {
         name: value for name, value in summary.items() if name in SCORES or name in ("completed", "phase", "reason")

@@ -19,8 +19,8 @@ from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.files import whole
 from rovtwin.core.numerics import jax
-from rovtwin.scenario.composition import compose
-from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.interrupt import Interrupt
 
 SIDE_BY_SIDE = 256  # missions under vmap where there is a graphics processor
 

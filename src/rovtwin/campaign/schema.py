@@ -96,8 +96,8 @@ def _found(scenario: str | dict[str, Any], where: str, folder: Path | None) -> t
 
 def _written_out(scenario: Scenario, vehicle_varies: bool) -> dict[str, Any]:
     """All of a scenario as plain data, its vehicle included, unless that is what varies."""
-    from rovtwin.scenario.composition import vehicle_of  # loads JAX, which the schema alone does not need
-    from rovtwin.scenario.fitting import fitted
+    from rovtwin.runs.compose.composition import vehicle_of  # loads JAX, which the schema alone does not need
+    from rovtwin.runs.compose.fitting import fitted
 
     if vehicle_varies:
         return _left_open(scenario)

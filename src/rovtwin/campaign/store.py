@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rovtwin import __version__
+from rovtwin._version import __version__
 from rovtwin.campaign.rows import table_schema
 from rovtwin.campaign.schema import Campaign
 from rovtwin.core.config import read_yaml

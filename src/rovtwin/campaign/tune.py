@@ -24,7 +24,7 @@ from rovtwin.campaign.tune_result import Judged, Tuned, Wish
 from rovtwin.campaign.tune_search import Search, population, search
 from rovtwin.campaign.tune_time import Clock, least_seconds
 from rovtwin.core.errors import ConfigError, RovtwinError
-from rovtwin.scenario.interrupt import Interrupt
+from rovtwin.runs.interrupt import Interrupt
 from rovtwin.scenario.schema import ModelBasedSection
 
 Progress = Callable[[str, float], None]  # what is going on, share of it, 0 to 1

@@ -9,7 +9,7 @@ import numpy as np
 from rovtwin.core.config import near
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
-from rovtwin.gnc.rules import RULES
+from rovtwin.gnc.safety.rules import RULES
 from rovtwin.scenario.schema import ModelBasedSection
 
 FAILED = 10.0
@@ -76,7 +76,7 @@ def terms_of(figures: Mapping[str, Any]) -> dict[str, float] | None:
     """The terms of a flight's scores, those that it has; None where it failed.
 
     Args:
-        figures: Of `scenario.score.score`.
+        figures: Of `runs.scoring.scores.score`.
     """
     if figures["phase"] in FAIL_SAFE_PHASES or (not figures["completed"] and not figures.get("cut")):
         return None

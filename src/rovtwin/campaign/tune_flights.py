@@ -21,17 +21,17 @@ from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.scenario.batch import flown_together, same_program
-from rovtwin.scenario.compose_autopilot import autopilot_of
-from rovtwin.scenario.compose_world import in_water
-from rovtwin.scenario.composition import Composed, compose, vehicle_of, way_points
+from rovtwin.runs.batch import flown_together, same_program
+from rovtwin.runs.compose.autopilot import autopilot_of
+from rovtwin.runs.compose.composition import Simulation, compose, vehicle_of, way_points
+from rovtwin.runs.compose.fitting import own_values
+from rovtwin.runs.compose.world import in_water
+from rovtwin.runs.limits import Limits
+from rovtwin.runs.run import CHUNK
+from rovtwin.runs.scoring.scores import Flown, score
+from rovtwin.runs.scoring.summary import ending
 from rovtwin.scenario.files import find_scenario
-from rovtwin.scenario.fitting import own_values
-from rovtwin.scenario.limits import Limits
-from rovtwin.scenario.run import CHUNK
 from rovtwin.scenario.schema import ModelBasedSection, Scenario
-from rovtwin.scenario.score import Flown, score
-from rovtwin.scenario.summary import ending
 from rovtwin.simulation.mismatch import drawn
 
 TUNING, CHOOSING, HELD_OUT = range(3)  # streams of random numbers, so that no plant of one is met in another
@@ -51,12 +51,12 @@ class Fleet:
     """Plants, each in its sea, ready to be flown by any autopilot.
 
     Attributes:
-        runs: Composed, one for each plant.
+        runs: Composed simulations, one for each plant.
         seas: Name of each one's sea.
         cut: Whether flights are shorter than the scenario allows them to be.
     """
 
-    runs: list[Composed]
+    runs: list[Simulation]
     seas: list[str]
     cut: bool
 
@@ -75,7 +75,7 @@ class Fleet:
             f"thrust x {there['thrust']:.2f})"
         )
 
-    def flights(self, sections: Sequence[ModelBasedSection]) -> list[Composed]:
+    def flights(self, sections: Sequence[ModelBasedSection]) -> list[Simulation]:
         """Every plant with every autopilot, all plants of the first autopilot first."""
         return [
             replace(run, loop=replace(run.loop, autopilot=autopilot))
@@ -178,13 +178,13 @@ def fleet_of(
     return Fleet(runs, names, cut)
 
 
-def fly_some(runs: Sequence[Composed]) -> list[Figures]:
+def fly_some(runs: Sequence[Simulation]) -> list[Figures]:
     """Scores of at most LANES flights of one program, from the truth; those of `rovtwin fly` to rounding."""
     full = [*runs, *[runs[-1]] * (LANES - len(runs))]  # one shape, one program
     return [_scored(flown, run) for run, flown in zip(runs, flown_together(full)[: len(runs)], strict=True)]
 
 
-def _scored(flown: Flown, run: Composed) -> Figures:
+def _scored(flown: Flown, run: Simulation) -> Figures:
     """Scores, and, of a flight that did not arrive, the words of `rovtwin fly` for how it ended."""
     figures = score(flown)
     if figures["completed"]:
@@ -202,13 +202,13 @@ class Crew:
         """How often each thread flies LANES until so many flights of one program are over."""
         return -(-flights // (LANES * self.workers))
 
-    def compile(self, runs: Sequence[Composed]) -> None:
+    def compile(self, runs: Sequence[Simulation]) -> None:
         """Fly a second with each program of these runs, so that threads find it compiled and don't all compile it."""
         firsts = [runs[group[0]] for group in same_program(runs)]
         brief = [replace(run, scenario=run.scenario.model_copy(update={"duration": CHUNK})) for run in firsts]
         list(self._pool.map(fly_some, [[run] for run in brief]))
 
-    def pace(self, run: Composed) -> float:
+    def pace(self, run: Simulation) -> float:
         """Wall time of one simulated second of LANES flights of a program that is compiled, of runs like this [s]."""
 
         def taken(seconds: float) -> float:

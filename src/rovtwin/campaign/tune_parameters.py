@@ -9,9 +9,9 @@ import numpy as np
 from rovtwin.core.config import near, parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.runs.compose.composition import vehicle_of
+from rovtwin.runs.vehicle_defaults import with_vehicle_defaults
 from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection, Scenario
-from rovtwin.scenario.vehicle_defaults import with_vehicle_defaults
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 

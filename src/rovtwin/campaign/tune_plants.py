@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 
 from rovtwin.core.numerics import Array, jax
-from rovtwin.identification.judgement.stated import Stated, stated
-from rovtwin.scenario.compose_world import in_water
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.identification.diagnostics.stated import Stated, stated
+from rovtwin.runs.compose.composition import vehicle_of
+from rovtwin.runs.compose.world import in_water
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.mismatch import lifted, perturbed
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 SPREAD = {"damping": 0.25, "mass": 0.10, "thrust": 0.10}
 """Of a vehicle that nobody identified: half-widths of uniform draws, as shares."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.scenario.composition import Composed
+from rovtwin.runs.compose.composition import Simulation
 
 USUAL = 170.0  # for nine parameters on two cores [s]
 SPARE = 1.15  # of what is said to be enough: a machine is not always as quick
@@ -70,12 +70,12 @@ def _tens(seconds: float) -> int:
     return math.ceil(seconds / 10.0) * 10
 
 
-def least_seconds(runs: Sequence[Composed]) -> float:
+def least_seconds(runs: Sequence[Simulation]) -> float:
     """How long the longest of some flights lasts at the least: its legs at their speed, and its holds [s]."""
     return max(_least(run) for run in runs)
 
 
-def _least(run: Composed) -> float:
+def _least(run: Simulation) -> float:
     scenario = run.scenario
     places = np.array([scenario.start.position, *(w.placed(scenario.origin) for w in scenario.waypoints)])
     ways = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)

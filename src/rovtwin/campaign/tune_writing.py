@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin import __version__
+from rovtwin._version import __version__
 from rovtwin.campaign.tune_cost import FAILED, TERMS
 from rovtwin.campaign.tune_flights import failures
 from rovtwin.campaign.tune_parameters import Space, value_of
@@ -17,9 +17,9 @@ from rovtwin.core.numerics import jax
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.report.tuning import Moved, TuningResult, write_tuning_report
 from rovtwin.report.verdict import Verdict
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.scenario.schema import ModelBasedSection, TunedSection
-from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.description.identified import fingerprint
 
 
 def noted(tuned: Tuned) -> ModelBasedSection:

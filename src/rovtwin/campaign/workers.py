@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from typing import Any, Protocol
 
-from rovtwin import __version__
+from rovtwin._version import __version__
 from rovtwin.campaign.flying import Row, fly_samples
 from rovtwin.campaign.packages import require
 from rovtwin.core.errors import ConfigError, RovtwinError

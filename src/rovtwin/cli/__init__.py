@@ -76,7 +76,7 @@ app.add_typer(evidence_app, name="evidence")
 
 def _version(asked: bool) -> None:
     if asked:
-        from rovtwin import __version__
+        from rovtwin._version import __version__
 
         typer.echo(__version__)
         raise typer.Exit

@@ -28,8 +28,8 @@ def compare(
 
     Example: [bold]rovtwin compare before.yaml after.yaml -o comparison[/bold]
     """
-    from rovtwin.identification.judgement.differences import as_a_whole, difference
-    from rovtwin.identification.judgement.stated import stated
+    from rovtwin.identification.diagnostics.differences import as_a_whole, difference
+    from rovtwin.identification.diagnostics.stated import stated
     from rovtwin.report.vehicle_comparison import compare_files, write_vehicle_comparison
     from rovtwin.vehicle import load_vehicle
 

@@ -64,8 +64,8 @@ def console(
     from rovtwin.console.launch import end, require_free, running, sigterm_ends, start
     from rovtwin.console.video import camera_of, require_stream
     from rovtwin.console.wire import Place
+    from rovtwin.runs.trimmed import trimmed
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.trimmed import trimmed
 
     screen = screen_of(False)
     token = None if host in LOOPBACK else secrets.token_urlsafe(12)
@@ -122,9 +122,9 @@ def console(
 
 def _sized(wanted: "Scenario") -> "Scenario":
     """With what its mission leaves out, from the vehicle; with the test as the vehicle flies it."""
-    from rovtwin.scenario.composition import vehicle_of
-    from rovtwin.scenario.fit_trial import fitted_test
-    from rovtwin.scenario.fitting import fitted
+    from rovtwin.runs.compose.composition import vehicle_of
+    from rovtwin.runs.compose.fit_experiment import fitted_test
+    from rovtwin.runs.compose.fitting import fitted
 
     return fitted(fitted_test(wanted), vehicle_of(wanted).model())
 
@@ -134,12 +134,12 @@ def _require_flyable(scenario: "Scenario", link: str) -> None:
 
     Nor is one begun that the vehicle cannot fly at all; the water of a real one is not the scenario's.
     """
-    from rovtwin.scenario.compose_world import plant_of
-    from rovtwin.scenario.composition import keys_of, vehicle_of
-    from rovtwin.scenario.feasibility import require_feasible
-    from rovtwin.scenario.inside import require_inside
-    from rovtwin.scenario.live.connect import opener
-    from rovtwin.scenario.pace import Clock
+    from rovtwin.live.connect import opener
+    from rovtwin.runs.compose.composition import keys_of, vehicle_of
+    from rovtwin.runs.compose.inside import require_inside
+    from rovtwin.runs.compose.world import plant_of
+    from rovtwin.runs.feasibility.mission import require_feasible
+    from rovtwin.runs.pace import Clock
 
     vehicle, twin = vehicle_of(scenario), link == "twin://"
     model = vehicle.model()

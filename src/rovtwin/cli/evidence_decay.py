@@ -110,7 +110,7 @@ def known(text: str | None, option: str) -> Any:
 
 def _stiffness_of(vehicle: Any, axis: str, given: str | None) -> Any:
     from rovtwin.identification.known import Known
-    from rovtwin.vehicle.floating import floating_of
+    from rovtwin.vehicle.analysis.hydrostatics import floating_of
 
     if vehicle is None or given is not None:
         raise IdentificationError("--trust-bg: takes W BG from the vehicle: give --vehicle NAME, and no --stiffness")

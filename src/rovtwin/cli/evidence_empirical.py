@@ -49,7 +49,7 @@ def empirical(
     from rovtwin.identification.priors.outline import Outline, full_box, outline_of
     from rovtwin.vehicle import load_vehicle
     from rovtwin.vehicle.constants import GRAVITY
-    from rovtwin.vehicle.water import density_of
+    from rovtwin.vehicle.description.water import density_of
 
     shown = load_vehicle(vehicle).in_water(density_of(density))
     outline = outline_of(shown) if size is None else full_box(three(size, "--size"))

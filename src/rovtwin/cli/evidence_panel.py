@@ -51,7 +51,7 @@ def panel(
     from rovtwin.core.quantity import LENGTH, positive, quantity
     from rovtwin.identification.priors.panel import panel_added_mass
     from rovtwin.identification.priors.widths import openness_of
-    from rovtwin.vehicle.water import density_of
+    from rovtwin.vehicle.description.water import density_of
 
     screen = console(as_json)
     mesher, vehicle = _mesher(body, scale, frame, origin)
@@ -88,8 +88,7 @@ def panel(
 def _mesher(body: str, scale: float, frame: str, origin: str) -> tuple[Any, Any]:
     """And the vehicle, None of a mesh."""
     from rovtwin.core.errors import ConfigError
-    from rovtwin.identification.priors.mesh_file import SUFFIXES, mesher_of_file
-    from rovtwin.identification.priors.panel import mesher_of
+    from rovtwin.identification.priors.mesh_file import SUFFIXES, mesher_of, mesher_of_file
     from rovtwin.vehicle import load_vehicle
 
     if Path(body).suffix.lower() not in SUFFIXES:

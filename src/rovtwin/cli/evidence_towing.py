@@ -85,7 +85,7 @@ def save_figure(drawn: Any, path: Path) -> None:
 def _across(name: str, dof: str) -> tuple[float, float]:
     """Two sizes of the vehicle across the motion [m]."""
     from rovtwin.vehicle import load_vehicle
-    from rovtwin.vehicle.extent import bounding_box
+    from rovtwin.vehicle.analysis.extent import bounding_box
 
     loaded = load_vehicle(name)
     box = bounding_box(loaded.file)

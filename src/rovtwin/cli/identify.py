@@ -101,10 +101,10 @@ def identify(
     from rovtwin.cli.identify_logs import looked_over, read_logs, share_of
     from rovtwin.core.log.files import keeping
     from rovtwin.identification.identify import identify as estimate
-    from rovtwin.identification.joint.overlay import to_yaml
+    from rovtwin.identification.joint.result.overlay import to_yaml
     from rovtwin.identification.logs.evidence_file import read_evidence
     from rovtwin.identification.result.store import require_replaceable
-    from rovtwin.scenario.belongings import MESHES, kept_beside
+    from rovtwin.scenario.assets import MESHES, kept_beside
     from rovtwin.vehicle import load_vehicle
 
     screen = console(as_json)
@@ -204,7 +204,7 @@ def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict
     """
     from rovtwin.cli.identify_logs import files_of
     from rovtwin.cli.track import looking_for_markers, summary
-    from rovtwin.scenario.tracking import track_run
+    from rovtwin.runs.track import track_run
 
     if kind != "aruco":
         raise ConfigError(f"--track: found '{kind}', expected aruco")

@@ -13,7 +13,7 @@ from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError, exists_already
 
 if TYPE_CHECKING:
-    from rovtwin.scenario.pace import Clock
+    from rovtwin.runs.pace import Clock
     from rovtwin.scenario.schema import Scenario
 
 Link = Annotated[
@@ -47,9 +47,9 @@ def fly_link(
     """
     from contextlib import ExitStack
 
-    from rovtwin.scenario.flight import run_folder
-    from rovtwin.scenario.live.connect import as_read, connect, described, source
-    from rovtwin.scenario.live.flight import fly_live
+    from rovtwin.live.connect import as_read, connect, described, source
+    from rovtwin.live.flight import fly_live
+    from rovtwin.runs.fly import run_folder
 
     if not armed and not sys.stdin.isatty():
         raise ConfigError("fly --link: found no terminal to ask on before thrusters may turn; add --arm if they may")
@@ -93,8 +93,8 @@ def _clock(speed: float, link: str) -> "Clock":
     Raises:
         ConfigError: It shall run at another speed than real time, and the vehicle may be a real one.
     """
-    from rovtwin.scenario.live.connect import on_this_machine
-    from rovtwin.scenario.pace import Clock
+    from rovtwin.live.connect import on_this_machine
+    from rovtwin.runs.pace import Clock
 
     if speed != 1.0 and not on_this_machine(link):
         raise ConfigError(
@@ -113,7 +113,7 @@ def _question(thrust: bool) -> str:
 
 def _planned(scenario: "Scenario", screen: Console) -> None:
     """What a test will do and when; what a hand has to do is for people: no vehicle can do it."""
-    from rovtwin.scenario.live.manoeuvres import plan
+    from rovtwin.live.manoeuvres import plan
 
     lines = plan(scenario)
     if not lines:
@@ -165,9 +165,9 @@ def record(
     """Log what a vehicle measures, whoever steers it: nothing is sent that moves it."""
     from contextlib import ExitStack
 
+    from rovtwin.live.connect import as_read, connect, source
+    from rovtwin.live.record import record as record_it
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.live.connect import as_read, connect, source
-    from rovtwin.scenario.live.record import record as record_it
 
     screen, wanted, clock = console(as_json), load_scenario(scenario, overrides or (), seed), _clock(speed, link)
     wanted = as_read(link, wanted)  # a reader of the log finds how its readings lie

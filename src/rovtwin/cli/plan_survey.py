@@ -11,7 +11,7 @@ from rovtwin.cli.scenarios import Overrides
 from rovtwin.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rovtwin.scenario.plan_survey import Survey
+    from rovtwin.planning.survey import Survey
 
 
 def plan_survey(
@@ -51,7 +51,7 @@ def plan_survey(
 
     Then [bold]rovtwin fly survey.yaml[/bold] flies it on the twin.
     """
-    from rovtwin.scenario.plan_survey import SurveyRequest, lay_out, survey_picture, write_survey
+    from rovtwin.planning.survey import SurveyRequest, lay_out, survey_picture, write_survey
     from rovtwin.survey.room import Swath
 
     request = SurveyRequest(

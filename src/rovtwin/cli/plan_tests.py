@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 
 if TYPE_CHECKING:
-    from rovtwin.scenario.plan_tests import Plan
+    from rovtwin.planning.experiments import Plan
 
 
 def plan_tests(
@@ -46,10 +46,10 @@ def plan_tests(
     # Matrices of a hundred rows: threads of OpenBLAS cost more than they bring, by far where others compute, too. It
     # reads this when NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from rovtwin.identification.joint.groups import thruster_groups
+    from rovtwin.identification.joint.model.groups import thruster_groups
+    from rovtwin.planning.experiments import BOLLARD, plan_tests, write_plan
+    from rovtwin.planning.tank import Tank
     from rovtwin.report.parameter_words import groups_in_words
-    from rovtwin.scenario.plan_tank import Tank
-    from rovtwin.scenario.plan_tests import BOLLARD, plan_tests, write_plan
     from rovtwin.vehicle import load_vehicle
 
     own = load_vehicle(vehicle)
@@ -75,7 +75,7 @@ def plan_tests(
         )
     write_plan(plan, out)
     if picture:
-        from rovtwin.scenario.plan_tests import plan_picture
+        from rovtwin.planning.experiments import plan_picture
 
         plan_picture(plan, size).savefig(picture, dpi=150)
     if as_json:

@@ -74,7 +74,7 @@ def _pose(text: str) -> Any:
     """Position and R_nb of "x,y,z,heading" in m and degrees."""
     import numpy as np
 
-    from rovtwin.vehicle.rigid_body import rotation_zyx
+    from rovtwin.vehicle.solids.placement import rotation_zyx
 
     try:
         x, y, z, heading = (float(part) for part in text.split(","))

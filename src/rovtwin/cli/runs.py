@@ -93,8 +93,8 @@ def fly(
 def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tuple[()], seed: int | None) -> "Scenario":
     """The scenario to fly, by its name or as a sample of a campaign."""
     if replay is None:
+        from rovtwin.runs.compose.fit_experiment import fitted_test
         from rovtwin.scenario.files import load_scenario
-        from rovtwin.scenario.fit_trial import fitted_test
 
         if scenario is None:
             raise ConfigError("fly: found no SCENARIO, expected a name of `rovtwin scenario list`, a file, or --replay")
@@ -110,10 +110,10 @@ def _wanted(scenario: str | None, replay: str | None, overrides: list[str] | tup
 
 def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
     """A line before a flight in moving water; on empty batteries, tuned for other parts."""
-    from rovtwin.scenario.compose_autopilot import tuned_for_another
-    from rovtwin.scenario.compose_battery import empty_at_start
-    from rovtwin.scenario.composition import compose, vehicle_of
-    from rovtwin.scenario.sea import moves, verdict
+    from rovtwin.runs.compose.autopilot import tuned_for_another
+    from rovtwin.runs.compose.battery import empty_at_start
+    from rovtwin.runs.compose.composition import compose, vehicle_of
+    from rovtwin.runs.feasibility.sea import moves, verdict
 
     if moves(scenario):
         screen.print(f"{scenario.name}: {verdict(compose(scenario))[1]}", markup=False, soft_wrap=True)
@@ -128,8 +128,8 @@ def _say_beforehand(scenario: "Scenario", screen: Console) -> None:
 def _fly(scenario: "Scenario", out: Path | None, realtime: bool, report: bool, screen: Console, **more: Any) -> Any:
     with progress_bar("{task.completed:.0f} s simulated") as bar:
         task = bar.add_task(f"{scenario.name}: compiling", total=scenario.duration)
-        from rovtwin.scenario.flight import fly as fly_it
-        from rovtwin.scenario.flight import run_folder
+        from rovtwin.runs.fly import fly as fly_it
+        from rovtwin.runs.fly import run_folder
 
         def progress(t: float, phase: str) -> None:
             bar.update(task, completed=t, description=f"{scenario.name}: {phase}")
@@ -243,8 +243,8 @@ def demo(
     flags, option = os.environ.get("XLA_FLAGS", ""), "xla_backend_optimization_level"
     if option not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} --{option}=0".strip()
-    from rovtwin.scenario.demo import run_demo
-    from rovtwin.scenario.flight import run_folder
+    from rovtwin.demo.demo import run_demo
+    from rovtwin.runs.fly import run_folder
 
     screen = console(as_json)
     screen.print(

@@ -39,10 +39,10 @@ def list_all(as_json: AsJson = False) -> None:
 @scenario_app.command("show")
 def show(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, as_json: AsJson = False) -> None:
     """Print a scenario in full, with all defaults: a file to start from. As remarks, the sensors that will fly."""
-    from rovtwin.scenario.compose_sensors import listed
-    from rovtwin.scenario.composition import vehicle_of
+    from rovtwin.runs.compose.composition import vehicle_of
+    from rovtwin.runs.compose.fit_experiment import fitted_test
+    from rovtwin.runs.compose.sensors import listed
     from rovtwin.scenario.files import dump_scenario, load_scenario
-    from rovtwin.scenario.fit_trial import fitted_test
 
     found = fitted_test(load_scenario(scenario, overrides or (), seed))
     if as_json:
@@ -59,13 +59,13 @@ def check(scenario: ScenarioName, overrides: Overrides = None, as_json: AsJson =
     Also what the vehicle cannot do of the mission and what it does instead, in waves or current whether it can hold its
     place (`rovtwin sea` says more), and whether a battery is empty from the start.
     """
-    from rovtwin.scenario.compose_battery import empty_at_start
-    from rovtwin.scenario.compose_sensors import assumed_sensors
-    from rovtwin.scenario.composition import compose
-    from rovtwin.scenario.feasibility import foreseen
+    from rovtwin.runs.compose.battery import empty_at_start
+    from rovtwin.runs.compose.composition import compose
+    from rovtwin.runs.compose.fitting import assumptions
+    from rovtwin.runs.compose.sensors import assumed_sensors
+    from rovtwin.runs.feasibility.mission import foreseen
+    from rovtwin.runs.feasibility.sea import moves, verdict
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.fitting import assumptions
-    from rovtwin.scenario.sea import moves, verdict
 
     found = load_scenario(scenario, overrides or ())
     composed = compose(found)

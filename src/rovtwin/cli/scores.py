@@ -45,7 +45,7 @@ def score(
     with progress_bar("") as bar:
         for label, scenario in wanted.items():
             task = bar.add_task(f"{label}: compiling", total=1.0)
-            from rovtwin.scenario.batch import score_batch, score_seeds
+            from rovtwin.runs.batch import score_batch, score_seeds
 
             def progress(share: float, what: str, task: Any = task, name: str = label) -> None:
                 bar.update(task, completed=share, description=f"{name}: {what}")
@@ -80,7 +80,7 @@ def _why_not(results: dict[str, list[dict[str, Any]]], seeds: list[int]) -> list
 
 
 def _score_table(results: dict[str, list[dict[str, Any]]], title: str) -> Any:
-    from rovtwin.scenario.batch import COLUMNS, table_row
+    from rovtwin.runs.batch import COLUMNS, table_row
 
     rows = table(title, "scenario", *COLUMNS)
     for name, runs in results.items():

@@ -13,9 +13,9 @@ def sea(scenario: ScenarioName, overrides: Overrides = None, seed: Seed = None, 
 
     In a scenario with the thesis's wave forces, also in the real sea of the same height and period.
     """
-    from rovtwin.scenario.composition import compose
+    from rovtwin.runs.compose.composition import compose
+    from rovtwin.runs.feasibility.sea import sea_report
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.sea import sea_report
 
     report = sea_report(compose(load_scenario(scenario, overrides or (), seed)))
     if as_json:

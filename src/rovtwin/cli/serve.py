@@ -56,12 +56,12 @@ def serve(
     is a BlueROV2 for pymavlink, MAVSDK or a ground station. Without --protocol it is the vehicle's own. A vehicle that
     would sink is ballasted first; [bold]--set world.net_buoyancy=0[/bold] leaves it as described.
     """
-    from rovtwin.scenario.compose_sensors import assumed_sensors
-    from rovtwin.scenario.composition import vehicle_of
-    from rovtwin.scenario.serving.beforehand import command_line, stick_of, warnings
-    from rovtwin.scenario.serving.host import ServedVehicle
-    from rovtwin.scenario.serving.protocols import is_vehicle, known, own_protocol, places_of, servers_of, world_for
-    from rovtwin.scenario.trimmed import trimmed
+    from rovtwin.live.serving.beforehand import command_line, stick_of, warnings
+    from rovtwin.live.serving.host import ServedVehicle
+    from rovtwin.live.serving.protocols import is_vehicle, known, own_protocol, places_of, servers_of, world_for
+    from rovtwin.runs.compose.composition import vehicle_of
+    from rovtwin.runs.compose.sensors import assumed_sensors
+    from rovtwin.runs.trimmed import trimmed
 
     if protocol == [FIRMWARE]:
         refuse_idle({"--speed": speed != 1.0}, f"with {FIRMWARE} ArduSub keeps the time: give its --speedup")
@@ -102,8 +102,8 @@ def replay(
 ) -> None:
     """Serve a log as if it were the vehicle: its readings come again by the clock, commands move nothing."""
     from rovtwin.core.log import Log
-    from rovtwin.scenario.serving.protocols import known, own_protocol, places_of, servers_of
-    from rovtwin.scenario.serving.replayed import ReplayedVehicle
+    from rovtwin.live.serving.protocols import known, own_protocol, places_of, servers_of
+    from rovtwin.live.serving.replayed import ReplayedVehicle
 
     vehicle = ReplayedVehicle(Log.read(log), loop)
     names, screen = known(protocol or [own_protocol(vehicle.scenario)]), console(as_json)
@@ -124,8 +124,8 @@ def _lockstep(
 ) -> None:
     import math
 
-    from rovtwin.scenario.serving.lockstep import serve_firmware
-    from rovtwin.scenario.serving.protocols import Where, places_of
+    from rovtwin.live.serving.lockstep import serve_firmware
+    from rovtwin.live.serving.protocols import Where, places_of
 
     _require_new(log)
     screen = console(as_json)
@@ -170,7 +170,7 @@ def _serve(
 ) -> None:
     import math
 
-    from rovtwin.scenario.serving.serve import serve as serve_it
+    from rovtwin.live.serving.serve import serve as serve_it
 
     _require_new(log)
     told: list[str] = []

@@ -21,7 +21,7 @@ def smooth(
 
     [bold]rovtwin smooth runs/survey -o survey_track.mcap[/bold]
     """
-    from rovtwin.scenario.smoothing import smooth_run
+    from rovtwin.runs.smooth import smooth_run
 
     out = out or (run if run.is_dir() else run.parent) / "smoothed.mcap"
     check_free(out, overwrite)

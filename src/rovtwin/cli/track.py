@@ -66,7 +66,7 @@ def track(
     """
     from rovtwin.core.quantity import LENGTH, point, positive
     from rovtwin.positioning.track import METHODS
-    from rovtwin.scenario.tracking import Wanted, track_run
+    from rovtwin.runs.track import Wanted, track_run
     from rovtwin.vehicle import load_vehicle
 
     if method not in METHODS:

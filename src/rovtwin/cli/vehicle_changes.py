@@ -11,8 +11,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.files import write_text
 
 if TYPE_CHECKING:
-    from rovtwin.vehicle.ballast import Piece
-    from rovtwin.vehicle.refit import Refit
+    from rovtwin.vehicle.outfitting.ballast import Piece
+    from rovtwin.vehicle.outfitting.refit import Refit
 
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the new vehicle; else only look.")]
 Ballast = Annotated[bool, typer.Option("--ballast", help="Put the foam and lead that trim it again into the file too.")]
@@ -49,7 +49,7 @@ def add(
     restoring, rigid_body), is held as a part beside the device.
     """
     from rovtwin.core.quantity import point
-    from rovtwin.vehicle.refit import add as refit
+    from rovtwin.vehicle.outfitting.refit import add as refit
 
     _check_out(out, overwrite)
     attitude = _angles(attitude_deg)
@@ -70,7 +70,7 @@ def remove(
 
     For example: rovtwin vehicle remove my.yaml dvl -o bare.yaml
     """
-    from rovtwin.vehicle.refit import remove as refit
+    from rovtwin.vehicle.outfitting.refit import remove as refit
 
     _check_out(out, overwrite)
     wanted = _net_buoyancy(buoyancy, ballast)
@@ -87,7 +87,7 @@ def diff(
 
     Of identified files what tests found counts; to compare parameters with their errors see rovtwin compare.
     """
-    from rovtwin.scenario.vehicle_figures import compared
+    from rovtwin.runs.vehicle_figures import compared
     from rovtwin.vehicle import load_vehicle
 
     a, b = load_vehicle(first), load_vehicle(second)
@@ -113,7 +113,7 @@ def diff(
 def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
     """Net buoyancy that is asked for [N]; None: that of before."""
     from rovtwin.core.quantity import quantity
-    from rovtwin.vehicle.ballast import LIFT
+    from rovtwin.vehicle.outfitting.ballast import LIFT
 
     if text is not None and not ballast:
         raise ConfigError(f"--buoyancy {text}: found without --ballast, expected with it: foam and lead bring it about")
@@ -122,9 +122,9 @@ def _net_buoyancy(text: str | None, ballast: bool) -> float | None:
 
 def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, out: Path | None, as_json: bool) -> None:
     """Write the file, and print or emit what changed of the `given` vehicle and what would trim it again."""
-    from rovtwin.scenario.vehicle_figures import compared, devices_load
-    from rovtwin.vehicle.findings import reservations
-    from rovtwin.vehicle.refit import trimming, with_ballast
+    from rovtwin.runs.vehicle_figures import compared, devices_load
+    from rovtwin.vehicle.analysis.lint import reservations
+    from rovtwin.vehicle.outfitting.refit import trimming, with_ballast
 
     pieces, notes, without = [], list(change.notes), ""
     try:
@@ -165,8 +165,8 @@ def _report(change: "Refit", given: str, ballast: bool, wanted: float | None, ou
 
 def _about_sinking(change: "Refit", on_board: bool) -> list[str]:
     """That the ballast would make the vehicle sink as before, and how to ask for another net buoyancy."""
+    from rovtwin.vehicle.analysis.hydrostatics import floating_of
     from rovtwin.vehicle.constants import GRAVITY
-    from rovtwin.vehicle.floating import floating_of
 
     net, weight = floating_of(change.before.assembly).net_buoyancy, GRAVITY * change.after.assembly.solid.mass
     if net >= -UNNOTICED * weight:
@@ -180,7 +180,7 @@ def _about_sinking(change: "Refit", on_board: bool) -> list[str]:
 
 def _about_ballast(pieces: "list[Piece]", trimmed: "Refit", on_board: bool, wanted: float | None) -> str:
     """Which pieces give the vehicle its net buoyancy back, or that asked for, and hang it level."""
-    from rovtwin.vehicle.floating import floating_of
+    from rovtwin.vehicle.analysis.hydrostatics import floating_of
 
     if not pieces:
         return "ballast: it needs none"

@@ -48,7 +48,7 @@ Water = Annotated[
 def show(vehicle: VehicleName, water: Water = None, as_json: AsJson = False) -> None:
     """Mass, CG, CB, matrices with symbols and units, thrusters, top speeds, stopping distances, trim, stability."""
     from rovtwin.vehicle import load_vehicle, render, summary
-    from rovtwin.vehicle.water import density_of
+    from rovtwin.vehicle.description.water import density_of
 
     shown = load_vehicle(vehicle)
     found = summary(shown if water is None else shown.in_water(density_of(water)))
@@ -115,11 +115,11 @@ def ballast(
     For example: rovtwin vehicle ballast my.yaml --buoyancy 2N --level --bg 20mm -o ballasted.yaml
     """
     from rovtwin.core.quantity import DENSITY, LENGTH, MASS, point, positive, quantity
-    from rovtwin.vehicle.ballast import LIFT, Wish
-    from rovtwin.vehicle.ballasted import Materials
-    from rovtwin.vehicle.ballasted import ballast as ballast_it
-    from rovtwin.vehicle.tables import ballast_tables
-    from rovtwin.vehicle.water import density_of
+    from rovtwin.vehicle.analysis.tables import ballast_tables
+    from rovtwin.vehicle.description.water import density_of
+    from rovtwin.vehicle.outfitting.ballast import LIFT, Wish
+    from rovtwin.vehicle.outfitting.ballasted import Materials
+    from rovtwin.vehicle.outfitting.ballasted import ballast as ballast_it
 
     wish = Wish(
         None if buoyancy is None else quantity(buoyancy, LIFT, "--buoyancy"),
@@ -163,7 +163,7 @@ def urdf(
 ) -> None:
     """Write a vehicle's looks, mass, cameras and sensors as URDF, for RViz, Gazebo and others (x forward, z up)."""
     from rovtwin.vehicle import load_vehicle
-    from rovtwin.vehicle.urdf import urdf as urdf_of
+    from rovtwin.vehicle.analysis.urdf import urdf as urdf_of
 
     write_text(out, urdf_of(load_vehicle(vehicle)))
     console(False).print(f"wrote {out}", markup=False, soft_wrap=True)

@@ -10,7 +10,7 @@ from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar, table
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rovtwin.scenario.watching import Watch
+    from rovtwin.runs.watch import Watch
 
 
 def watch(
@@ -50,7 +50,7 @@ def watch(
 
     [bold]rovtwin watch --vehicle bluerov2_heavy 00000041.BIN 00000042.BIN[/bold]
     """
-    from rovtwin.scenario.watching import watch_runs
+    from rovtwin.runs.watch import watch_runs
 
     with progress_bar("{task.percentage:.0f} %") as bar:
         tasks: dict[str, Any] = {}

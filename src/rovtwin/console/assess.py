@@ -22,10 +22,10 @@ from rovtwin.core.log.reader import is_finished
 from rovtwin.core.urgent import start_below
 from rovtwin.identification.checks.check import AXIS_NAMES, check_record
 from rovtwin.identification.checks.findings import RANK, Finding
-from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.quick import Quick
+from rovtwin.identification.joint.model.couplings import place_of
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.identification.logs.record import Record
+from rovtwin.identification.quick import Quick
 from rovtwin.vehicle import Vehicle
 
 NICE = 15

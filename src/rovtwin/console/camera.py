@@ -2,7 +2,7 @@
 
 It asks for the newest pose when it is ready for the next picture, so that it leaves out pictures rather than lag. What
 is drawn is as large as the machine keeps up with: see `Sizes`. Pictures have neither motion blur nor noise: they are
-for the operator, and the run's own (`scenario.filming`) are recorded apart.
+for the operator, and the run's own (`runs.recording.filming`) are recorded apart.
 """
 
 import time
@@ -22,7 +22,7 @@ from rovtwin.simulation.camera.renderer import Renderer
 from rovtwin.simulation.camera.sensor import CameraSection, camera_named
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.camera import cameras_of
+from rovtwin.vehicle.description.cameras import cameras_of
 
 SLOWEST = 10.0  # pictures a second below which they are drawn smaller
 SHARE = 0.4  # of one core's time, at most

@@ -10,7 +10,7 @@ from rovtwin.console.engine.state import BY_OPERATOR, counted
 from rovtwin.console.replay import Recording
 from rovtwin.console.shelf import BY_HAND
 from rovtwin.core.flow import PHASES
-from rovtwin.scenario.decisions import courses, losses
+from rovtwin.runs.scoring.decisions import courses, losses
 
 OWN = ("idle", "dive", "turn", "go", "hold", "finished")  # phases of the mission's own course
 MOST = 400  # that are told

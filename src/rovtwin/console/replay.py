@@ -10,7 +10,7 @@ import numpy as np
 
 from rovtwin.console.engine.alerts import alerts
 from rovtwin.console.engine.setup import SIZE, described, values_of
-from rovtwin.console.engine.state import Hearing, flown
+from rovtwin.console.engine.state import SensorStatus, flown
 from rovtwin.console.planning import for_browser, row_from
 from rovtwin.console.tape import Consistency, readings_of, tape_of
 from rovtwin.core.errors import LogError, RovtwinError
@@ -19,7 +19,7 @@ from rovtwin.core.log import Log
 from rovtwin.core.log.missions import FlownMission, mission_at, missions_of
 from rovtwin.core.log.pictures import Album
 from rovtwin.core.yamlfile import parse_yaml
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.scenario.files import scenario_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.camera.sensor import camera_named
@@ -147,7 +147,7 @@ class Recording:
 
     def heard(self, t: float) -> dict[str, Any]:
         """Age and newest value of every sensor at a time [s]."""
-        hearing = Hearing(sorted(self.readings))
+        hearing = SensorStatus(sorted(self.readings))
         for name, held in self.readings.items():
             if (last := held.last(t)) >= 0:
                 at = float(held.t[last])
@@ -210,7 +210,7 @@ class Recording:
         return [FlownMission(one.t, [for_browser(row_from(point)) for point in one.waypoints]) for one in found]
 
     def _album(self) -> Album | None:
-        """Pictures of the first camera that `scenario.filming` recorded."""
+        """Pictures of the first camera that `runs.recording.filming` recorded."""
         if self.scenario is None or self.vehicle is None or not self.scenario.cameras:
             return None
         try:

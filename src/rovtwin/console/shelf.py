@@ -12,7 +12,7 @@ from rovtwin.core.errors import ConfigError
 
 MOST = 300  # that are listed
 BY_HAND = ("disarmed", "stopped by the operator", "operator", "interrupted")  # endings that somebody chose
-_NAMED = re.compile(r"(\d{8}-\d{6})-(.+)")  # as scenario.flight.run_folder names them
+_NAMED = re.compile(r"(\d{8}-\d{6})-(.+)")  # as runs.fly.run_folder names them
 
 
 @dataclass(frozen=True)

@@ -188,3 +188,11 @@ def attitude_enu_flu_to_ned_frd(q: Array) -> Array:
     ned_from_enu = jnp.array([0.0, half, half, 0.0])
     flu_from_frd = jnp.array([0.0, 1.0, 0.0, 0.0])
     return quaternion_multiply(quaternion_multiply(ned_from_enu, q), flu_from_frd)
+
+
+def body_rates_from_euler_rates(euler: Array) -> Array:
+    """T(Theta)^-1, shape (3, 3); regular at every attitude. Fossen (2021), eq. 2.40."""
+    cf, sf = jnp.cos(euler[0]), jnp.sin(euler[0])
+    ct, st = jnp.cos(euler[1]), jnp.sin(euler[1])
+    one, zero = jnp.ones_like(cf), jnp.zeros_like(cf)
+    return jnp.array([[one, zero, -st], [zero, cf, ct * sf], [zero, -sf, ct * cf]])

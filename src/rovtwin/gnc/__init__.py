@@ -1,7 +1,7 @@
 """Guidance, navigation and control: from measurements and a mission to thruster commands.
 
-`observer` estimates; `supervisor` decides whether the vehicle may act; `guidance` gives set-points, `reference`
-smooths them, `control` asks for a wrench and `allocation` makes commands of it; `autopilot` joins them into one Block.
-These are the thesis's; `navigation`, `path` and `path_guidance`, `tracking` are their model-based counterparts.
+`autopilot` joins one block of each kind: an observer, the supervisor (`safety`), guidance, a reference model, control
+and allocation; `interfaces` is what they give to each other. Two sets of blocks fill these places: `thesis`, and the
+model-based ones in `navigation`, `guidance`, `control` and `allocation`. `experiment` flies identification tests.
 Depends on `core` and `vehicle`.
 """

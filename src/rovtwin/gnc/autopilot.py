@@ -18,19 +18,19 @@ from rovtwin.core.flow import (
     Wrench,
 )
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.gnc.ability import FINE, Ability
-from rovtwin.gnc.allocation import Allocation, AllocationInput, Saturation
-from rovtwin.gnc.contingency import Contingency, ContingencyInput, ContingencyMemory
-from rovtwin.gnc.control import ControlInput, Pid
-from rovtwin.gnc.course_keeping import CourseInput, CourseKeeping, CourseMemory
-from rovtwin.gnc.guidance import Guidance, GuidanceInput, GuidanceMemory
-from rovtwin.gnc.observer import ObserverInput
-from rovtwin.gnc.reference import ReferenceModel
-from rovtwin.gnc.rules import Watched, is_finite
-from rovtwin.gnc.supervisor import Supervisor, SupervisorMemory
-from rovtwin.gnc.terrain import TerrainFollowing, TerrainInput, TerrainMemory
-from rovtwin.gnc.thruster_health import HealthInput, HealthMemory, ThrusterHealth
-from rovtwin.vehicle.model import Model
+from rovtwin.gnc.control.reference_model import ReferenceModel
+from rovtwin.gnc.guidance.course_keeping import CourseInput, CourseKeeping, CourseMemory
+from rovtwin.gnc.guidance.terrain_following import TerrainFollowing, TerrainInput, TerrainMemory
+from rovtwin.gnc.interfaces import AllocationInput, ControlInput, GuidanceInput, ObserverInput
+from rovtwin.gnc.safety.contingency import Contingency, ContingencyInput, ContingencyMemory
+from rovtwin.gnc.safety.control_authority import FINE, ControlAuthority
+from rovtwin.gnc.safety.rules import SupervisorInput, is_finite
+from rovtwin.gnc.safety.supervisor import Supervisor, SupervisorMemory
+from rovtwin.gnc.safety.thruster_diagnosis import HealthInput, HealthMemory, ThrusterHealth
+from rovtwin.gnc.thesis.allocation import Allocation, Saturation
+from rovtwin.gnc.thesis.los_guidance import Guidance, GuidanceMemory
+from rovtwin.gnc.thesis.pid import Pid
+from rovtwin.vehicle.physics.model import Model
 
 WISH_LIFE = 0.5  # a pilot's wish older than this is none [s]
 NEGLIGIBLE = 1e-6  # what allocation leaves by rounding [N, N m]
@@ -86,7 +86,7 @@ class Autopilot(Block):
     mission: Mission
     health: Array
     monitor: ThrusterHealth | None = None
-    ability: Ability | None = None
+    ability: ControlAuthority | None = None
     terrain: TerrainFollowing | None = None
     course: CourseKeeping | None = None
 
@@ -148,7 +148,7 @@ class Autopilot(Block):
         observer, estimate = self.observer.step(memory.observer, ObserverInput(input.measurements, memory.command), dt)
         monitor, health, ability, axes = self._monitored(memory, estimate, input.request, dt)
         fell_short = memory.shortfall, ability, memory.saturated
-        watched = Watched(estimate, input.request, input.measurements, input.host, *fell_short, memory.wanted)
+        watched = SupervisorInput(estimate, input.request, input.measurements, input.host, *fell_short, memory.wanted)
         supervisor, mode = self.supervisor.step(memory.supervisor, watched, dt)
         known = _usable(estimate)
         terrain, mission = self._over_ground(memory.terrain, input.measurements, known, dt)

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rovtwin.vehicle.analysis.stability import by_products, steady_speed
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import axis_limits, size, wrench_limits
-from rovtwin.vehicle.trim import by_products, steady_speed
+from rovtwin.vehicle.physics.actuation import axis_limits, size, wrench_limits
+from rovtwin.vehicle.physics.model import Model
 
 LEVEL, DEPTH, TURN = 0.83, 0.83, 1.0  # b of surge and sway, heave, and the angles
 LAGS = np.array([0.1, 0.1, 0.16, 0.2, 0.2, 0.2])  # c, largest product of bandwidth and the thrusters' lag [rad]

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from rovtwin.identification.diagnostics.validation import Prediction, Predictor
 from rovtwin.identification.joint.build import offsets_of, problem_of
 from rovtwin.identification.joint.estimate import Solution, estimate
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import Parameters
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.judgement.validation import Prediction, Predictor
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.structure import Progress, folds
 

@@ -9,28 +9,17 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.cross_validation import CrossValidation
-from rovtwin.identification.discrepancy.acceptance import learned
-from rovtwin.identification.joint.build import offsets_of, problem_of
-from rovtwin.identification.joint.catalogue import catalogue, choose
-from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.estimate import estimate
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import DIRECTIONS, INFLOW, MOUNTING, Parameters
-from rovtwin.identification.joint.payload import predicted_change, prior_from
-from rovtwin.identification.joint.prior import default_prior
-from rovtwin.identification.joint.scale import scale_response, with_scale
-from rovtwin.identification.judgement.contradictions import (
+from rovtwin.identification.diagnostics.contradictions import (
     about_dead_bands,
     about_logs_apart,
     about_prior,
     contradicted,
     no_dead_band,
 )
-from rovtwin.identification.judgement.gain import about_gain
-from rovtwin.identification.judgement.plausible import about_equal_thrusters, about_odd_values
-from rovtwin.identification.judgement.reliance import doubts_about, doubts_of_prior
-from rovtwin.identification.judgement.remarks import (
+from rovtwin.identification.diagnostics.gain import about_gain
+from rovtwin.identification.diagnostics.plausible import about_equal_thrusters, about_odd_values
+from rovtwin.identification.diagnostics.reliance import doubts_about, doubts_of_prior
+from rovtwin.identification.diagnostics.remarks import (
     about_alike,
     about_inflow,
     about_mounting,
@@ -43,10 +32,21 @@ from rovtwin.identification.judgement.remarks import (
     about_thrust,
     about_water,
 )
-from rovtwin.identification.judgement.tested import tested_ranges
-from rovtwin.identification.judgement.validation import Prediction, predict
-from rovtwin.identification.judgement.verdict import blind_directions, verdicts
-from rovtwin.identification.judgement.whiteness import residual_analysis
+from rovtwin.identification.diagnostics.tested import tested_ranges
+from rovtwin.identification.diagnostics.validation import Prediction, predict
+from rovtwin.identification.diagnostics.verdict import blind_directions, verdicts
+from rovtwin.identification.diagnostics.whiteness import residual_analysis
+from rovtwin.identification.discrepancy.acceptance import learned
+from rovtwin.identification.joint.build import offsets_of, problem_of
+from rovtwin.identification.joint.estimate import estimate
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.couplings import place_of
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import DIRECTIONS, INFLOW, MOUNTING, Parameters
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.result.payload import predicted_change, prior_from
+from rovtwin.identification.joint.result.scale import scale_response, with_scale
+from rovtwin.identification.joint.solver.options import Options
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.result import Identification
 from rovtwin.identification.structure import (
@@ -62,8 +62,8 @@ from rovtwin.identification.structure import (
     up_to,
 )
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.discrepancy import without_discrepancy
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
+from rovtwin.vehicle.physics.discrepancy import without_discrepancy
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how far it is, 0 to 1."""

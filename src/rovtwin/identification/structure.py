@@ -17,11 +17,11 @@ from scipy.stats import t
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.catalogue import with_inflow
-from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import INFLOW, Parameters
-from rovtwin.identification.judgement.validation import Prediction, judged
+from rovtwin.identification.diagnostics.validation import Prediction, judged
+from rovtwin.identification.joint.model.catalogue import with_inflow
+from rovtwin.identification.joint.model.couplings import place_of
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import INFLOW, Parameters
 from rovtwin.identification.logs.record import Record
 
 LADDER = {

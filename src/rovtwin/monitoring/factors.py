@@ -15,7 +15,7 @@ import equinox as eqx
 import numpy as np
 
 from rovtwin.core.numerics import Array, jnp
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 DRAG_STD, ADDED_STD, HEIGHT_STD = 0.5, 0.4, 0.3  # logarithms; wide, so that the result comes from the flight

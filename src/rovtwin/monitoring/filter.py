@@ -37,8 +37,8 @@ from rovtwin.monitoring.state import (
     Motion,
     linearised,
 )
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import lag
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import lag
 
 FAR = 4.0  # standard deviations beyond which an innovation counts less and less
 RECENT = 0.1  # share of the newest in the mean of innovations with which they are compared

@@ -20,7 +20,7 @@ from rovtwin.monitoring.change import Change, changes
 from rovtwin.monitoring.monitor import BLOCK, NEEDED, Monitor
 from rovtwin.monitoring.quantities import Quantities, Reading
 from rovtwin.monitoring.readings import levers_of, seen
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 PATIENCE = 60.0  # for sensors that are silent at the start [s]
 BEHIND = 3.0  # the flight, so that readings that come late are in [s]

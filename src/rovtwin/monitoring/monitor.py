@@ -16,7 +16,7 @@ from rovtwin.monitoring.factors import AXES, Factors
 from rovtwin.monitoring.filter import MOST_NOISE, Gathered, Levers, Memory, MotionFilter, Noise, Seen
 from rovtwin.monitoring.lost import FIRST, SUSPECT, Lost, Search, suspect, with_lost
 from rovtwin.monitoring.readings import ROWS, levers_of, seen, usable
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 BLOCK = 10  # of evidence [s]
 RELINEARISE = 0.05  # factors that are held so far from what is found move there, in standard deviations before a flight

@@ -13,9 +13,9 @@ import numpy as np
 
 from rovtwin.monitoring.evidence import Estimated
 from rovtwin.monitoring.factors import AXES, Factors
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.reach import BY_PRODUCT, reachable_share
-from rovtwin.vehicle.thrusters import force_limits
+from rovtwin.vehicle.physics.actuation import BY_PRODUCT, reachable_share
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import force_limits
 
 LEARNT = 0.5  # of what was known before, below which a standard deviation counts as learnt
 FAR = 3.0  # standard deviations from what was known before, from which a value is news however wide

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 from rovtwin.core.numerics import jax, jnp
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.monitoring.filter import Levers, Seen
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import static_force
 
 ROWS = {"gyro": slice(0, 3), "attitude": slice(3, 6), "depth": slice(6, 7), "velocity": slice(7, 10)}
 ROWS["horizontal"] = slice(10, 12)

@@ -24,9 +24,9 @@ from rovtwin.core.frames import (
 )
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.monitoring.factors import changed
-from rovtwin.vehicle.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import inflow_damping, inflow_wrench
+from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import inflow_damping, inflow_wrench
 
 POSITION, ATTITUDE, VELOCITY, RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 FORCE, MOMENT, CURRENT, GYRO_BIAS = slice(12, 15), slice(15, 18), slice(18, 20), slice(20, 23)

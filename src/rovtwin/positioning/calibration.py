@@ -11,7 +11,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.vision import opencv
-from rovtwin.vehicle.camera import Lens, lens_from
+from rovtwin.vehicle.physics.camera import Lens, lens_from
 
 FEWEST = 3  # pictures; with fewer the focal length cannot be told from the board's tilt
 

@@ -8,9 +8,10 @@ from pydantic import model_validator
 
 from rovtwin.core.config import near, parse, read_yaml
 from rovtwin.core.errors import ConfigError
-from rovtwin.vehicle.camera import Camera, Lens, cameras_of, lens_of
-from rovtwin.vehicle.schema import Camera as CameraSchema
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.description.cameras import Camera, cameras_of, lens_of
+from rovtwin.vehicle.description.schema import Camera as CameraSchema
+from rovtwin.vehicle.description.vehicle import Vehicle
+from rovtwin.vehicle.physics.camera import Lens
 
 
 class CameraFile(CameraSchema):

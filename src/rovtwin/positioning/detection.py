@@ -22,7 +22,7 @@ from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.vision import opencv
 from rovtwin.positioning.print_fit import fitted
 from rovtwin.positioning.sight import rotation
-from rovtwin.vehicle.camera import Lens, project, ray
+from rovtwin.vehicle.physics.camera import Lens, project, ray
 
 THRESHOLD_WINDOW = 13  # [px]; of the settings tried, the one that keeps markers of 20 px
 APART = 0.05  # of the perimeter; at OpenCV 5's 0.125 the edge of the paper hides the marker on it now and then

@@ -48,7 +48,7 @@ from rovtwin.positioning.ekf_steps import (
 from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.sight import Eyes, sizes_of
 from rovtwin.positioning.sightings import SightInput
-from rovtwin.vehicle.camera import Camera
+from rovtwin.vehicle.description.cameras import Camera
 
 
 class SlamMemory(eqx.Module):

@@ -20,7 +20,7 @@ from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.positioning.sight import Eyes
 from rovtwin.positioning.sightings import SightInput
-from rovtwin.vehicle.camera import Camera
+from rovtwin.vehicle.description.cameras import Camera
 
 NOBODY = -1
 

@@ -19,7 +19,8 @@ from rovtwin.positioning.ekf_tuning import SlamTuning
 from rovtwin.positioning.fixes import fixes
 from rovtwin.positioning.sight import Eyes
 from rovtwin.positioning.sightings import Frames, sightings
-from rovtwin.vehicle.camera import R_DEVICE_C, Camera, Lens, Port, lens_from, project, ray
+from rovtwin.vehicle.description.cameras import Camera
+from rovtwin.vehicle.physics.camera import R_DEVICE_C, Lens, Port, lens_from, project, ray
 
 AIR = lens_from([768.0, 768.0], [959.5, 539.5], (1920, 1080))  # enlarged by the water to the focal length of table 5.8
 PORT = Port.of(0.03, 0.005)

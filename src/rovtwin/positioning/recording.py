@@ -11,7 +11,7 @@ from rovtwin.core.log import Log
 from rovtwin.positioning.detection import Detections, Detector
 from rovtwin.positioning.sightings import Frames, sightings
 from rovtwin.positioning.video import Video
-from rovtwin.vehicle.camera import Camera
+from rovtwin.vehicle.description.cameras import Camera
 
 ATTITUDES = ("sensor/attitude", "autopilot/eta")  # in which channels to look for it
 APART = 1e-3  # frames of several cameras that are nearer than this are one instant [s]: at 1 m/s they differ by 1 mm

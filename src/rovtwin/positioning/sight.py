@@ -12,7 +12,8 @@ import numpy as np
 from rovtwin.core.frames import skew
 from rovtwin.core.markers import CORNERS
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.vehicle.camera import Camera, Lens, Port, project
+from rovtwin.vehicle.description.cameras import Camera
+from rovtwin.vehicle.physics.camera import Lens, Port, project
 
 NEAREST = 0.05  # a corner nearer than this to the plane of the lens is not seen [m]
 _THIN = 1e-6  # distance of a port that is none [m]

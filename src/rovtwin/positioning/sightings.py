@@ -8,7 +8,7 @@ import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jax
 from rovtwin.positioning.detection import Detections, poses
-from rovtwin.vehicle.camera import Camera
+from rovtwin.vehicle.description.cameras import Camera
 
 
 class Sightings(eqx.Module):

@@ -20,7 +20,7 @@ from rovtwin.positioning.recording import Recording
 from rovtwin.positioning.run import Outputs, associate, run_observer
 from rovtwin.positioning.sight import rotation
 from rovtwin.positioning.smoother import smooth
-from rovtwin.vehicle.camera import Camera
+from rovtwin.vehicle.description.cameras import Camera
 
 Method = Literal["ekf", "luenberger", "smoother"]
 METHODS: tuple[Method, ...] = ("ekf", "luenberger", "smoother")

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.vehicle.dynamics import damping_wrench
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.dynamics import damping_wrench
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import static_force
 
 DIRECTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 SPEED_UNITS = ("m/s",) * 3 + ("rad/s",) * 3

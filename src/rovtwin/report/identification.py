@@ -19,7 +19,7 @@ from rovtwin.report.identification_tests import prediction_figure
 from rovtwin.report.identification_words import assumptions, is_coupling, verdict
 from rovtwin.report.repeatability import repeatability_table
 from rovtwin.report.tables import Table
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 _DRAWN = 8  # tests that get a figure of their own, fitted and held out each
 _SPEED = (0.5,) * 3 + (1.0,) * 3  # curves where nobody tested [m/s, rad/s]

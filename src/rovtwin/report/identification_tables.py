@@ -11,7 +11,7 @@ from rovtwin.report.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, C
 from rovtwin.report.identification_tests import component_name, how, scaled, unit_of
 from rovtwin.report.identification_words import excitation, in_families, is_coupling, naive
 from rovtwin.report.tables import Table
-from rovtwin.vehicle.identified import fingerprint
+from rovtwin.vehicle.description.identified import fingerprint
 
 _Z = 1.96
 _STRONG = 0.9

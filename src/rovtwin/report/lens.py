@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovtwin.vehicle.camera import Lens
+from rovtwin.vehicle.physics.camera import Lens
 
 BLUE, RED, GREEN = "#1f5a87", "#c0392b", "#3a8a4d"
 _SHOWN = (5.0, 3e3)  # errors of positions [mm]

@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.report.flight import Flight
 from rovtwin.report.tables import Table, text, words
-from rovtwin.vehicle.water import density
+from rovtwin.vehicle.description.water import density
 
 _SYMBOLS = {
     "mass": "m", "weight": "W", "buoyancy": "B", "center_of_gravity": "r_g", "center_of_buoyancy": "r_b",

@@ -1,6 +1,6 @@
 """Vehicle files side by side: tables, force curves with bands where they were identified, and an HTML report.
 
-Takes what `identification.judgement.stated` reads of a file: `label`, `vehicle`, `values`, `tested`, `covariance`,
+Takes what `identification.diagnostics.stated` reads of a file: `label`, `vehicle`, `values`, `tested`, `covariance`,
 `parameters` and `model_at`.
 """
 
@@ -19,8 +19,8 @@ from rovtwin.report.identification_tables import between, estimated, number, per
 from rovtwin.report.identification_words import is_coupling
 from rovtwin.report.tables import Table
 from rovtwin.report.verdict import Verdict
-from rovtwin.vehicle.identified import fingerprint
-from rovtwin.vehicle.trim import steady_speed
+from rovtwin.vehicle.analysis.stability import steady_speed
+from rovtwin.vehicle.description.identified import fingerprint
 
 _UNREACHED = 0.5  # speed of the picture where no thruster pushes [m/s, rad/s]
 _AGREE, _NOTABLE = 0.05, 3.0  # chance below which files differ as a whole; deviations from which a parameter is named
@@ -98,7 +98,7 @@ def compare_files(
 
     Args:
         files: Two or more, as `stated` reads them.
-        difference: Of two values of a parameter (`rovtwin.identification.judgement.differences`).
+        difference: Of two values of a parameter (`rovtwin.identification.diagnostics.differences`).
         as_a_whole: Of two files.
     """
     rows = list(dict.fromkeys(name for one in files for name in one.values))

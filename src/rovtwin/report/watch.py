@@ -19,7 +19,7 @@ def watch_figure(found: Any, shown: list[int], changed: set[tuple[int, int]]) ->
     """A panel for each quantity: runs with two standard deviations, and the band of those before.
 
     Args:
-        found: `rovtwin.scenario.watching.Watch`.
+        found: `rovtwin.runs.watch.Watch`.
         shown: Which quantities.
         changed: Pairs of run and quantity that have changed.
     """
@@ -48,7 +48,7 @@ def watch_figure(found: Any, shown: list[int], changed: set[tuple[int, int]]) ->
 
 
 def write_watch(found: Any, folder: Path) -> Path:
-    """Write `report.html` and figures of a `rovtwin.scenario.watching.Watch` into a folder; the path of the page."""
+    """Write `report.html` and figures of a `rovtwin.runs.watch.Watch` into a folder; the path of the page."""
     changed = found.changes
     names = [reading.quantity.name for reading in found.runs[0].run.readings]
     shown = [i for i in range(len(names)) if any(one.run.readings[i].learnt for one in found.runs)]

@@ -10,7 +10,7 @@ from rovtwin.core.config import Strict, near, parse, parse_yaml, read_yaml
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.sensors import SENSORS, kind_of
 from rovtwin.core.yamlfile import dump_yaml
-from rovtwin.scenario.belongings import found_beside
+from rovtwin.scenario.assets import found_beside
 from rovtwin.scenario.schema import PRESETS, MissionSection, Scenario, SensorsSection
 
 _ROOT = Path(str(files("rovtwin.scenario")))
@@ -44,7 +44,13 @@ def load_scenario(name: str | Path, overrides: Iterable[str] = (), seed: int | N
     Raises:
         ConfigError: The file is missing or cannot be used; the message says where and why.
     """
-    data, where, base = find_scenario(str(name))
+    return overridden(*find_scenario(str(name)), overrides, seed)
+
+
+def overridden(
+    data: dict[str, Any], where: str, base: Path | None, overrides: Iterable[str] = (), seed: int | None = None
+) -> Scenario:
+    """A scenario from what stands in a file, with some of it changed; arguments as of the two beside it."""
     overrides = list(overrides)
     for text in overrides:
         _apply(data, text)

@@ -4,12 +4,18 @@ Depends on `core` and `vehicle` only. Every process is a `core.block.Block`: see
 the same bit for bit for the same seed.
 """
 
-from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent, Flow, GaussMarkovCurrent, ShearedCurrent
+from rovtwin.simulation.environment.current import (
+    CombinedCurrent,
+    ConstantCurrent,
+    Flow,
+    GaussMarkovCurrent,
+    ShearedCurrent,
+)
+from rovtwin.simulation.environment.waves import ThesisWaves, WaveAction
+from rovtwin.simulation.environment.world import World
 from rovtwin.simulation.mismatch import drawn, lifted, perturbed
-from rovtwin.simulation.sensors import Sensor, SensorInput, table_5_7
+from rovtwin.simulation.sensors.sensor import Sensor, SensorInput, table_5_7
 from rovtwin.simulation.twin import Twin, TwinInput, TwinMemory, TwinOutput
-from rovtwin.simulation.waves import ThesisWaves, WaveAction
-from rovtwin.simulation.world import World
 
 __all__ = [
     "CombinedCurrent",

@@ -2,8 +2,8 @@
 
 Electrical power of a thruster from its force, P = c |F|^1.5: by momentum theory the power that a propeller of area A
 puts into water at rest is |F|^1.5 / sqrt(2 rho A), and the efficiency of motor and blades changes little with load
-(measured, 3 to 98 % of the force of a T200: 1.1 % rms of full power ahead, 2.0 % astern; `vehicle.energy`). At speed a
-propeller needs a little less for the same force; that is left out.
+(measured, 3 to 98 % of the force of a T200: 1.1 % rms of full power ahead, 2.0 % astern; `vehicle.description.power`).
+At speed a propeller needs a little less for the same force; that is left out.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.simulation.checks import require_not_negative, require_positive, require_probability, require_shape
-from rovtwin.vehicle.thrusters import Thrusters, force_just_after, lag, static_force
+from rovtwin.vehicle.physics.thrusters import Thrusters, force_just_after, lag, static_force
 
 
 class BatteryInput(eqx.Module):

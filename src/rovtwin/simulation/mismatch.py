@@ -5,8 +5,8 @@ import numpy as np
 from rovtwin.core.numerics import Array, jax, jnp, module_for
 from rovtwin.simulation.noise import key_for
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.model import GRAVITY, Model
-from rovtwin.vehicle.thrusters import Thrusters
+from rovtwin.vehicle.physics.model import GRAVITY, Model
+from rovtwin.vehicle.physics.thrusters import Thrusters
 
 DAMPING = ("linear_damping_ahead", "linear_damping_astern", "quadratic_damping_ahead", "quadratic_damping_astern")
 

@@ -9,14 +9,14 @@ from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import Command, Environment, Measurements, Slot
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.simulation.battery import Battery, BatteryInput, BatteryState, forces_within
-from rovtwin.simulation.faults import FaultInput, Faults, weakened
-from rovtwin.simulation.hand import Hand
+from rovtwin.simulation.environment.world import World, WorldMemory
+from rovtwin.simulation.events.attitude_restraint import AttitudeRestraint
+from rovtwin.simulation.events.faults import FaultInput, Faults, weakened
 from rovtwin.simulation.noise import key_for
-from rovtwin.simulation.sensors import PHYSICS_RATE, Sensor, SensorInput, SensorMemory, put
-from rovtwin.simulation.tether import Pull, Tether, TetherInput, TetherMemory
-from rovtwin.simulation.world import World, WorldMemory
-from rovtwin.vehicle.dynamics import State, acceleration, inflow_of, plant_step
-from rovtwin.vehicle.model import Model
+from rovtwin.simulation.sensors.sensor import PHYSICS_RATE, Sensor, SensorInput, SensorMemory, put
+from rovtwin.simulation.tether.tether import Pull, Tether, TetherInput, TetherMemory
+from rovtwin.vehicle.physics.dynamics import State, acceleration, inflow_of, plant_step
+from rovtwin.vehicle.physics.model import Model
 
 
 class TwinInput(eqx.Module):
@@ -81,7 +81,7 @@ class Twin(Block):
     faults: Faults | None = None
     battery: Battery | None = None
     tethers: dict[str, Tether] = eqx.field(default_factory=dict)
-    hand: Hand | None = None
+    hand: AttitudeRestraint | None = None
 
     def init(self, key: Array, start: Start) -> TwinMemory:
         """At the start, thrusters at rest."""

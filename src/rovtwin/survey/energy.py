@@ -1,9 +1,9 @@
 """What a survey takes out of a vehicle's batteries: thrust against drag in still water, weight, and the hotel load.
 
-Thrusters share a wrench by least squares, and draw P = c |F|^1.5 for a force F (`vehicle.energy`). Counted are drag in
-surge while going, the force that keeps a vehicle which is not neutral at its depth, and the load of everything else.
-Not counted: current, waves, tether, the autopilot's corrections and turns, payload and lamps that the vehicle's file
-does not name, and cold.
+Thrusters share a wrench by least squares, and draw P = c |F|^1.5 for a force F (`vehicle.description.power`). Counted
+are drag in surge while going, the force that keeps a vehicle which is not neutral at its depth, and the load of
+everything else. Not counted: current, waves, tether, the autopilot's corrections and turns, payload and lamps that the
+vehicle's file does not name, and cold.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import numpy as np
 
 from rovtwin.survey.pace import drag_ahead
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 JOULES = 3600.0  # in a watt-hour
 

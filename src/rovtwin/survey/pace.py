@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.trim import reach, steady_speed
+from rovtwin.vehicle.analysis.stability import reach, steady_speed
+from rovtwin.vehicle.physics.model import Model
 
 SHARE = 0.5  # of the largest force or moment, for speeding up and turning
 

@@ -8,23 +8,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rovtwin.vehicle.files import list_devices, list_library
-    from rovtwin.vehicle.findings import check
-    from rovtwin.vehicle.model import Model
-    from rovtwin.vehicle.show import render, summary
-    from rovtwin.vehicle.vehicle import Vehicle, load_vehicle, vehicle_from_dict, vehicle_schema
+    from rovtwin.vehicle.analysis.lint import check
+    from rovtwin.vehicle.analysis.summary import render, summary
+    from rovtwin.vehicle.description.files import list_devices, list_library
+    from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle, vehicle_from_dict, vehicle_schema
+    from rovtwin.vehicle.physics.model import Model
 
 _HOME = {
-    "Model": "model",
-    "Vehicle": "vehicle",
-    "check": "findings",
-    "list_devices": "files",
-    "list_library": "files",
-    "load_vehicle": "vehicle",
-    "render": "show",
-    "summary": "show",
-    "vehicle_from_dict": "vehicle",
-    "vehicle_schema": "vehicle",
+    "Model": "physics.model",
+    "Vehicle": "description.vehicle",
+    "check": "analysis.lint",
+    "list_devices": "description.files",
+    "list_library": "description.files",
+    "load_vehicle": "description.vehicle",
+    "render": "analysis.summary",
+    "summary": "analysis.summary",
+    "vehicle_from_dict": "description.vehicle",
+    "vehicle_schema": "description.vehicle",
 }
 
 __all__ = [

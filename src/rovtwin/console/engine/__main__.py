@@ -37,8 +37,8 @@ def main() -> None:
     from rovtwin.console.engine.bridge import Bridge
     from rovtwin.console.engine.engine import Engine
     from rovtwin.console.engine.vessel import Wanted
+    from rovtwin.live.connect import as_read
     from rovtwin.scenario.files import load_scenario
-    from rovtwin.scenario.live.connect import as_read
 
     scenario = as_read(given.link, load_scenario(str(given.scenario), (), None))
     note["scenario"] = scenario.name

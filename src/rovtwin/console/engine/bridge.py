@@ -15,13 +15,13 @@ from rovtwin.console.engine.engine import Engine
 from rovtwin.console.engine.helm import Helm
 from rovtwin.console.engine.state import counted
 from rovtwin.console.engine.trial_helm import TrialHelm
-from rovtwin.console.engine.vessel import Vessel
+from rovtwin.console.engine.vessel import VehicleSession
 from rovtwin.console.wire import FRESH, decode, encode
 from rovtwin.core.errors import ConfigError, RovtwinError
 from rovtwin.core.flow import Mission
-from rovtwin.scenario import point_numbers
-from rovtwin.scenario.fitting import own_values
-from rovtwin.scenario.limits import Limits
+from rovtwin.runs.compose.fitting import own_values
+from rovtwin.runs.feasibility import point_numbers
+from rovtwin.runs.limits import Limits
 from rovtwin.scenario.schema import Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
@@ -86,7 +86,7 @@ class Bridge:
             return {"id": number, "ok": False, "error": f"{order.do}: failed ({type(error).__name__}: {error})"}
         return None if number is None else {"id": number, "ok": True} | found
 
-    def _for_missions(self, vessel: Vessel) -> Helm:
+    def _for_missions(self, vessel: VehicleSession) -> Helm:
         """The helm; ConfigError where a test is flown."""
         if isinstance(vessel.helm, Helm):
             return vessel.helm
@@ -95,7 +95,7 @@ class Bridge:
             "scenario that has a mission"
         )
 
-    def _underway(self) -> Vessel:
+    def _underway(self) -> VehicleSession:
         vessel = self._engine.vessel
         if not self._engine.switch.armed:
             raise ConfigError("not armed: press Arm first")

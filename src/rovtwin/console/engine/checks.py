@@ -8,10 +8,10 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.numerics import as_array
-from rovtwin.gnc.rules import inside
-from rovtwin.scenario.feasibility import judge
-from rovtwin.scenario.inside import unreachable
-from rovtwin.scenario.point_numbers import counted, named
+from rovtwin.gnc.safety.rules import inside
+from rovtwin.runs.compose.inside import unreachable
+from rovtwin.runs.feasibility.mission import judge
+from rovtwin.runs.feasibility.point_numbers import counted, named
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Model
 

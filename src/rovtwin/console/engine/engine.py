@@ -17,14 +17,14 @@ from rovtwin.console.engine.manoeuvres import Manoeuvres
 from rovtwin.console.engine.setup import setup_of
 from rovtwin.console.engine.state import Changes, counted, flown, plan_told
 from rovtwin.console.engine.switch import ArmSwitch
-from rovtwin.console.engine.telling import Teller
+from rovtwin.console.engine.telling import Publisher
 from rovtwin.console.engine.ticker import Ticker
 from rovtwin.console.engine.trial_helm import TrialHelm
-from rovtwin.console.engine.vessel import Shipyard, Vessel, Wanted
+from rovtwin.console.engine.vessel import SessionBuilder, VehicleSession, Wanted
 from rovtwin.core.errors import ConfigError, LinkError, RovtwinError
 from rovtwin.core.flow import Mission
 from rovtwin.core.urgent import urgent
-from rovtwin.scenario.realtime import NO_WISH
+from rovtwin.runs.realtime import NO_WISH
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
 
 logger = logging.getLogger(__name__)
@@ -49,9 +49,9 @@ class Engine:
     def __init__(self, wanted: Wanted, news: str, speed: float = 1.0, runs: str | Path = "runs"):
         """Publishes at the address `news`; logs of flights go into the folder `runs`."""
         self._wanted = wanted
-        self._teller = Teller(news)
+        self._teller = Publisher(news)
         self._stage, self._note = "connecting", ""
-        self._yard = Shipyard(wanted, speed, self._say)
+        self._yard = SessionBuilder(wanted, speed, self._say)
         self._running = True
         self._ticker: Ticker | None = None
         self._now = 0.0  # time of the tick that comes, or of the last vessel's [s]
@@ -96,7 +96,7 @@ class Engine:
     # The vehicle
 
     @property
-    def vessel(self) -> Vessel:
+    def vessel(self) -> VehicleSession:
         """Raises ConfigError while there is none."""
         if self._ticker is None:
             raise ConfigError(f"no vehicle yet ({self._stage}): wait until its sensors are heard")
@@ -241,7 +241,7 @@ class Engine:
         self._now = ticker.t
         return True
 
-    def _go_on(self, test: Manoeuvres, vessel: Vessel) -> None:
+    def _go_on(self, test: Manoeuvres, vessel: VehicleSession) -> None:
         """What the test's own time brings, and its end."""
         if vessel.helm.is_over:
             done = flown(vessel.helm.output, 0)
@@ -251,7 +251,7 @@ class Engine:
             if not cue.text.isdigit():
                 self.event("warning" if cue.hand else "info", cue.text)
 
-    def _take_over(self, vessel: Vessel | None) -> None:
+    def _take_over(self, vessel: VehicleSession | None) -> None:
         """Begin to tick with a vehicle that is heard."""
         if vessel is None:
             return

@@ -17,15 +17,15 @@ from rovtwin.core.jsontext import to_json
 from rovtwin.core.log import LogWriter
 from rovtwin.core.log.files import keeping
 from rovtwin.core.log.missions import FlownMission, mission_metadata, no_mission_yet
-from rovtwin.scenario.composition import Composed
-from rovtwin.scenario.decisions import decisions
-from rovtwin.scenario.flight import new_folder, run_folder
-from rovtwin.scenario.live.beside import changed
-from rovtwin.scenario.live.flight import metadata_of, write_scenario
-from rovtwin.scenario.live.recorder import LiveRecorder, live_channels, live_figures
-from rovtwin.scenario.provenance import beginning, flown_points
+from rovtwin.live.beside import changed
+from rovtwin.live.flight import metadata_of, write_scenario
+from rovtwin.live.recorder import LiveRecorder, live_channels, live_figures
+from rovtwin.runs.compose.composition import Simulation
+from rovtwin.runs.fly import new_folder, run_folder
+from rovtwin.runs.recording.provenance import beginning, flown_points
+from rovtwin.runs.scoring.decisions import decisions
+from rovtwin.runs.scoring.scores import finished
 from rovtwin.scenario.schema import Scenario
-from rovtwin.scenario.score import finished
 
 logger = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ class FlightLog:
     """
 
     def __init__(
-        self, scenario: Scenario, composed: Composed, helm: Steering, folder: Path, watch: VehicleWatch | None = None
+        self, scenario: Scenario, composed: Simulation, helm: Steering, folder: Path, watch: VehicleWatch | None = None
     ):
         """With what `watch` finds in it. Raises ConfigError or LogError where the folder cannot be written."""
         self.folder, self.began = new_folder(folder), 0.0
@@ -133,7 +133,7 @@ class Logbook:
         """Of the flight under way, "" if there is none."""
         return "" if self._flight is None else str(self._flight.folder)
 
-    def open(self, scenario: Scenario, composed: Composed, helm: Steering, watch: VehicleWatch) -> None:
+    def open(self, scenario: Scenario, composed: Simulation, helm: Steering, watch: VehicleWatch) -> None:
         """Open the log of a flight to come, beside the loop: it takes some tenths of a second."""
         folder = run_folder(scenario.name, self._runs)
         self._watch = watch

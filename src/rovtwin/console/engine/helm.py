@@ -10,8 +10,8 @@ from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORT, ARM, PAUSE, PILOT, RESUME, Mission
 from rovtwin.core.numerics import jnp
 from rovtwin.gnc.autopilot import Autopilot
-from rovtwin.gnc.supervisor import MODE_PAUSED, MODE_PILOTED
-from rovtwin.scenario.composition import Composed, way_points
+from rovtwin.gnc.interfaces import MODE_PAUSED, MODE_PILOTED
+from rovtwin.runs.compose.composition import Simulation, way_points
 from rovtwin.scenario.schema import Scenario
 
 MOST = 512  # way-points of a mission: all share one shape, and so one program
@@ -25,7 +25,7 @@ class Helm(Steering):
         fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
     """
 
-    def __init__(self, composed: Composed, scenario: Scenario):
+    def __init__(self, composed: Simulation, scenario: Scenario):
         """Compiles."""
         made = composed.loop.autopilot
         if not isinstance(made, Autopilot):

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from rovtwin.scenario.compose_trial import spans_of
-from rovtwin.scenario.live.manoeuvres import Cue, Prompter, plan
+from rovtwin.live.manoeuvres import Cue, Prompter, plan
+from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.scenario.schema.trial import Manoeuvre as Section
 from rovtwin.scenario.schema.trial import MultisineSection, ReleaseSection

@@ -8,19 +8,19 @@ from rovtwin.core.flow import REASONS
 from rovtwin.core.sensors import SENSORS, kind_named, kind_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.visuals import pieces_of
+from rovtwin.vehicle.analysis.visuals import pieces_of
 
 if TYPE_CHECKING:  # a replay needs none of it, and begins seconds sooner
     from rovtwin.console.engine.vessel import Wanted
-    from rovtwin.scenario.composition import Composed
-    from rovtwin.scenario.live.readiness import Readiness
+    from rovtwin.live.readiness import Readiness
+    from rovtwin.runs.compose.composition import Simulation
 
 CORNERS = 64  # of a circle, as browsers draw it
 SIZE = (0.5, 0.5, 0.3)  # shown of a vehicle whose shape nobody gave [m]
 
 
 def setup_of(
-    wanted: "Wanted", composed: "Composed", readiness: "Readiness", test: dict[str, Any] | None = None
+    wanted: "Wanted", composed: "Simulation", readiness: "Readiness", test: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     """The message that tells it; `test` is what Manoeuvres lays out of one."""
     return described(wanted.scenario, composed.vehicle) | {
@@ -37,9 +37,9 @@ def setup_of(
     }
 
 
-def _operator_rule(composed: "Composed") -> dict[str, Any]:
-    """What the autopilot does without an operator, one of gnc.rules.ACTIONS, and after how long [s]."""
-    from rovtwin.gnc.rules import ACTIONS  # not for a replay, which begins sooner without it
+def _operator_rule(composed: "Simulation") -> dict[str, Any]:
+    """What the autopilot does without an operator, one of gnc.safety.rules.ACTIONS, and after how long [s]."""
+    from rovtwin.gnc.safety.rules import ACTIONS  # not for a replay, which begins sooner without it
 
     autopilot: Any = composed.loop.autopilot
     rules = autopilot.supervisor.rules

@@ -18,7 +18,7 @@ BY_OPERATOR = REASONS[OPERATOR]  # what the operator asked for is no alarm
 TOLD = tuple(kind for kind in SENSORS if kind not in ("accelerometer", "gyro"))  # kinds whose values are shown
 
 
-class Hearing:
+class SensorStatus:
     """When each sensor was last heard, and what it said; and the truth of which time, where a twin tells it.
 
     A twin tells the truth at the end of each of its ticks, so that readings can be told apart by the tick they are of.

@@ -10,16 +10,16 @@ import numpy as np
 from rovtwin.core.block import Block, Start
 from rovtwin.core.flow import ENDS, NO_REQUEST, PAUSE, AutopilotOutput, Command, Measurement, Slot
 from rovtwin.core.numerics import as_array, jax
-from rovtwin.gnc.supervisor import MODE_RUNNING
-from rovtwin.scenario.composition import Composed
-from rovtwin.scenario.live.flight import ROOM
-from rovtwin.scenario.realtime import NO_WISH, HostAutopilot
+from rovtwin.gnc.interfaces import MODE_RUNNING
+from rovtwin.live.flight import ROOM
+from rovtwin.runs.compose.composition import Simulation
+from rovtwin.runs.realtime import NO_WISH, HostAutopilot
 
 
 class Steering(abc.ABC):
     """An autopilot for missions (`Helm`) or for a test (`TrialHelm`), as the engine ticks it."""
 
-    def __init__(self, composed: Composed, autopilot: Block, control_dt: float):
+    def __init__(self, composed: Simulation, autopilot: Block, control_dt: float):
         """Compiles."""
         self._autopilot: Any = autopilot
         key = jax.random.split(composed.key)[0]
@@ -72,7 +72,7 @@ class Steering(abc.ABC):
 
     @property
     def mode(self) -> int:
-        """The supervisor's, one of gnc.supervisor.MODES."""
+        """The supervisor's, one of gnc.interfaces.MODES."""
         return int(self._host.memory.supervisor.mode.mode)
 
     @property

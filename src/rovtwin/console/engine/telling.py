@@ -13,7 +13,7 @@ AGAIN = 1.0  # what does not change is told as often, for who comes later [s]
 EVENTS = 200  # kept
 
 
-class Teller:
+class Publisher:
     """Publishes; who does not read misses it, and gets nothing old.
 
     Attributes:

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.console.engine.state import Consistency, Hearing, flown
-from rovtwin.console.engine.vessel import Vessel
-from rovtwin.scenario.pace import SLIP, Clock, Pace
+from rovtwin.console.engine.state import Consistency, SensorStatus, flown
+from rovtwin.console.engine.vessel import VehicleSession
+from rovtwin.runs.pace import SLIP, Clock, Pace
 
 
 class Ticker:
@@ -18,7 +18,7 @@ class Ticker:
         ticks: That have been.
     """
 
-    def __init__(self, vessel: Vessel, clock: Clock, dt: float):
+    def __init__(self, vessel: VehicleSession, clock: Clock, dt: float):
         """`dt` is the control period [s]. What came before is forgotten; thrusters are off."""
         self.vessel, self._clock, self._dt = vessel, clock, dt
         vessel.ears.drain()
@@ -26,7 +26,7 @@ class Ticker:
         self.ticks, self.began = 0, clock.next(dt)
         vessel.ears.zero = self.began
         names = vessel.composed.sensor_names
-        self._hearing, self._consistency, self._pace = Hearing(names), Consistency(names), Pace()
+        self._hearing, self._consistency, self._pace = SensorStatus(names), Consistency(names), Pace()
         self._late = self._latest = 0.0
 
     @property

@@ -7,23 +7,23 @@ import equinox as eqx
 from rovtwin.console.engine.steering import Steering
 from rovtwin.core.block import Start
 from rovtwin.core.flow import ABORT, RESUME
-from rovtwin.gnc.trial import Trial
-from rovtwin.scenario.composition import Composed
+from rovtwin.gnc.experiment import Experiment
+from rovtwin.runs.compose.composition import Simulation
 from rovtwin.scenario.schema import Scenario
 
 
 class TrialHelm(Steering):
-    """A Trial that ticks for ever.
+    """An Experiment that ticks for ever.
 
     A test cannot be held and gone on with, it would be another one: what ends it switches the thrusters off, and a
     start begins it anew, with its home where the vehicle then is.
     """
 
-    def __init__(self, composed: Composed, scenario: Scenario):
+    def __init__(self, composed: Simulation, scenario: Scenario):
         """Compiles."""
         made = composed.loop.autopilot
-        if not isinstance(made, Trial):
-            raise TypeError(f"found {type(made).__name__}, expected a Trial")
+        if not isinstance(made, Experiment):
+            raise TypeError(f"found {type(made).__name__}, expected an Experiment")
         super().__init__(composed, made, scenario.control_dt)
 
     def start(self) -> None:

@@ -17,14 +17,14 @@ from rovtwin.core.errors import RovtwinError
 from rovtwin.core.link import Source
 from rovtwin.core.urgent import settle
 from rovtwin.links.hosted import CONNECTING, HostedLink
-from rovtwin.scenario.compose_sensors import rotated
-from rovtwin.scenario.composition import Composed, compose, vehicle_of
-from rovtwin.scenario.live.connect import opener, source
-from rovtwin.scenario.live.flight import needed_by
-from rovtwin.scenario.live.readiness import Ears, Readiness, listen
-from rovtwin.scenario.pace import Clock
+from rovtwin.live.connect import opener, source
+from rovtwin.live.flight import needed_by
+from rovtwin.live.readiness import Readiness, SensorMux, listen
+from rovtwin.runs.compose.composition import Simulation, compose, vehicle_of
+from rovtwin.runs.compose.sensors import rotated
+from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario
-from rovtwin.vehicle.performance import performance
+from rovtwin.vehicle.analysis.performance import performance
 
 TWIN = "twin://"
 COMPILING = 240.0  # longest wait for a twin, which is compiled first [s]
@@ -82,7 +82,7 @@ class Limits:
     said: str
 
     @classmethod
-    def of(cls, composed: Composed) -> "Limits":
+    def of(cls, composed: Simulation) -> "Limits":
         """From the autopilot's model and the world's current as it begins."""
         top = performance(composed.model)["surge"]["ahead"].top_speed
         current = getattr(composed.scenario.world.current, "velocity", None) or [0.0, 0.0, 0.0]
@@ -92,15 +92,15 @@ class Limits:
 
 
 @dataclass
-class Vessel:
+class VehicleSession:
     """A vehicle that is heard."""
 
     link: HostedLink
     sources: list[Source]
-    ears: Ears
+    ears: SensorMux
     readiness: Readiness
     helm: Helm | TrialHelm
-    composed: Composed
+    composed: Simulation
     limits: Limits
     watch: VehicleWatch
 
@@ -111,10 +111,10 @@ class Vessel:
             one.close()
 
 
-Compiled = tuple[Composed, Helm | TrialHelm, Limits, VehicleWatch]
+Compiled = tuple[Simulation, Helm | TrialHelm, Limits, VehicleWatch]
 
 
-class Shipyard:
+class SessionBuilder:
     """Makes vessels in a thread of its own, so that the loop goes on telling and obeying.
 
     Attributes:
@@ -126,7 +126,7 @@ class Shipyard:
     def __init__(self, wanted: Wanted, speed: float, say: Say):
         self.wanted, self.speed, self._say = wanted, speed, say
         self.clock = Clock(speed)
-        self._made: Vessel | None = None
+        self._made: VehicleSession | None = None
         self._helm: Compiled | None = None
         self._thread: threading.Thread | None = None
         self.step: Step | None = None
@@ -142,7 +142,7 @@ class Shipyard:
         """Whether one is being made."""
         return self._thread is not None and self._thread.is_alive()
 
-    def ready(self) -> Vessel | None:
+    def ready(self) -> VehicleSession | None:
         """The vessel, once."""
         made, self._made = self._made, None
         return made
@@ -164,7 +164,7 @@ class Shipyard:
         what = STEPS[number - 1]
         self._say("listening" if number == len(STEPS) else "connecting", f"{what} ({number} of {len(STEPS)})")
 
-    def _vessel(self) -> Vessel:
+    def _vessel(self) -> VehicleSession:
         wanted = self.wanted
         self.clock = Clock(0.0 if wanted.is_twin else self.speed)
         self._go_on(1)
@@ -184,7 +184,7 @@ class Shipyard:
                 sources.append(source(url, self.clock))
             if wanted.is_twin:
                 link.tell(("pace", *self.clock.run(self.speed)))
-            ears = Ears(link, sources)
+            ears = SensorMux(link, sources)
             self._go_on(5)
             names = composed.sensor_names
             needed, rotation = needed_by(wanted.scenario), rotated(composed.loop.twin.sensors).get("attitude")
@@ -202,7 +202,7 @@ class Shipyard:
             for one in (link, *sources):
                 one.close()
             raise
-        return Vessel(link, sources, ears, readiness, helm, composed, limits, watch)
+        return VehicleSession(link, sources, ears, readiness, helm, composed, limits, watch)
 
     def _open(self) -> HostedLink:
         wanted = self.wanted

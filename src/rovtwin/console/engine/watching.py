@@ -3,12 +3,12 @@
 import logging
 from typing import Any
 
+from rovtwin.live.beside import SINCE, monitor_of
 from rovtwin.monitoring.change import Change, causes
 from rovtwin.monitoring.flight import FlightMonitor, Found
 from rovtwin.monitoring.monitor import BLOCK
 from rovtwin.monitoring.quantities import Reading
-from rovtwin.scenario.composition import Composed
-from rovtwin.scenario.live.beside import SINCE, monitor_of
+from rovtwin.runs.compose.composition import Simulation
 from rovtwin.scenario.schema import Scenario
 
 logger = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ class VehicleWatch:
         changed: What has changed in the flight under way, or in the last one.
     """
 
-    def __init__(self, composed: Composed, scenario: Scenario):
+    def __init__(self, composed: Simulation, scenario: Scenario):
         """Compiles, so that no flight waits for it."""
         self._composed, self._scenario = composed, scenario
         first, self._never = (None, IN_A_TEST) if scenario.test else monitor_of(composed, scenario)

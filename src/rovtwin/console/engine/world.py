@@ -12,10 +12,10 @@ from rovtwin.core.frames import euler_from_quaternion
 from rovtwin.core.link import Link
 from rovtwin.core.numerics import as_array, jax, jnp
 from rovtwin.links.twin import TwinLink
-from rovtwin.scenario.composition import Composed, compose
-from rovtwin.scenario.pace import Clock
+from rovtwin.runs.compose.composition import Simulation, compose
+from rovtwin.runs.pace import Clock
 from rovtwin.scenario.schema import Scenario
-from rovtwin.simulation.current import CombinedCurrent, ConstantCurrent
+from rovtwin.simulation.environment.current import CombinedCurrent, ConstantCurrent
 from rovtwin.simulation.twin import Twin, TwinInput, TwinOutput
 
 LEASH = 0.06  # how far the vehicle goes ahead of the autopilot where time runs fast [s]; in a test not at all
@@ -30,7 +30,7 @@ class WorldLink(TwinLink):
     world's own, `("test", t)`: a test with a hand in it begins at its own time t [s], or never, inf.
     """
 
-    def __init__(self, composed: Composed, dt: float, clock: Clock):
+    def __init__(self, composed: Simulation, dt: float, clock: Clock):
         self._clock_ = clock
         self._twin = breakable(composed.loop.twin)
         self._healthy = self._twin.model.thrusters.health

@@ -23,7 +23,7 @@ from rovtwin.console.web.replay_routes import add_replay
 from rovtwin.console.web.sockets import serve
 from rovtwin.console.wire import Place
 from rovtwin.core.errors import ConfigError, LinkError
-from rovtwin.scenario.composition import vehicle_of
+from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.scenario.schema import Scenario
 
 STATIC = Path(__file__).parent / "static"

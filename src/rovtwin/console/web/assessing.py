@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rovtwin.console.assess import AssessProcess, Subject
-from rovtwin.scenario.compose_trial import spans_of
+from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.scenario.schema import Scenario
 from rovtwin.vehicle import Vehicle
 

@@ -178,7 +178,7 @@ def _lawnmower(
         raise ConfigError(
             f"lawn-mower: found lines {spacing:g} m apart over {extent:g} m, expected at most {MOST // 2} lines"
         )
-    from rovtwin.scenario.plan_survey import SurveyRequest, lay_out
+    from rovtwin.planning.survey import SurveyRequest, lay_out
     from rovtwin.survey.room import Swath
 
     with tempfile.TemporaryDirectory() as folder:

@@ -20,9 +20,9 @@ from rovtwin.console.wire import Place, decode, encode
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.files import MOST_UPLOAD
-from rovtwin.scenario.composition import vehicle_of
-from rovtwin.scenario.fitting import own_values
-from rovtwin.scenario.limits import Limits
+from rovtwin.runs.compose.composition import vehicle_of
+from rovtwin.runs.compose.fitting import own_values
+from rovtwin.runs.limits import Limits
 from rovtwin.scenario.schema import Scenario
 from rovtwin.survey.pace import line_speed
 

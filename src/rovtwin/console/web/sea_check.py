@@ -7,11 +7,11 @@ from typing import Any
 from rovtwin.console.planning import waypoint_of
 from rovtwin.console.worker import Worker
 from rovtwin.core.errors import RovtwinError
-from rovtwin.scenario.compose_sensors import sensors_of
-from rovtwin.scenario.composition import compose, vehicle_of
-from rovtwin.scenario.feasibility import judge
+from rovtwin.runs.compose.composition import compose, vehicle_of
+from rovtwin.runs.compose.sensors import sensors_of
+from rovtwin.runs.feasibility.mission import judge
+from rovtwin.runs.feasibility.sea import moves, verdict
 from rovtwin.scenario.schema import MissionSection, Scenario, Waypoint
-from rovtwin.scenario.sea import moves, verdict
 
 QUIET = 1.0  # a plan that is being changed is not judged yet [s]
 LEVELS = {"holds": "ok", "swept": "warning", "turns": "warning"}

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from mcap import records
@@ -14,11 +14,16 @@ from mcap.opcode import Opcode
 from numpy.typing import ArrayLike
 
 from rovtwin.core.errors import LogError
+from rovtwin.core.extras import require
 from rovtwin.core.files import checked
 from rovtwin.core.log import message
 from rovtwin.core.log.channel import Channel, channel_table, suggestion
 from rovtwin.core.log.mcapfile import FOOTER_SIZE, MAGIC, decompress, gather, iter_records, message_offsets, parse
 from rovtwin.core.log.writer import FORMAT, METADATA_NAME, LogWriter, text_metadata
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 _OTHERS = {
     b"PK\x03\x04": "a renamed zip",
@@ -45,6 +50,22 @@ class Series:
     def __getitem__(self, field: str) -> np.ndarray:
         """One component, shape (N,)."""
         return self.values[:, self.channel.index(field)]
+
+    def to_xarray(self) -> "xarray.DataArray":
+        """By `time` and `field`, with the unit of each field and the frame as attributes."""
+        require("xarray", "notebook", "Series.to_xarray")
+        import xarray
+
+        about = {"units": self.channel.unit, "frame": self.channel.frame}
+        coordinates = {"time": self.t, "field": list(self.channel.fields)}
+        return xarray.DataArray(self.values, coordinates, ("time", "field"), self.channel.name, about)
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A column for each field, indexed by time [s]."""
+        require("pandas", "notebook", "Series.to_pandas")
+        import pandas
+
+        return pandas.DataFrame(self.values, pandas.Index(self.t, name="time"), list(self.channel.fields))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,7 @@ import numpy as np
 from rovtwin.core.flow import Measurements, Slot
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.gnc.navigation.readings import Innovation
-from rovtwin.gnc.navigation.sea import SeaState
+from rovtwin.gnc.navigation.measurements import Innovation
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     ERRORS,
@@ -17,7 +16,8 @@ from rovtwin.gnc.navigation.state import (
     WAVE_VELOCITY,
     NavigationState,
 )
-from rovtwin.vehicle.model import Model
+from rovtwin.gnc.navigation.wave_estimator import SeaState
+from rovtwin.vehicle.physics.model import Model
 
 STRONGEST = 1.0  # acceleration that an unknown force may cause [m/s2]
 NEWEST = 0.1  # share of the newest reading in the mean of innovations of depth

@@ -15,14 +15,15 @@ from rovtwin.core.flow import Command, Estimate, Measurements, Slot
 from rovtwin.core.frames import rotation_from_quaternion, skew
 from rovtwin.core.numerics import Array, jax, jnp
 from rovtwin.core.sensors import kind_of
-from rovtwin.gnc.ekf_model import product
-from rovtwin.gnc.navigation import motion, readings
-from rovtwin.gnc.navigation.belief import estimate_of
+from rovtwin.core.small_matrices import product, squared_norm
+from rovtwin.gnc.interfaces import ObserverInput
+from rovtwin.gnc.navigation import measurements as readings
+from rovtwin.gnc.navigation import prediction as motion
 from rovtwin.gnc.navigation.corrections import corrected, finite, opened_for_waves, opening
-from rovtwin.gnc.navigation.motion import Acceleration, Turning, Waves, side_by_side
+from rovtwin.gnc.navigation.estimate import estimate_of
+from rovtwin.gnc.navigation.measurements import Innovation
 from rovtwin.gnc.navigation.positions import Rejected, Trail, positions
-from rovtwin.gnc.navigation.readings import Innovation
-from rovtwin.gnc.navigation.sea import SeaState
+from rovtwin.gnc.navigation.prediction import Acceleration, Turning, Waves, side_by_side
 from rovtwin.gnc.navigation.state import (
     ATTITUDE,
     ERRORS,
@@ -33,9 +34,9 @@ from rovtwin.gnc.navigation.state import (
     initial_covariance,
 )
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.gnc.observer import ObserverInput, squared_norm
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import force_just_after, lag, static_force
+from rovtwin.gnc.navigation.wave_estimator import SeaState
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import force_just_after, lag, static_force
 
 CORRECTING = ("attitude", "pressure", "dvl")  # kinds that are compared with the state after the motion
 

@@ -10,13 +10,12 @@ import numpy as np
 
 from rovtwin.core.flow import Slot
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.gnc.ekf_model import product
+from rovtwin.core.small_matrices import product, squared_norm
 from rovtwin.gnc.mounting import Mount
-from rovtwin.gnc.navigation import readings
-from rovtwin.gnc.navigation.readings import Innovation
+from rovtwin.gnc.navigation import measurements as readings
+from rovtwin.gnc.navigation.measurements import Innovation
 from rovtwin.gnc.navigation.state import ERRORS, HORIZONTAL, NavigationState
 from rovtwin.gnc.navigation.tuning import Tuning
-from rovtwin.gnc.observer import squared_norm
 
 TRAIL = 128  # ticks
 REOPENED_VELOCITY = 0.05  # standard deviation given back to the velocity [m/s]

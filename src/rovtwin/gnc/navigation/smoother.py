@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Measurements
 from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.interfaces import ObserverInput
 from rovtwin.gnc.navigation.filter import NavigationFilter, NavigationMemory
 from rovtwin.gnc.navigation.state import ATTITUDE, ERRORS, MOVING
-from rovtwin.gnc.observer import ObserverInput
 
 _Q = slice(6, 10)  # the quaternion in the state's vector of 32 numbers; one more than its error has
 SECONDS_AT_ONCE = 60  # of the filter, between host and compiled loop

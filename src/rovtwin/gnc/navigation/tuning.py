@@ -7,7 +7,6 @@ import numpy as np
 
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import SENSORS, kind_of
-from rovtwin.gnc.ekf_tuning import STATES
 from rovtwin.gnc.mounting import Mount
 from rovtwin.gnc.navigation.state import (
     ACCELEROMETER_BIAS,
@@ -24,7 +23,8 @@ from rovtwin.gnc.navigation.state import (
     WAVE_VELOCITY,
 )
 from rovtwin.gnc.scales import VehicleScales
-from rovtwin.vehicle.model import Model
+from rovtwin.gnc.thesis.ekf_tuning import STATES
+from rovtwin.vehicle.physics.model import Model
 
 SENSOR_STD = {name: SENSORS[name].std for name in STATES}
 """Usual standard deviation of the sensors that the filter takes in, per axis."""

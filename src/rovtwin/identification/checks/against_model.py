@@ -9,7 +9,7 @@ from rovtwin.identification.checks.clocks import LAGS, all_behind, slipped_rows
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.response import AXES, Regression, Response, thruster_forces
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 LATE = 0.25  # [s]; less may be the lag of the thrusters
 BLIND_LATE = 0.7  # [s], where the attitude is not known

@@ -12,7 +12,7 @@ from rovtwin.identification.checks.clocks import Lag, check_clocks
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import STEP, Motion, widened
 from rovtwin.identification.logs.record import SIGNALS, Record
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 LONGEST_LAG, SMALLEST_LAG = 3.0, 0.15  # [s] searched; [s] that counts
 ALIKE, UNLIKE = 0.8, 0.4  # correlations

@@ -17,7 +17,7 @@ from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.record import Record, Signal
 from rovtwin.identification.logs.rotations import matrices_from_euler
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 FASTEST_TURN, FASTEST = 35.0, 15.0  # [rad/s] full scale of an ROV's gyro, 2000 deg/s; [m/s] no ROV does
 SPIN = 12.0  # [rad/s] of an attitude between two readings

@@ -14,7 +14,7 @@ from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.logs.response import Regression, thruster_forces
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 LAGS = np.round(np.arange(-2.0, 2.01, 0.1), 2)
 _TOLD = 0.2  # share of an axis' acceleration that thrusters must explain before its lag counts

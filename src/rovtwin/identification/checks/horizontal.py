@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from rovtwin.identification.checks.findings import Finding
 from rovtwin.identification.logs.motion import STEP, Motion, on_grid
 from rovtwin.identification.logs.response import commanded_motion
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 WIDTH = 0.6  # [s] of the kernel: places are noisy
 POOR, GOOD = 0.4, 0.75  # correlation with the commanded path below which it is none, from which it is one

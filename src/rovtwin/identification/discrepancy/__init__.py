@@ -2,5 +2,5 @@
 
 `regression` finds where there is something to learn and over which lengths it changes, `training` estimates it together
 with all parameters, `acceptance` decides by prediction whether it is taken, `sparse` is the comparison with a sparse
-regression of chosen terms. The equations are in `vehicle/discrepancy.py`. Needs `joint` and `judgement`.
+regression of chosen terms. The equations are in `vehicle/physics/discrepancy.py`. Needs `joint` and `diagnostics`.
 """

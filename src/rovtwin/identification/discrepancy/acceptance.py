@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
+from rovtwin.identification.diagnostics.validation import Prediction, Predictor, judged
 from rovtwin.identification.discrepancy.regression import regressed, windows_of
 from rovtwin.identification.discrepancy.training import considered, refitted
 from rovtwin.identification.joint.build import offsets_of, problem_of
 from rovtwin.identification.joint.estimate import Solution, estimate
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import Parameters
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.judgement.validation import Prediction, Predictor, judged
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.structure import SURE, change_between, errors_of, folds
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
 
 HORIZON = 5.0  # after which a prediction starts from the readings again [s]
 MARGIN = 0.05  # least decrease of the logarithm of the prediction error: a model without is simpler

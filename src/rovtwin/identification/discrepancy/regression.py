@@ -1,9 +1,10 @@
 """Where there is something to learn: Gaussian processes of the wrench that is missing along the smoothed path.
 
-The balance of forces (`joint/balance.py`) gives the wrench that is missing over windows of a second. Along each axis
-two processes may stand for it, of motion and of thrust; how large they are and over which lengths they change maximises
-the marginal likelihood, and a process is there only where that grows by more than GAIN. Features are averaged over a
-window as the wrench is. It is where the joint estimate starts from, no estimate: smoothing takes something away.
+The balance of forces (`joint/solver/equation_error.py`) gives the wrench that is missing over windows of a second.
+Along each axis two processes may stand for it, of motion and of thrust; how large they are and over which lengths they
+change maximises the marginal likelihood, and a process is there only where that grows by more than GAIN. Features are
+averaged over a window as the wrench is. It is where the joint estimate starts from, no estimate: smoothing takes
+something away.
 
 Reference: Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, ch. 5 and sec. 8.3.1 (subset of
 regressors); Fine and Scheinberg (2001), J. Mach. Learn. Res. 2 (places by a pivoted Cholesky decomposition).
@@ -17,10 +18,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.identification.joint.problem import Problem
+from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.learned import INPUTS, anchored_inputs, kernel_matrix, pushed, whitening
-from rovtwin.vehicle.schema import DiscrepancyPart, LearnedDiscrepancy
+from rovtwin.vehicle.description.learned import INPUTS, anchored_inputs, kernel_matrix, pushed, whitening
+from rovtwin.vehicle.description.schema import DiscrepancyPart, LearnedDiscrepancy
 
 GAIN = 3.0  # of the logarithm of the marginal likelihood for each part, odds of twenty to one
 MOST = 12  # kernel functions of a part

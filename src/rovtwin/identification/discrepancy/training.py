@@ -18,13 +18,12 @@ from scipy.linalg import block_diag
 from rovtwin.identification.discrepancy.regression import part_inverse_lengths
 from rovtwin.identification.joint.build import problem_of
 from rovtwin.identification.joint.estimate import Solution, estimate
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import Parameter, Parameters
-from rovtwin.identification.joint.problem import Noise, Problem
-from rovtwin.vehicle.discrepancy import discrepancy_from
-from rovtwin.vehicle.learned import anchored_inputs, whitening
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameter, Parameters
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Noise, Problem
+from rovtwin.vehicle.description.learned import anchored_inputs, discrepancy_from, whitening
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
 
 _WIDER = 2.0  # noise to begin with, over that of the estimate without weights: the valley is a new one
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.experiment.information import Information, inverse
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.parameters import Parameters
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameters
 
 LEARNT = 0.5  # a parameter counts as identifiable where a test brings its standard deviation below this share
 

@@ -15,13 +15,13 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import jax, jnp
-from rovtwin.identification.joint.anchors import static_evidence
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.nodes import NODE, Nodes, undisturbed
-from rovtwin.identification.joint.parameters import Parameters
-from rovtwin.identification.joint.problem import offset_widths
-from rovtwin.identification.joint.segments import Grid, Segments, cut
-from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.nodes import NODE, Nodes, undisturbed
+from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.solver.anchors import static_evidence
+from rovtwin.identification.joint.solver.problem import offset_widths
+from rovtwin.identification.joint.solver.segments import Grid, Segments, cut
+from rovtwin.identification.joint.solver.shooting import Shooting
 from rovtwin.identification.logs.record import Record
 
 GRID = Grid(step=0.05, steps=100, rate=20.0)

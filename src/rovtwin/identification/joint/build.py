@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from rovtwin.identification.joint.anchors import static_evidence
 from rovtwin.identification.joint.estimate import Solution
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import Parameters
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.joint.segments import cut
-from rovtwin.identification.joint.shooting import Shooting
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.solver.anchors import static_evidence
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Problem
+from rovtwin.identification.joint.solver.segments import cut
+from rovtwin.identification.joint.solver.shooting import Shooting
 from rovtwin.identification.logs.record import SIGNALS, Record
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.agreement import stretches, widened, widening
-from rovtwin.identification.joint.apart import Apart, halves_apart, logs_apart
-from rovtwin.identification.joint.arrow import Arrow, Factored
-from rovtwin.identification.joint.middle import moved_to_the_middle
-from rovtwin.identification.joint.noise import Variances
-from rovtwin.identification.joint.problem import Noise, Problem, Unknowns
-from rovtwin.identification.joint.shooting import Blocks
-from rovtwin.identification.joint.unmodelled import Effects, effects
+from rovtwin.identification.joint.solver.arrow import Arrow, Factored
+from rovtwin.identification.joint.solver.noise import Variances
+from rovtwin.identification.joint.solver.problem import Noise, Problem, Unknowns
+from rovtwin.identification.joint.solver.shooting import Blocks
+from rovtwin.identification.joint.uncertainty.agreement import stretches, widened, widening
+from rovtwin.identification.joint.uncertainty.apart import Apart, halves_apart, logs_apart
+from rovtwin.identification.joint.uncertainty.posterior_mean import moved_to_the_middle
+from rovtwin.identification.joint.uncertainty.unmodelled import Effects, effects
 
 _NEAR = 0.02  # relative decrease of the cost below which the noise is looked at
 _REACH = 1.0  # standard deviations of the prior by which a parameter moves at most in one step
@@ -31,7 +31,7 @@ class Solution:
     """The estimate.
 
     Attributes:
-        unknowns: In the middle of the posterior, see `middle`; the nodes at its maximum.
+        unknowns: In the middle of the posterior, see `posterior_mean`; the nodes at its maximum.
         noise: As estimated.
         covariance: Of theta, shape (n, n), with the widening and the effects.
         information: Of theta from the readings and static evidence alone, without the prior, at the maximum, (n, n).

@@ -14,9 +14,9 @@ from rovtwin.core.flow import Command, Environment
 from rovtwin.core.numerics import Array, as_array, jax, jnp
 from rovtwin.identification.logs.motion import STEP, Motion, held
 from rovtwin.identification.logs.record import Signal
-from rovtwin.vehicle.dynamics import State, rollout
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.dynamics import State, rollout
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import static_force
 
 AXES = ("u", "v", "w", "p", "q", "r")
 ROLLOUT_STEP = 0.05

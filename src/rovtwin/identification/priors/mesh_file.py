@@ -10,10 +10,11 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.priors.panel import PANELS, Mesher
-from rovtwin.identification.priors.surface import LEAST, Panels, surface_of
-from rovtwin.vehicle.closed_mesh import LARGEST, SUFFIXES, ClosedMesh, read_closed, unit_hint
-from rovtwin.vehicle.hydrodynamics import Solid
-from rovtwin.vehicle.shells import wet_share
+from rovtwin.identification.priors.surface import LEAST, Panels, solids, surface_of
+from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.vehicle import Vehicle
+from rovtwin.vehicle.solids.closed_mesh import LARGEST, SUFFIXES, ClosedMesh, read_closed, unit_hint
+from rovtwin.vehicle.solids.shells import wet_share
 
 __all__ = ["SUFFIXES", "mesher_of_file"]
 
@@ -163,3 +164,13 @@ def _merged(vertices: np.ndarray, faces: np.ndarray, cell: float) -> tuple[np.nd
     # Flaps: two triangles on the same corners, back to back, enclose nothing.
     _, first, times = np.unique(np.sort(joined, axis=1), axis=0, return_index=True, return_counts=True)
     return middle / count[:, None], joined[np.sort(first[times == 1])]
+
+
+def mesher_of(vehicle: Vehicle) -> Mesher:
+    """Of all shapes of a vehicle's parts moving as one body."""
+    bodies = solids(vehicle)
+    if any(solid.mesh is not None for solid in bodies):
+        return mesher_of_solids(bodies, vehicle.name)
+    largest = max(float(solid.size.max()) for solid in bodies)
+    area = surface_of(bodies, largest / 6).area
+    return Mesher(lambda size, least: surface_of(bodies, size, least), area, 2.0, vehicle.name)

@@ -7,7 +7,7 @@ from scipy.spatial import ConvexHull
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.identification.priors.surface import corner_points, solids
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.description.vehicle import Vehicle
 
 _GRID = 600  # samples along the longer side of a projection: areas to about 0.3 %
 

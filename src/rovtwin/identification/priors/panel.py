@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.priors.surface import LEAST, Panels, solids, surface_of
+from rovtwin.identification.priors.surface import LEAST, Panels
 from rovtwin.identification.priors.widths import USUAL_OPENNESS, LogNormal, log_normals, widths_of
 from rovtwin.vehicle.constants import AXES, FRESH_WATER
-from rovtwin.vehicle.vehicle import Vehicle
 
 PANELS = 1500  # of the finer mesh, unless the user gives a size: the box of the tests within 0.5 % in 2 s
 MOST_PANELS = 6000  # matrices of 6000 x 6000: 2 GB
@@ -82,18 +81,6 @@ class PanelAddedMass:
         known = np.where(self.error < 0.5, np.diag(self.matrix), 0.0)
         widths = widths_of("panel", USUAL_OPENNESS if openness is None else openness)
         return log_normals({"added_mass": known}, widths, "panel method (capytaine), " + self.surroundings)
-
-
-def mesher_of(vehicle: Vehicle) -> Mesher:
-    """Of all shapes of a vehicle's parts moving as one body."""
-    bodies = solids(vehicle)
-    if any(solid.mesh is not None for solid in bodies):
-        from rovtwin.identification.priors.mesh_file import mesher_of_solids  # it makes Meshers, from here
-
-        return mesher_of_solids(bodies, vehicle.name)
-    largest = max(float(solid.size.max()) for solid in bodies)
-    area = surface_of(bodies, largest / 6).area
-    return Mesher(lambda size, least: surface_of(bodies, size, least), area, 2.0, vehicle.name)
 
 
 def panel_added_mass(

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
-from rovtwin.vehicle.hydrodynamics import Solid
-from rovtwin.vehicle.rigid_body import SIGNS, Placement
-from rovtwin.vehicle.schema import Body
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.schema import Body
+from rovtwin.vehicle.description.vehicle import Vehicle
+from rovtwin.vehicle.solids.placement import SIGNS, Placement
 
 LEAST = 6  # panels along any side
 _DRAWN_BACK = 0.985

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovtwin.vehicle.assembly import bodies
 from rovtwin.vehicle.constants import AXES
-from rovtwin.vehicle.hydrodynamics import Solid
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.assembly import bodies
+from rovtwin.vehicle.description.vehicle import Vehicle
 
 UNITS = {
     "added_mass": ("kg", "kg m2"),

@@ -9,27 +9,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rovtwin import __version__
+from rovtwin._version import __version__
 from rovtwin.core.errors import IdentificationError
+from rovtwin.identification.diagnostics.reliance import Standing, standing
+from rovtwin.identification.diagnostics.tested import Range
+from rovtwin.identification.diagnostics.validation import Prediction
+from rovtwin.identification.diagnostics.validation import predict as open_loop
+from rovtwin.identification.diagnostics.verdict import Blind, up_to_scale
+from rovtwin.identification.diagnostics.whiteness import Residuals
 from rovtwin.identification.discrepancy.acceptance import Acceptance
 from rovtwin.identification.joint.estimate import Solution
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.overlay import identified_file
-from rovtwin.identification.joint.parameters import Parameters
-from rovtwin.identification.joint.problem import Problem
-from rovtwin.identification.judgement.reliance import Standing, standing
-from rovtwin.identification.judgement.tested import Range
-from rovtwin.identification.judgement.validation import Prediction
-from rovtwin.identification.judgement.validation import predict as open_loop
-from rovtwin.identification.judgement.verdict import Blind, up_to_scale
-from rovtwin.identification.judgement.whiteness import Residuals
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.result.overlay import identified_file
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.identification.logs.record import Record
 from rovtwin.identification.result import store, tables
 from rovtwin.identification.structure import Rung
 from rovtwin.vehicle import Vehicle
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
+from rovtwin.vehicle.physics.model import Model
 
 if TYPE_CHECKING:
     import pandas

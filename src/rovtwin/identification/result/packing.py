@@ -12,21 +12,21 @@ import numpy as np
 
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.numerics import as_array, jax, jnp
+from rovtwin.identification.diagnostics.validation import Prediction, Score
+from rovtwin.identification.diagnostics.verdict import Blind
+from rovtwin.identification.diagnostics.whiteness import Residuals
 from rovtwin.identification.joint.estimate import Solution
-from rovtwin.identification.joint.gaussian import Gaussian
-from rovtwin.identification.joint.nodes import Nodes
-from rovtwin.identification.joint.options import Options
-from rovtwin.identification.joint.parameters import INFLOW, Parameter, Parameters
-from rovtwin.identification.joint.problem import Noise, Unknowns
-from rovtwin.identification.joint.unmodelled import Effects
-from rovtwin.identification.judgement.validation import Prediction, Score
-from rovtwin.identification.judgement.verdict import Blind
-from rovtwin.identification.judgement.whiteness import Residuals
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.nodes import Nodes
+from rovtwin.identification.joint.model.parameters import INFLOW, Parameter, Parameters
+from rovtwin.identification.joint.solver.options import Options
+from rovtwin.identification.joint.solver.problem import Noise, Unknowns
+from rovtwin.identification.joint.uncertainty.unmodelled import Effects
 from rovtwin.vehicle import Vehicle, vehicle_from_dict
-from rovtwin.vehicle.discrepancy import Discrepancy, replace_discrepancy, without_discrepancy
-from rovtwin.vehicle.files import with_meshes
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.schema import LearnedDiscrepancy
+from rovtwin.vehicle.description.files import with_meshes
+from rovtwin.vehicle.description.schema import LearnedDiscrepancy
+from rovtwin.vehicle.physics.discrepancy import Discrepancy, replace_discrepancy, without_discrepancy
+from rovtwin.vehicle.physics.model import Model
 
 if TYPE_CHECKING:
     from rovtwin.identification.result.identification import Identification

@@ -13,8 +13,8 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
-from rovtwin.identification.joint.couplings import place_of
-from rovtwin.identification.logs.readers.raw import require
+from rovtwin.core.extras import require
+from rovtwin.identification.joint.model.couplings import place_of
 
 if TYPE_CHECKING:
     import pandas

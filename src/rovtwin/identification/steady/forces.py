@@ -5,8 +5,8 @@ import numpy as np
 from rovtwin.core.numerics import as_array, jax
 from rovtwin.identification.logs.record import Record
 from rovtwin.vehicle.constants import GRAVITY
-from rovtwin.vehicle.model import Model
-from rovtwin.vehicle.thrusters import static_force
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import static_force
 
 
 def forces(model: Model, record: Record, t: np.ndarray, linear: bool = False) -> np.ndarray:

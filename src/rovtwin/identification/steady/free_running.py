@@ -24,7 +24,7 @@ from rovtwin.identification.steady.damping_yaml import DOFS
 from rovtwin.identification.steady.forces import coriolis, forces, full_thrust, weights
 from rovtwin.identification.steady.smoothed_motion import NU, Motion, motion_of
 from rovtwin.identification.steady.windows import Window, steady_windows
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 Method = Literal["steady", "thesis"]
 

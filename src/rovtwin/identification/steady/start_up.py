@@ -15,7 +15,7 @@ from rovtwin.identification.logs.record import Record
 from rovtwin.identification.steady.damping_yaml import DOFS
 from rovtwin.identification.steady.forces import forces, weights
 from rovtwin.identification.steady.smoothed_motion import motion_of
-from rovtwin.vehicle.model import Model
+from rovtwin.vehicle.physics.model import Model
 
 STEP = 0.02  # longest step of the integration [s]
 

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from rovtwin.core import files as given
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.correlated import correlated
-from rovtwin.vehicle.thrust_curve import KGF, read_bollard_csv
+from rovtwin.vehicle.description.thrust_curve import KGF, read_bollard_csv
 
 NAMES = ("force", "dead band", "exponent")
 LARGEST_DEAD_BAND, EXPONENTS = 0.3, (0.5, 4.0)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rovtwin.vehicle.thrusters import Thrusters
+from rovtwin.vehicle.physics.thrusters import Thrusters
 
 Curve = Callable[[np.ndarray], np.ndarray]  # normalised commands -> shares of the largest force, both shape (3,)
 
@@ -17,7 +17,7 @@ def linear(u: np.ndarray) -> np.ndarray:
 def force_shares(thrusters: Thrusters, which: Sequence[int]) -> Curve:
     """The curve of a drone's pseudo-thrusters surge, sway, heave: share of the largest force at a command.
 
-    That is `vehicle.thrusters.static_force` of sound thrusters over its value at u = +-1, in NumPy, for it runs at
+    That is `thrusters.static_force` of sound thrusters over its value at u = +-1, in NumPy, for it runs at
     every command. The drone undoes its thrusters' own curve: a share m of its motion input is m times the force.
 
     Args:

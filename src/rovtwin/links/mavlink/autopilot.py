@@ -92,6 +92,13 @@ class Autopilot:
         if self.armed and self.mode is SURFACE and depth <= SURFACE_DEPTH:
             self.set_mode(ALT_HOLD.number)
 
+    def lose_depth(self) -> None:
+        """Without a depth SURFACE would push up for ever: the vehicle goes to MANUAL, with neutral sticks."""
+        if self.armed and self.mode is SURFACE:
+            self.say(CRITICAL, "Depth lost: SURFACE ended")
+            self.axes = np.zeros(6)
+            self.set_mode(MANUAL.number)
+
     def is_pilot(self, system: int) -> bool:
         """Whether a system is the one whose silence disarms: SYSID_MYGCS, or who armed."""
         return system in (int(self.parameters["SYSID_MYGCS"]), self._armed_by)
@@ -144,7 +151,7 @@ class Autopilot:
             if not self._neutral_said:
                 self.say(CRITICAL, "Lost manual control")
             self._neutral_said, self._steered = True, False
-            self.axes = np.zeros(6)
+            self.axes, self.target = np.zeros(6), None
             if self.parameters["FS_PILOT_INPUT"] == 2:
                 self.disarm()
 

@@ -101,8 +101,8 @@ class Conversation:
             self.tell_once(request.by, WARNING, REASONS.get(message.command, f"{name} is not supported"))
         for answer in (*request.before, self._ack(message, result), *request.answers):
             peer.send(answer)
-        for message in request.news:
-            self.everybody(message)
+        for one in request.news:
+            self.everybody(one)
         return request.changed
 
     def telemetry(self, name: str) -> list[Any]:

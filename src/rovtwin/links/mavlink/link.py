@@ -314,15 +314,14 @@ class MavlinkLink(Link):
         self._ask_for_rates()
 
     def _ask_for_rates(self) -> None:
+        # The stream first: it would take the place of intervals. Once the gain comes it is not asked for again.
+        if self._target is not None and time.monotonic() - self._named_at > NAMED_LATE:
+            stream = self._dialect.MAVLink_request_data_stream_message
+            self._line.send(stream(self._target, 1, STREAM_OF_NAMED, NAMED_RATE, 1))
         ids = {found.msgname: identity for identity, found in self._dialect.mavlink_map.items()}
         for name, rate in self._rates.items():
             if rate > 0.0:
                 self._send_command(SET_INTERVAL, float(ids[name]), 1e6 / rate)
-        if (
-            self._target is not None and time.monotonic() - self._named_at > NAMED_LATE
-        ):  # a stream that somebody has set stays as it is
-            stream = self._dialect.MAVLink_request_data_stream_message
-            self._line.send(stream(self._target, 1, STREAM_OF_NAMED, NAMED_RATE, 1))
 
     def _learn_sticks(self, end: float) -> None:
         """What the vehicle makes of sticks; what they cannot ask of it is logged.

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.core.numerics import as_array
-from rovtwin.vehicle.thrusters import Thrusters, static_force
+from rovtwin.vehicle.physics.thrusters import Thrusters, static_force
 
 SMALL = 0.3  # of the largest entry of a row of T: a lever below counts as none, as ArduSub's factors have it
 GRID = np.linspace(-1.0, 1.0, 401)  # commands at which the force curves are tabulated

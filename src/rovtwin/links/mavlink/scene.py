@@ -101,6 +101,14 @@ class Scene:
         latitude, longitude, height = self.datum.geodetic(np.array([north, east, down]))
         return int32(float(latitude) * 1e7), int32(float(longitude) * 1e7), float(height)
 
+    def fresh_depth(self) -> float | None:
+        """Depth of the pressure sensor, else of the estimate [m]; None where neither has spoken lately."""
+        for sensor, component in (("pressure", 0), ("estimate", 2)):
+            found = self.reading(sensor)
+            if found is not None:
+                return float(found.value[component]) if self.station.now - found.t_valid <= FIX_LASTS else None
+        return None
+
     def down(self) -> float:
         """Depth of the vehicle [m]: of the pressure sensor, else of what it believes, else 0."""
         pressure, place = self.reading("pressure"), self.place()

@@ -133,7 +133,7 @@ class Session:
         self.talk = Conversation(
             self.autopilot, scene, server.system, 1, time.monotonic, self._everybody, server.firmware
         )
-        self.autopilot.knows_place = lambda: scene.place() is not None
+        self.autopilot.knows_place = lambda: scene.fix() is not None
         self._wished_armed = False
         self._leak_text_at = -LEAK_REPEAT
         self._texts = 0  # numbers of texts that came in pieces
@@ -182,8 +182,10 @@ class Session:
         while True:
             now = time.monotonic()
             self.autopilot.check(now)
-            if self.talk.scene.reading("pressure", "estimate") is not None:
-                self.autopilot.arrive(self.talk.scene.down())
+            if (depth := self.talk.scene.fresh_depth()) is None:
+                self.autopilot.lose_depth()
+            else:
+                self.autopilot.arrive(depth)
             self._wish()
             self._tell_of_leak(now)
             remind(self.talk, now)

@@ -16,8 +16,9 @@ from rovtwin.core.link import COMMAND_LIFE, Link
 from rovtwin.links.clock import ClockMap, speed_of
 from rovtwin.links.ros2 import convert, listen
 from rovtwin.links.ros2 import messages as msg
+from rovtwin.links.ros2.middleware import Middleware, open_transport
 from rovtwin.links.ros2.server import check_namespace
-from rovtwin.links.ros2.transport import Middleware, Transport, open_transport
+from rovtwin.links.ros2.transport import Transport
 
 REPEAT = 0.05  # commands go out again after this [s]
 FAREWELL = 0.5  # for so long after stop or an expired command, thrusters off is repeated [s]

@@ -12,9 +12,10 @@ from typing import Any
 from rovtwin.core.errors import LinkError
 from rovtwin.links.ros2 import convert, listen
 from rovtwin.links.ros2 import messages as msg
+from rovtwin.links.ros2.middleware import Middleware, open_transport
 from rovtwin.links.ros2.pilot import Pilot
 from rovtwin.links.ros2.speak import Speaker
-from rovtwin.links.ros2.transport import Middleware, Transport, open_transport
+from rovtwin.links.ros2.transport import Transport
 from rovtwin.links.server import Server
 from rovtwin.links.station import Station
 

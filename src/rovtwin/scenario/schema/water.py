@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from rovtwin.core.config import Number, Strict
 from rovtwin.core.errors import ConfigError
-from rovtwin.vehicle.water import check_density, density, water_in_words
+from rovtwin.vehicle.description.water import check_density, density, water_in_words
 
 
 class WaterSection(Strict):

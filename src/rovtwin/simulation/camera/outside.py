@@ -7,8 +7,9 @@ import numpy as np
 from rovtwin.simulation.camera.renderer import Renderer
 from rovtwin.simulation.scene.bodies import vehicle_meshes
 from rovtwin.simulation.scene.scene import Scene
-from rovtwin.vehicle.camera import R_DEVICE_C, Camera, lens_from
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.description.cameras import Camera
+from rovtwin.vehicle.description.vehicle import Vehicle
+from rovtwin.vehicle.physics.camera import R_DEVICE_C, lens_from
 
 _ROOM = 0.15  # from walls, floor and surface [m]
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from rovtwin.core.numerics import Array, jax, jnp
-from rovtwin.vehicle.camera import Lens, Port, lens_from, project, ray
+from rovtwin.vehicle.physics.camera import Lens, Port, lens_from, project, ray
 
 _ROWS = 64
 _OFF = 0.01  # a ray that comes back further from its pixel than this is none [px]

@@ -10,7 +10,7 @@ from rovtwin.simulation.camera.image import moved, noisy, toned
 from rovtwin.simulation.camera.lighting import Lighting, lighting
 from rovtwin.simulation.camera.rays import Rays, rays_of
 from rovtwin.simulation.scene.scene import Scene
-from rovtwin.vehicle.camera import Camera
+from rovtwin.vehicle.description.cameras import Camera
 
 Kind = Literal["auto", "raycast", "gl"]
 _Draw = Callable[[Lighting, np.ndarray], tuple[np.ndarray, np.ndarray]]

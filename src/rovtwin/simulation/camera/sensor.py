@@ -12,8 +12,8 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.yamlfile import near
 from rovtwin.simulation.camera.renderer import Renderer
 from rovtwin.simulation.scene.scene import Scene
-from rovtwin.vehicle.camera import Camera, cameras_of
-from rovtwin.vehicle.vehicle import Vehicle
+from rovtwin.vehicle.description.cameras import Camera, cameras_of
+from rovtwin.vehicle.description.vehicle import Vehicle
 
 _STREAM = 0xCA3E  # keeps these draws apart from others of the same seed
 

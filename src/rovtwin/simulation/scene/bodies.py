@@ -6,9 +6,9 @@ import numpy as np
 
 from rovtwin.simulation.scene.shapes import cylinder, grid_triangles, mesh_from_file, placed
 from rovtwin.simulation.scene.surfaces import Material, Mesh, linear
-from rovtwin.vehicle.rigid_body import SIGNS, Placement
-from rovtwin.vehicle.vehicle import Vehicle
-from rovtwin.vehicle.visuals import Piece, pieces_of
+from rovtwin.vehicle.analysis.visuals import Piece, pieces_of
+from rovtwin.vehicle.description.vehicle import Vehicle
+from rovtwin.vehicle.solids.placement import SIGNS, Placement
 
 _BOX = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])  # of SIGNS
 

@@ -14,7 +14,7 @@ from rovtwin.core.markers import Layout, Marker, pattern
 from rovtwin.simulation.scene import schema
 from rovtwin.simulation.scene.shapes import cylinder, mesh_from_file, seabed, wreck
 from rovtwin.simulation.scene.surfaces import QUIET, SIDES, Material, Mesh, Rectangle, rectangle, side
-from rovtwin.vehicle.rigid_body import Placement
+from rovtwin.vehicle.solids.placement import Placement
 
 LIBRARY = Path(__file__).parent / "library"
 _WHITE, _BLACK = np.full(3, 0.80), np.full(3, 0.03)  # reflectances of a laminated print

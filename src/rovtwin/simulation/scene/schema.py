@@ -6,8 +6,8 @@ from pydantic import Field, model_validator
 
 from rovtwin.core.config import Degrees, NonNegative, Number, Positive, Share, Strict, Vector3
 from rovtwin.core.markers import DICTIONARIES, Marker
-from rovtwin.vehicle.fields import Colour
-from rovtwin.vehicle.schema import Cylinder, Pose
+from rovtwin.vehicle.description.fields import Colour
+from rovtwin.vehicle.description.schema import Cylinder, Pose
 
 WATERS = (
     "clear_tank",

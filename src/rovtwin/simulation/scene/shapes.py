@@ -8,7 +8,7 @@ import numpy as np
 from rovtwin.core.errors import ConfigError
 from rovtwin.simulation.scene.schema import Relief, Wreck
 from rovtwin.simulation.scene.surfaces import Material, Mesh
-from rovtwin.vehicle.rigid_body import Placement
+from rovtwin.vehicle.solids.placement import Placement
 
 _AROUND = 48  # sides of a cylinder
 

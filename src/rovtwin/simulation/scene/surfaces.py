@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovtwin.simulation.scene.schema import Surface
-from rovtwin.vehicle.rigid_body import Placement
+from rovtwin.vehicle.solids.placement import Placement
 
 QUIET = 1  # cells of white around a marker's black border, so that it is found on any ground
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from rovtwin.core import files as given
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import require
 from rovtwin.identification.logs.log_spec import SignalSpec
-from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
+from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 
 
 def read_blueye(path: Path) -> Raw:

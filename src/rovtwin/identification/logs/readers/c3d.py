@@ -14,8 +14,9 @@ import numpy as np
 
 from rovtwin.core.config import near
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import require
 from rovtwin.identification.logs.readers.qtm import MATRIX, PLACE, pose_signals
-from rovtwin.identification.logs.readers.raw import Raw, Table, require
+from rovtwin.identification.logs.readers.raw import Raw, Table
 
 _FLU = np.array([1.0, -1.0, -1.0])
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}

@@ -191,15 +191,3 @@ def no_commands(raws: Sequence[Raw], thrusters: Sequence[str]) -> Identification
 def spec(**given: object) -> SignalSpec:
     """A SignalSpec from Python; `table` stands for `from`."""
     return SignalSpec.model_validate({"from" if key == "table" else key: value for key, value in given.items()})
-
-
-def require(module: str, extra: str, why: str) -> None:
-    """Raise an IdentificationError with the command to run, where a package of an extra is missing."""
-    from importlib.util import find_spec
-
-    try:
-        found = find_spec(module)
-    except ModuleNotFoundError:
-        found = None
-    if found is None:
-        raise IdentificationError(f"{why} needs {module}: pip install 'rovtwin[{extra}]'")

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import require
 from rovtwin.identification.logs.log_spec import CommandSpec, SignalSpec
-from rovtwin.identification.logs.readers.raw import Raw, Table, require, spec
+from rovtwin.identification.logs.readers.raw import Raw, Table, spec
 
 LONGEST = 64  # arrays beyond it are images and scans, not states
 _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")

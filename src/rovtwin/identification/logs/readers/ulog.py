@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rovtwin.core.errors import IdentificationError
+from rovtwin.core.extras import require
 from rovtwin.identification.logs.readers.autopilot import (
     Flight,
     armed_changes,
@@ -25,7 +26,7 @@ from rovtwin.identification.logs.readers.autopilot import (
     raw_of,
 )
 from rovtwin.identification.logs.readers.motors import FITS, NoCommands, command, matched
-from rovtwin.identification.logs.readers.raw import Raw, Table, require
+from rovtwin.identification.logs.readers.raw import Raw, Table
 from rovtwin.vehicle import Vehicle
 
 ARMED = 2  # vehicle_status.arming_state

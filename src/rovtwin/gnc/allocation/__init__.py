@@ -1,0 +1,1 @@
+"""From a wrench to commands of thrusters within their limits."""

@@ -1,0 +1,114 @@
+"""What the thrusters that are left can still do: the largest wrench along a direction, and of each axis.
+
+For the limits of the reference, and for the supervisor, which has to know whether a mission can go on after a thruster,
+or one vehicle of a pair, is lost.
+"""
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.gnc.allocation.box_least_squares import box_least_squares
+from rovtwin.gnc.allocation.prioritised import largest_force, row_weights
+from rovtwin.vehicle.physics.actuation import wrench_limits
+from rovtwin.vehicle.physics.thrusters import Thrusters, force_limits
+
+# Surge, sway, heave and yaw; small moments in roll and pitch are carried by the restoring moment.
+HELD = (True, True, True, False, False, True)
+BEARINGS = 16
+# How hard s pulls compared with the effort of thrusters; the product is the pull compared with a misfit of the wrench.
+_PULL, _DAMPING = 1e4, 1e-10
+_PASSES = 3
+
+
+def attainable(
+    thrusters: Thrusters, direction: Array, health: Array, held: Array | None = None, spent: Array | None = None
+) -> Array:
+    """Largest factor s for which the thrusters can make `spent + s direction`, shape ().
+
+    A linear programme, solved as one more least-squares allocation: s is a thruster that pushes against the direction
+    and prefers far more than it can have. Exact to about 1e-4 of the result.
+
+    Args:
+        thrusters: Their own health is not used.
+        direction: Wrench, b at CO [N, N m], shape (6,); along held axes only.
+        health: Share of its force that each thruster still gives, shape (n,).
+        held: Axes along which the wrench must be just this, shape (6,), bool; the others may be anything. None is all.
+        spent: Wrench that is needed besides, as for buoyancy or drag, shape (6,); None is none.
+
+    Returns:
+        s >= 0; 0 also where `spent` alone is too much, and where nothing is asked for.
+    """
+    sound = eqx.tree_at(lambda t: t.health, thrusters, jnp.ones_like(health))
+    lowest, highest = force_limits(sound)
+    lower, upper = wrench_limits(sound)
+    weight = row_weights(lower, upper) * (1.0 if held is None else held)
+    spent = jnp.zeros(6) if spent is None else spent
+
+    bound = _bound(direction * (1.0 if held is None else held), lower - spent, upper - spent)
+    largest = largest_force(lowest, highest)
+    T = thrusters.configuration * health * largest
+    A = weight[:, None] * jnp.concatenate([T, -(bound * direction)[:, None]], axis=1)
+    b = weight * spent
+    lower_x, upper_x = jnp.append(lowest / largest, 0.0), jnp.append(highest / largest, 1.0)
+    preferred = jnp.zeros_like(lower_x).at[-1].set(_PULL)
+    x, misfit = preferred, jnp.zeros(6)
+    for _ in range(_PASSES):  # method of multipliers: what s gained by a misfit is asked back
+        x = box_least_squares(A, b + misfit, lower_x, upper_x, preferred, _DAMPING)
+        misfit = misfit + b - A @ x
+    enough = jnp.all(jnp.abs(A @ x - b) < 1e-4)
+    return jnp.where(enough, bound * x[-1], 0.0)
+
+
+def _bound(direction: Array, lower: Array, upper: Array) -> Array:
+    """What each axis by itself allows, shape (); 0 for no direction at all."""
+    some = direction != 0.0
+    room = jnp.where(direction > 0.0, upper, lower) / jnp.where(some, direction, 1.0)
+    return jnp.where(jnp.any(some), jnp.maximum(jnp.min(jnp.where(some, room, jnp.inf)), 0.0), 0.0)
+
+
+class RemainingWrench(eqx.Module):
+    """What thrusters can do along each axis while the others that are held stay at zero.
+
+    Attributes:
+        negative: Largest force or moment astern, to port, up, ... [N, N m], shape (6,), positive numbers.
+        positive: The same ahead, to starboard, down, ..., shape (6,).
+        horizontal: Least over all horizontal directions of the largest force [N], shape ().
+    """
+
+    negative: Array
+    positive: Array
+    horizontal: Array
+
+    @property
+    def either(self) -> Array:
+        """What is there both ways, shape (6,)."""
+        return jnp.minimum(self.negative, self.positive)
+
+
+def remaining(thrusters: Thrusters, health: Array, held: tuple[bool, ...] = HELD) -> RemainingWrench:
+    """What is left with this health, for a supervisor to compare with what it needs.
+
+    Args:
+        thrusters: Their own health is not used.
+        health: Share of its force that each thruster still gives, shape (n,).
+        held: Axes that have to stay at zero beside the one asked for, X to N. Without yaw, for example, it tells what
+            is left of surge for a vehicle that may turn.
+    """
+    axes = np.eye(6)
+    angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
+    level = np.cos(angle)[:, None] * axes[0] + np.sin(angle)[:, None] * axes[1]
+    directions = np.concatenate([-axes, axes, level])
+    masks = np.asarray(held) | (directions != 0.0)
+    masks[12:, :2] = True
+
+    def along(direction: Array, mask: Array) -> Array:
+        return attainable(thrusters, direction, health, mask)
+
+    found = jax.vmap(along)(jnp.asarray(directions), jnp.asarray(masks))
+    return RemainingWrench(found[:6], found[6:12], jnp.min(found[12:]))
+
+
+def lost_axes(now: RemainingWrench, sound: RemainingWrench, least: float = 0.1) -> Array:
+    """Axes of which less than this share of a sound vehicle's wrench is left, either way, shape (6,), bool."""
+    return now.either < least * sound.either

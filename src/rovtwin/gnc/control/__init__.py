@@ -1,0 +1,1 @@
+"""Control by the model: the reference that is tracked, and the wrench that it takes."""

@@ -1,0 +1,275 @@
+"""Experiment: identification tests flown open loop, a time-line of thruster commands beside simple holding.
+
+It reads sensors directly, as the thesis's scripts did (3.4.3): depth and heading are held by PIDs, the excited axes are
+told shares a of the full command in [-1, 1]. What pulls depends on the vehicle's geometry alone, because the thrust
+curve is among what the test should find; only the gains of holding are placed from the vehicle as it is believed to be.
+"""
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import (
+    ABORTED,
+    FINISHED,
+    NO_REASON,
+    PAUSED,
+    AutopilotInput,
+    AutopilotOutput,
+    Command,
+    Estimate,
+    Measurements,
+    Reference,
+    Setpoint,
+    Wrench,
+)
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.interfaces import MODE_ABORTED, MODE_PAUSED
+from rovtwin.gnc.mounting import Mount, at_co
+from rovtwin.gnc.safety.rules import SupervisorInput
+from rovtwin.gnc.safety.supervisor import Supervisor, SupervisorMemory
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.gnc.thesis.allocation import weighted_pseudo_inverse
+from rovtwin.vehicle.physics.actuation import pushed_axes
+from rovtwin.vehicle.physics.model import Model
+
+# Of the bandwidth that the vehicle could have: before a test its forces are known badly.
+SHARE = np.array([0.7, 0.7, 0.7, 0.0, 0.0, 0.5])
+DAMPING = np.array([0.7, 0.7, 0.7, 0.0, 0.0, 1.0])  # of what is placed, over critical
+INTEGRAL = 0.15  # of the heading alone, over bandwidth and stiffness
+LIMIT = np.array([0.5, 0.5, 1.0, 0.0, 0.0, 1.0])
+SPRING = 0.8  # of the weak spring on excited axes, over what brings the vehicle home
+STATION = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])  # what is held while paused
+STALE = 3.0  # without a position: its last speed leads astray, nothing is held by it until the next one [s]
+LEVEL = np.array([True, True, False])  # what a position tells
+
+
+class RawEstimate(eqx.Module):
+    """What the readings say: position and its rate in n, shapes (3,), Euler angles and body rates, shapes (3,).
+
+    `quiet` is the time since a position was heard [s].
+    """
+
+    position: Array
+    velocity: Array
+    euler: Array
+    rates: Array
+    quiet: Array
+
+    @property
+    def lost(self) -> Array:
+        """Which axes of n nothing is known of any more, shape (3,), bool."""
+        return jnp.asarray(LEVEL) & (self.quiet > STALE)
+
+
+class HoldingGains(eqx.Module):
+    """PIDs in shares of the full command, surge to yaw, shapes (6,); zero where thrusters cannot push alone.
+
+    Attributes:
+        stiffness: Per metre and radian.
+        damping: Per metre and radian a second.
+        integral: Per radian and second, of the heading.
+        reach: Distance within which a vehicle without sway no longer turns its bow or stern towards home [m]; infinite
+            for one that pushes sideways.
+    """
+
+    stiffness: Array = eqx.field(converter=as_array)
+    damping: Array = eqx.field(converter=as_array)
+    integral: Array = eqx.field(converter=as_array)
+    reach: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def of(cls, model: Model) -> "HoldingGains":
+        """Poles at a share of the vehicle's bandwidth: K_p = w^2 M_ii / F_i, K_d = (2 zeta w M_ii - D_ii) / F_i."""
+        scales = VehicleScales.of(model)
+        able = np.abs(mixing(model)).max(axis=0, initial=0.0) > 0
+        able &= (scales.force > 0.0) & (SHARE > 0.0)
+        inertia = np.diagonal(np.asarray(model.mass))
+        over_force = np.where(able, 1.0 / np.where(able, scales.force, 1.0), 0.0)
+        w = SHARE * scales.bandwidth
+        drag = np.diagonal(np.asarray(model.linear_damping_ahead))
+        stiffness = w**2 * inertia * over_force
+        damping = np.maximum(2.0 * DAMPING * w * inertia - drag, 0.0) * over_force
+        steers = able[0] and able[5] and not able[1]
+        return cls(stiffness, damping, INTEGRAL * w[5] * stiffness[5], scales.length if steers else np.inf)
+
+
+class ExperimentMemory(eqx.Module):
+    """Readings, supervisor's mode, pose to hold and come home to (6,), integral of the heading [share], tick, int."""
+
+    believed: RawEstimate
+    supervisor: SupervisorMemory
+    home: Array
+    integral: Array
+    tick: Array
+
+
+class Timeline(eqx.Module):
+    """A test, tick by tick; rows beyond the last manoeuvre are padding.
+
+    Attributes:
+        share: Command asked for on each axis, shape (ticks, 6).
+        row: Which row of the following holds, shape (ticks,), int.
+        hold: Whether an axis is held by its PID, shape (rows, 6): surge and sway on the way home, heave, yaw.
+        keep: Weak spring on each axis [share per m, rad], shape (rows, 6).
+        on: Whether thrusters may run, shape (rows,), bool.
+        manoeuvre: Number of the manoeuvre, shape (rows,), int.
+        phase: One of core.flow.PHASES, shape (rows,), int.
+        count: Ticks of the test, int.
+    """
+
+    share: Array
+    row: Array
+    hold: Array
+    keep: Array
+    on: Array
+    manoeuvre: Array
+    phase: Array
+    count: Array
+
+
+class Experiment(Block):
+    """Flies a time-line; takes and gives what an autopilot does. Its estimate is the readings, hardly filtered.
+
+    Attributes:
+        mixing: Thruster commands of a full command on each axis, shape (n, 6); zero where thrusters cannot push.
+        timeline: The test.
+        supervisor: Depth and attitude limits.
+        gains: Of what is held.
+        mounts: Sensors that do not sit at CO along the axes of b, by name.
+        smoothing: Share of a position's surprise that is believed.
+        tracking: Rate at which its speed is corrected [1/s].
+    """
+
+    mixing: Array
+    timeline: Timeline
+    supervisor: Supervisor
+    gains: HoldingGains
+    mounts: dict[str, Mount] = eqx.field(default_factory=dict)
+    smoothing: Array = eqx.field(converter=as_array, default=0.25)
+    tracking: Array = eqx.field(converter=as_array, default=0.5)
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        timeline: Timeline,
+        supervisor: Supervisor | None = None,
+        mounts: dict[str, Mount] | None = None,
+    ) -> "Experiment":
+        """A trial of a vehicle; its forces are used by what is held, and by nothing else."""
+        mix, gains = as_array(mixing(model)), HoldingGains.of(model)
+        return cls(mix, timeline, supervisor or Supervisor(), gains, mounts or {})
+
+    def init(self, key: Array, start: Start) -> ExperimentMemory:
+        euler = euler_from_quaternion(start.attitude)
+        believed = RawEstimate(start.position, jnp.zeros(3), euler, start.velocity[3:], jnp.zeros(()))
+        home = jnp.concatenate([start.position, jnp.zeros(2), euler[2:]])
+        return ExperimentMemory(
+            believed, self.supervisor.init(key, start), home, jnp.zeros(()), jnp.zeros((), dtype=int)
+        )
+
+    def step(
+        self, memory: ExperimentMemory, input: AutopilotInput, dt: float
+    ) -> tuple[ExperimentMemory, AutopilotOutput]:
+        before = memory.believed
+        believed = self._listen(before, at_co(input.measurements, self.mounts, before.euler, before.rates), dt)
+        estimate = _estimate(believed, len(input.measurements))
+        supervisor, mode = self.supervisor.step(
+            memory.supervisor, SupervisorInput(estimate, input.request, input.measurements, input.host), dt
+        )
+        line, over, paused = self.timeline, memory.tick >= self.timeline.count, mode.mode == MODE_PAUSED
+        now = jnp.minimum(memory.tick, line.count - 1)
+        row = line.row[now]
+
+        hold = jnp.where(paused, STATION, line.hold[row])
+        away, speed = _away(memory.home, believed)
+        away = away.at[5].set(self._course(hold, memory.home, believed, away[5]))
+        integral, held = self._pid(memory.integral, hold, away, speed, dt)
+        share = held + jnp.where(paused, 0.0, line.share[now] + line.keep[row] * away)
+        active = mode.active & ~over & (paused | line.on[row])
+        # A reading that is not a number must not reach the thrusters: `where` drops it, a product would not.
+        command = jnp.where(active, jnp.clip(self.mixing @ jnp.where(active, share, 0.0), -1.0, 1.0), 0.0)
+
+        phase = jnp.where(over, FINISHED, jnp.where(paused, PAUSED, line.phase[row]))
+        # The first end counts: thrusters are off after it, and what the supervisor thinks then is of no test.
+        aborted = ~over & (mode.mode == MODE_ABORTED)
+        phase, reason = jnp.where(aborted, ABORTED, phase), jnp.where(over, NO_REASON, mode.reason)
+        still, place = jnp.zeros(6), memory.home[:3]
+        setpoint = Setpoint(memory.home, still, place, place, phase < 0, line.manoeuvre[row], phase, reason)
+        after = ExperimentMemory(
+            believed, supervisor, memory.home, integral, memory.tick + jnp.where(paused | over | aborted, 0, 1)
+        )
+        path, wrench = Reference(memory.home, still, still), Wrench(still, still > 0.0)
+        return after, AutopilotOutput(Command(command), estimate, setpoint, path, wrench, jnp.ones(command.shape))
+
+    def _course(self, hold: Array, home: Array, believed: RawEstimate, turn: Array) -> Array:
+        """Angle that the heading has to turn by [rad]: without sway, bow or stern to home until that is near."""
+        way = jnp.where(believed.lost[:2], 0.0, home[:2] - believed.position[:2])
+        far = jnp.clip(jnp.sqrt(jnp.sum(way**2) + 1e-12) / self.gains.reach - 0.5, 0.0, 1.0) * hold[0] * hold[1]
+        bearing = wrap(jnp.arctan2(way[1], way[0] + jnp.where(far > 0.0, 0.0, 1.0)) - believed.euler[2])
+        nearer = jnp.where(jnp.abs(bearing) > 0.5 * jnp.pi, wrap(bearing + jnp.pi), bearing)
+        return far * nearer + (1.0 - far) * turn
+
+    def _pid(self, integral: Array, hold: Array, away: Array, speed: Array, dt: float) -> tuple[Array, Array]:
+        """The heading's new integral, which rests at the limit, and the shares of what is held, shape (6,)."""
+        grown = integral + self.gains.integral * away[5] * dt
+        wanted = self.gains.stiffness * away - self.gains.damping * speed + jnp.zeros(6).at[5].set(grown)
+        winding = jnp.abs(wanted[5]) > LIMIT[5]
+        integral = jnp.where((hold[5] > 0) & ~winding, grown, integral)
+        return integral, hold * jnp.clip(wanted, -LIMIT, LIMIT)
+
+    def _listen(self, before: RawEstimate, measurements: Measurements, dt: float) -> RawEstimate:
+        """The newest readings; positions and depths through an alpha-beta filter, which gives their rates."""
+
+        def newest(name: str, old: Array) -> Array:
+            slot = measurements[name]
+            for row in range(slot.valid.shape[0]):
+                old = jnp.where(slot.valid[row], slot.value[row], old)
+            return old
+
+        ahead = before.position + dt * before.velocity
+        seen = jnp.concatenate([newest("position", ahead[:2]), newest("pressure", ahead[2:])])
+        surprise = seen - ahead
+        quiet = jnp.where(jnp.any(measurements["position"].valid), 0.0, before.quiet + dt)
+        return RawEstimate(
+            # The first position after a silence is believed as it is: what was expected is worth nothing.
+            ahead + jnp.where(before.lost, 1.0, self.smoothing) * surprise,
+            jnp.where(LEVEL & (quiet > STALE) | before.lost, 0.0, before.velocity + self.tracking * surprise),
+            newest("attitude", before.euler),
+            newest("gyro", before.rates),
+            quiet,
+        )
+
+
+def mixing(model: Model) -> np.ndarray:
+    """Thruster commands that are a full command on each axis, shape (n, 6): pseudo-inverse, largest command 1.
+
+    Thesis 7.1 in command space: all thrusters are taken to be alike. An axis that thrusters cannot push is zero.
+
+    Args:
+        model: Its thrusters are used.
+    """
+    pattern, able = weighted_pseudo_inverse(model.thrusters.configuration), pushed_axes(model)
+    largest = np.abs(pattern).max(axis=0, initial=0.0)
+    return np.where(able, pattern / np.where(able, largest, 1.0), 0.0)
+
+
+def _away(home: Array, believed: RawEstimate) -> tuple[Array, Array]:
+    """Way home along level axes that turn with the heading, and the speed along them, shapes (6,)."""
+    level = rotation_from_euler(believed.euler * jnp.asarray([0.0, 0.0, 1.0])).T
+    turn = wrap(home[5:] - believed.euler[2:])
+    tilt = jnp.zeros(2)
+    # Where nobody knows the place, it is taken to be home: no thruster looks for it blindly.
+    way = jnp.where(believed.lost, 0.0, home[:3] - believed.position)
+    away = jnp.concatenate([level @ way, tilt, turn])
+    return away, jnp.concatenate([level @ believed.velocity, tilt, believed.rates[2:]])
+
+
+def _estimate(believed: RawEstimate, sensors: int) -> Estimate:
+    """The readings as an estimate that claims nothing about its error."""
+    R_nb = rotation_from_euler(believed.euler)
+    eta = jnp.concatenate([believed.position, believed.euler])
+    nu = jnp.concatenate([R_nb.T @ believed.velocity, believed.rates])
+    return Estimate(eta, nu, jnp.zeros(6), jnp.zeros((12, 12)), jnp.zeros(sensors), jnp.zeros(sensors))

@@ -1,0 +1,104 @@
+"""The heading of a vehicle that crabs: the one that is preferred, or turned as far as the current makes it.
+
+    lag current_dot = estimate - current,   heading = level_heading(preferred, way, current),   current / BACK if turned
+
+`LevelSpeed.heading` says where a vehicle has to look that cannot stem, or not stem level, what runs across it. Here is
+what it takes to follow that in a sea. Of the estimated force only what is known counts, no stronger than what the
+thrusters could stem at all, smoothed over the time in which the vehicle moves a length. A heading that was given up is
+taken again when it would do, for some of these times, in a current stronger by 1 / BACK; until then the last turned one
+holds. So one wrong estimate turns nothing, and a vehicle at the limit is not turned to and fro. Which end looks into
+the current is settled when it begins to turn.
+"""
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Estimate
+from rovtwin.core.frames import euler_from_quaternion, wrap
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.guidance.speed_limit import FREE, AchievableSpeed, significant
+from rovtwin.gnc.scales import YAW, VehicleScales
+from rovtwin.vehicle.physics.model import Model
+
+SLOW = 3.0  # times of the position loop over which a current is smoothed
+EASED = 10.0  # of them for which the preferred heading has to do before it is taken again
+BACK = 0.85  # share of the current in which a heading was given up, in which it is taken again
+SAME = 1e-6  # headings that are one [rad]
+
+
+class BowInput(eqx.Module):
+    """What is preferred: a heading [rad] and a way over ground, n [m/s], shape (2,); and what the observer believes."""
+
+    preferred: Array
+    way: Array
+    estimate: Estimate
+
+
+class BowMemory(eqx.Module):
+    """What is remembered.
+
+    Attributes:
+        current: Smoothed, n [m/s], shape (2,).
+        heading: That was given [rad].
+        turned: Whether the current turned it away from the preferred one, bool.
+        eased: How long the preferred one would have done since [s].
+    """
+
+    current: Array
+    heading: Array
+    turned: Array
+    eased: Array
+
+
+class Bow(Block):
+    """Gives the heading [rad].
+
+    Attributes:
+        sustained: What it stems, level.
+        lag: Of the smoothed current [s].
+        patience: How long the preferred heading has to do [s].
+        strongest: Current beyond which a stronger one is none [m/s].
+    """
+
+    sustained: AchievableSpeed
+    lag: Array = eqx.field(converter=as_array)
+    patience: Array = eqx.field(converter=as_array)
+    strongest: Array = eqx.field(converter=as_array)
+
+    @classmethod
+    def of(cls, model: Model) -> "Bow | None":
+        """For a vehicle with sound thrusters; None where they do not turn it."""
+        scales, sustained = VehicleScales.of(model), AchievableSpeed.of(model)
+        if scales.force[YAW] <= 0.0:
+            return None
+        most = np.asarray(sustained.most)
+        strongest = most[most < FREE].max(initial=0.0) or scales.wave_speed
+        return cls(sustained, SLOW / scales.level_bandwidth, EASED / scales.level_bandwidth, strongest)
+
+    def init(self, key: Array, start: Start) -> BowMemory:
+        zero = jnp.zeros(())
+        return BowMemory(jnp.zeros(2), euler_from_quaternion(start.attitude)[2], jnp.asarray(False), zero)
+
+    def step(self, memory: BowMemory, input: BowInput, dt: float) -> tuple[BowMemory, Array]:
+        known = self.sustained.current(significant(input.estimate))
+        known = known * jnp.minimum(1.0, self.strongest / jnp.sqrt(known @ known + 1e-12))
+        current = memory.current + jnp.minimum(dt / self.lag, 1.0) * (known - memory.current)
+        wanted = self._wanted(current, memory, input.preferred, input.way, input.estimate)
+        does = jnp.abs(wrap(wanted - input.preferred)) < SAME
+        eased = jnp.where(does & memory.turned, memory.eased + dt, 0.0)
+        turned = ~does | (memory.turned & (eased < self.patience))
+        heading = jnp.where(turned & does, memory.heading, wanted)
+        return BowMemory(current, heading, turned, eased), heading
+
+    def heading(self, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
+        """What it would give for another heading and way, if it had to now [rad]; arguments are those of BowInput."""
+        return self._wanted(memory.current, memory, preferred, way, estimate)
+
+    def _wanted(self, current: Array, memory: BowMemory, preferred: Array, way: Array, estimate: Estimate) -> Array:
+        """Nearest to a preferred one at which it keeps up a way over ground, and stays where it stops [rad]."""
+        current = current / jnp.where(memory.turned, BACK, 1.0)
+        looks = jnp.where(memory.turned, memory.heading, estimate.eta[5])
+        for over_ground in (way, jnp.zeros(2)):  # it starts, waits and is paused on its way, too
+            preferred = self.sustained.level_heading(preferred, over_ground, current, looks)
+        return preferred

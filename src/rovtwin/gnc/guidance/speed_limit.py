@@ -1,0 +1,191 @@
+"""The speed that thrusters can keep up along a path, level, at a heading and against what disturbs the vehicle.
+
+The disturbance is read as a current: along each horizontal axis of the body the vehicle goes through the water at the
+speed w whose drag is that of its speed u over ground less the disturbance, and the current is u - w. Thrusters give a
+speed through the water W whose drag is their force; over ground this is W and the current. If the disturbance is no
+current the answer is inexact, but as the vehicle nears the speed in question w nears W, and there it is exact.
+"""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.flow import Estimate
+from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.gnc.guidance.level_speed import LevelSpeed
+from rovtwin.vehicle.physics.actuation import pushed_axes, wrench_limits
+from rovtwin.vehicle.physics.model import Model
+
+ALONG = 0.05  # shares of the speed below this are across the axis
+FREE = 100.0  # through the water along an axis that is not to count [m/s]: finite, for gradients
+DRAGLESS = 1e-3  # least linear damping, of which a speed is asked [N s/m]
+
+
+def slow_place(estimate: Estimate) -> Array:
+    """Where the vehicle is but for the waves, n [m], shape (3,)."""
+    return estimate.eta[:3] - estimate.wave[:3]
+
+
+def significant(estimate: Estimate) -> Estimate:
+    """The estimate with the disturbance as far as it is known: F (1 - std^2 / F^2), nothing below one std.
+
+    To a slender vehicle without sway a tenth of a newton is a current of 0.2 m/s. What the filter does not know of the
+    force must not turn the bow to and fro (positive-part estimator: James and Stein 1961).
+    """
+    force2 = jnp.sum(estimate.bias[:2] ** 2) + 1e-12
+    known = jnp.maximum(1.0 - estimate.bias_std**2 / force2, 0.0)
+    return dataclasses.replace(estimate, bias=estimate.bias.at[:2].multiply(known))
+
+
+class AchievableSpeed(eqx.Module):
+    """Drag and thrust of surge and sway; rows are ahead and astern, columns the axes.
+
+    Attributes:
+        linear: Damping [N s/m], shape (2, 2).
+        quadratic: Damping [N s2/m2], shape (2, 2).
+        push: Acceleration by all of the thrust, to starboard and to port [m/s2], shape (2,); FREE without thrusters.
+        mass: That sway accelerates, added mass included [kg].
+        most: Speed through the water that thrust keeps up and that keeps the vehicle level [m/s], shape (2, 2); FREE
+            along an axis without thrusters.
+        level: What keeps it level, both axes together.
+    """
+
+    linear: Array = eqx.field(converter=as_array)
+    quadratic: Array = eqx.field(converter=as_array)
+    most: Array = eqx.field(converter=as_array)
+    push: Array = eqx.field(converter=as_array)
+    mass: Array = eqx.field(converter=as_array)
+    level: LevelSpeed
+
+    @classmethod
+    def of(cls, model: Model, share: float = 0.9) -> "AchievableSpeed":
+        """For a model; what `share` leaves of the thrust is the feedback's, but for corners, which are soon over."""
+        ahead = [model.linear_damping_ahead, model.quadratic_damping_ahead]
+        astern = [model.linear_damping_astern, model.quadratic_damping_astern]
+        linear, quadratic = (np.stack([_horizontal(a), _horizontal(b)]) for a, b in zip(ahead, astern, strict=True))
+        linear = np.maximum(linear, DRAGLESS)
+        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        force = np.stack([upper[:2], -lower[:2]])
+        # An axis without thrusters is free: the water carries the vehicle. One that is pushed one way only is not.
+        some = pushed_axes(model)[:2] & (force.max(axis=0) > 0.0)
+        force = np.maximum(force, 0.0)
+        level = LevelSpeed.of(model)
+        kept_up = np.minimum(np.asarray(_speed(linear, quadratic, share * force)), np.asarray(level.axes))
+        speed = np.where(some, kept_up, FREE)
+        mass = _horizontal(model.mass)[1]
+        push = np.where(some, force / mass, FREE)[:, 1]
+        return cls(linear, quadratic, speed, push, mass, level)
+
+    def current(self, estimate: Estimate) -> Array:
+        """The current that would disturb the vehicle as much, n [m/s], shape (2,)."""
+        to_n = turned(estimate.eta[5])
+        nu = estimate.nu[:2] - to_n.T @ estimate.wave[3:5]
+        drag = self._drag(nu) - to_n.T @ estimate.bias[:2]
+        speed = _speed(self._sided(drag, self.linear), self._sided(drag, self.quadratic), jnp.abs(drag))
+        return to_n @ (nu - jnp.sign(drag) * speed)
+
+    def through_water(self, estimate: Estimate) -> Array:
+        """Velocity through that current, b [m/s, rad/s], shape (6,); rolled or pitched, some of it is along heave."""
+        R_nb = rotation_from_euler(estimate.eta[3:])
+        level = turned(estimate.eta[5]).T @ (R_nb @ estimate.nu[:3])[:2]
+        current = self.current(dataclasses.replace(estimate, nu=estimate.nu.at[:2].set(level)))
+        return estimate.nu.at[:3].add(-R_nb.T @ jnp.append(current, 0.0))
+
+    def along(self, direction: Array, heading: Array, current: Array) -> Array:
+        """Largest speed over ground that both axes can keep up, level [m/s]: negative where one would be swept back.
+
+        Args:
+            direction: Of the motion over ground [rad].
+            heading: Of the vehicle [rad].
+            current: In n [m/s], shape (2,).
+        """
+        crab = direction - heading
+        part, flow = jnp.stack([jnp.cos(crab), jnp.sin(crab)]), turned(heading).T @ current
+        counts = jnp.abs(part) > ALONG
+        most = self._sided(part, self.most) + jnp.sign(part) * flow
+        pushed = jnp.min(jnp.where(counts, most / jnp.where(counts, jnp.abs(part), 1.0), FREE))
+        return jnp.minimum(pushed, self.level.along(part, flow))
+
+    def aside(self, heading: Array, side: Array, current: Array) -> Array:
+        """Acceleration to a side, starboard positive, that is left beside holding against the current [m/s2]."""
+        carried = self._drag(turned(heading).T @ current)[1] / self.mass
+        return jnp.where(side >= 0.0, self.push[0] + carried, self.push[1] - carried)
+
+    def aside_speed(self) -> Array:
+        """Speed through the water that sway thrust keeps up, the slower side [m/s]; 0 without thrusters there."""
+        slower = jnp.min(self.most[:, 1])
+        return jnp.where(slower < FREE, slower, 0.0)
+
+    def level_heading(self, preferred: Array, way: Array, current: Array, heading: Array) -> Array:
+        """Heading nearest to a preferred one at which it keeps up a way over ground and stays level [rad].
+
+        Args:
+            preferred: Heading [rad].
+            way: Velocity over ground, n [m/s], shape (2,).
+            current: In n [m/s], shape (2,).
+            heading: That it has [rad].
+        """
+        return self.level.heading(preferred, way, current, heading, self.aside_speed(), self.most[1, 0])
+
+    def drag_aside(self, speed: float) -> Array:
+        """Acceleration by the drag of a speed through the water sideways, the weaker side [m/s2]."""
+        return jnp.min(self.linear[:, 1] * speed + self.quadratic[:, 1] * speed**2) / self.mass
+
+    def made_good(self, direction: Array, current: Array) -> Array:
+        """Largest speed over ground by surge alone, with the bow turned as far as a course takes [m/s].
+
+        Args:
+            direction: Of the course over ground [rad].
+            current: In n [m/s], shape (2,).
+        """
+        flow, most = turned(direction).T @ current, self.most[0, 0]
+        left = most**2 - flow[1] ** 2
+        return jnp.where(left > 0.0, flow[0] + jnp.sqrt(jnp.maximum(left, 1e-12)), -jnp.abs(flow[1]))
+
+    def course(self, v: Array, current: Array) -> tuple[Array, Array]:
+        """Velocity through the water that makes good a velocity over ground, as far as surge gives it, n.
+
+        Where it does not, the course comes before the speed, and not to be swept off it before both.
+
+        Args:
+            v: Velocity over ground, n [m/s], shape (2,).
+            current: In n [m/s], shape (2,).
+
+        Returns:
+            Velocity through the water, n [m/s], shape (2,), and whether the current is too much for that course, bool.
+        """
+        w, most = v - current, self.most[0, 0]
+        speed, size = jnp.sqrt(v @ v + 1e-12), jnp.sqrt(w @ w + 1e-12)
+        # Who is to stay where he is has the course of what it takes to stay.
+        along = jnp.where(speed > 1e-3 * most, v / speed, w / size)
+        across = w - (w @ along) * along
+        aside = jnp.sqrt(across @ across + 1e-12)
+        left = jnp.sqrt(jnp.maximum(most**2 - aside**2, 1e-12))
+        limited = across * jnp.minimum(1.0, most / aside) + jnp.clip(w @ along, -left, left) * along
+        made = limited + current
+        swept = (size > most) & ((made @ along <= 0.0) | (aside > most))
+        return jnp.where(size > most, limited, w), swept
+
+    def _drag(self, nu_r: Array) -> Array:
+        return self._sided(nu_r, self.linear) * nu_r + self._sided(nu_r, self.quadratic) * nu_r * jnp.abs(nu_r)
+
+    def _sided(self, sign: Array, of: Array) -> Array:
+        return jnp.where(sign >= 0.0, of[0], of[1])
+
+
+def _speed(linear: Any, quadratic: Any, force: Any) -> Array:
+    """Speed whose drag is a force >= 0; in a form that holds without quadratic damping, with a gradient at zero."""
+    return 2.0 * force / (linear + jnp.sqrt(linear**2 + 4.0 * quadratic * force))
+
+
+def turned(heading: Array) -> Array:
+    """From b to n in the plane, shape (2, 2)."""
+    c, s = jnp.cos(heading), jnp.sin(heading)
+    return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
+
+
+def _horizontal(damping: Any) -> np.ndarray:
+    return np.diagonal(np.asarray(damping))[:2]

@@ -1,0 +1,93 @@
+"""What the blocks of an autopilot give to each other, so that none of them imports another one's file.
+
+What also flows through the loop outside the autopilot (measurements, estimate, set-point, command) is in `core.flow`.
+"""
+
+import equinox as eqx
+
+from rovtwin.core.flow import Command, Estimate, Measurements, Mission, Reference
+from rovtwin.core.numerics import Array, jnp
+
+MODES = ("idle", "running", "piloted", "paused", "holding", "returning", "surfacing", "aborted")
+
+
+MODE_IDLE, MODE_RUNNING, MODE_PILOTED, MODE_PAUSED = range(4)
+
+
+MODE_HOLDING, MODE_RETURNING, MODE_SURFACING, MODE_ABORTED = range(4, len(MODES))
+
+
+class Mode(eqx.Module):
+    """One of MODES, int, and one of core.flow.REASONS, int, that says why it is not the operator's."""
+
+    mode: Array
+    reason: Array
+
+    @property
+    def active(self) -> Array:
+        """Whether thrusters may be used: in every mode but idle and aborted."""
+        return (self.mode != MODE_IDLE) & (self.mode != MODE_ABORTED)
+
+
+class ObserverInput(eqx.Module):
+    """What an observer takes in one tick: the readings since the last tick and the command that was sent over it."""
+
+    measurements: Measurements
+    command: Command
+
+
+class GuidanceInput(eqx.Module):
+    """Where the vehicle is believed to be, where it should go, and whether it may."""
+
+    estimate: Estimate
+    mission: Mission
+    mode: Mode
+
+
+class ControlInput(eqx.Module):
+    """What a controller takes.
+
+    Attributes:
+        estimate: Where the vehicle is believed to be.
+        reference: Where it should be.
+        shortfall: Wrench asked for less wrench allocated in the last tick, shape (6,): what limits took away.
+        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
+    """
+
+    estimate: Estimate
+    reference: Reference
+    shortfall: Array
+    axes: Array = eqx.field(default_factory=lambda: jnp.ones(6))
+
+
+class AllocationInput(eqx.Module):
+    """What allocation takes.
+
+    Attributes:
+        tau: Wanted wrench, b at CO [N, N m], shape (6,).
+        health: Share of its force that each thruster still gives, shape (n,): 1 sound, 0 lost.
+        axes: 0 along roll and pitch where the thrusters that are left cannot push alone, else 1, shape (6,).
+    """
+
+    tau: Array
+    health: Array
+    axes: Array = eqx.field(default_factory=lambda: jnp.ones(6))
+
+
+class Allocated(eqx.Module):
+    """What allocation gives.
+
+    Attributes:
+        command: For the thrusters.
+        made: Wrench that the thrusters settle at with it, b at CO [N, N m], shape (6,).
+        residual: Wanted less made, shape (6,).
+        shortfall: The part of it that limits and lost thrusters took, shape (6,): what an integral must not wind up
+            on. The rest is what thrusters too near to standstill keep back, which an integral has to overcome.
+        limited: Whether a thruster is at a limit, of force or of rate, shape (n,), bool; a lost one is not.
+    """
+
+    command: Command
+    made: Array
+    residual: Array
+    shortfall: Array
+    limited: Array

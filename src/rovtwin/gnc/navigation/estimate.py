@@ -1,0 +1,98 @@
+"""The filter's state as others use it: pose in Euler angles, velocity, disturbance, covariance, motion of the waves."""
+
+from rovtwin.core.flow import Estimate
+from rovtwin.core.frames import cross, euler_from_quaternion, euler_rate_matrix, rotation_from_quaternion
+from rovtwin.core.numerics import Array, jnp
+from rovtwin.core.small_matrices import product
+from rovtwin.gnc.navigation import prediction as motion
+from rovtwin.gnc.navigation.state import (
+    ATTITUDE,
+    CURRENT,
+    FORCE_B,
+    FORCE_N,
+    GYRO_BIAS,
+    POSITION,
+    VELOCITY,
+    WAVE_PLACE,
+    WAVE_VELOCITY,
+    NavigationState,
+)
+from rovtwin.gnc.navigation.tuning import Tuning
+from rovtwin.vehicle.physics.model import Model
+
+
+def estimate_of(
+    model: Model,
+    tuning: Tuning,
+    x: NavigationState,
+    P: Array,
+    omega: Array,
+    heard: dict[str, tuple[Array, Array]],
+    names: list[str],
+) -> Estimate:
+    """What an observer gives.
+
+    Args:
+        model: The vehicle, in still water without disturbance.
+        tuning: Of the filter.
+        x: Nominal state.
+        P: Covariance of its error, shape (31, 31).
+        omega: Angular velocity, b [rad/s], shape (3,).
+        heard: Squared normalised innovations and their number, by sensor.
+        names: Of all sensors, sorted.
+    """
+    euler, R_nb = euler_from_quaternion(x.attitude), rotation_from_quaternion(x.attitude)
+    nothing = (jnp.zeros(()), jnp.zeros(()))
+    told = [heard.get(name, nothing) for name in names]
+    force = disturbance(model, x, omega)
+    return Estimate(
+        eta=jnp.concatenate([x.position + x.wave_place, euler]),
+        nu=jnp.concatenate([x.velocity + R_nb.T @ x.wave_velocity, omega]),
+        bias=jnp.concatenate([R_nb @ force, jnp.zeros(3)]),
+        covariance=_covariance(P, R_nb, euler, tuning.rate_variance),
+        nis=jnp.stack([squares for squares, _ in told]),
+        nis_dof=jnp.stack([number for _, number in told]),
+        wave=jnp.concatenate([x.wave_place, x.wave_velocity]),
+        bias_std=_disturbance_std(model, x, P, omega),
+    )
+
+
+def _disturbance_std(model: Model, x: NavigationState, P: Array, omega: Array) -> Array:
+    """Of the horizontal disturbance force, both directions together [N], shape ().
+
+    Force in n, force in b, and the current by the slope of the drag; what they have in common is left out.
+    """
+    slope = motion.damping_force_slope(model, jnp.concatenate([x.velocity, omega]))[:2, :2]
+    level = jnp.concatenate([jnp.diagonal(P)[FORCE_N][:2], jnp.diagonal(P)[FORCE_B]])
+    return jnp.sqrt(jnp.sum(level) + jnp.sum(slope**2) * 0.5 * jnp.trace(P[CURRENT, CURRENT]))
+
+
+def disturbance(model: Model, x: NavigationState, omega: Array) -> Array:
+    """Force that acts besides what the model has in still water, without that of the waves, b [N], shape (3,)."""
+    R_bn = rotation_from_quaternion(x.attitude).T
+    current = R_bn[:, 0] * x.current[0] + R_bn[:, 1] * x.current[1]
+    nu, mass = jnp.concatenate([x.velocity, omega]), model.mass[:3]
+    nu_r = jnp.concatenate([x.velocity - current, omega])
+    still = motion.damping_force(model, nu) + cross(omega, mass @ nu)
+    flowing = jnp.exp(x.drag) * motion.damping_force(model, nu_r) + cross(omega, mass @ nu_r)
+    carried = mass[:, :3] @ cross(omega, current)
+    return R_bn @ x.force_n + jnp.append(x.force_b, 0.0) + still - flowing - carried
+
+
+def _covariance(P: Array, R_nb: Array, euler: Array, gyro_variance: Array) -> Array:
+    """Of [eta, nu], slow motion and waves together, shape (12, 12)."""
+    T = euler_rate_matrix(euler)
+
+    def seen(rows: Array) -> Array:
+        """Errors of [eta, nu] of those of the state, leading axis 31 -> 12."""
+        return jnp.concatenate(
+            [
+                rows[POSITION] + rows[WAVE_PLACE],
+                product(T, rows[ATTITUDE]),
+                rows[VELOCITY] + product(R_nb.T, rows[WAVE_VELOCITY]),
+                -rows[GYRO_BIAS],
+            ]
+        )
+
+    C = seen(seen(P).T)
+    return C + jnp.diag(jnp.concatenate([jnp.zeros(9), gyro_variance]))

@@ -1,0 +1,1 @@
+"""What keeps a vehicle safe: rules, supervisor, contingencies, and which thrusters still push."""

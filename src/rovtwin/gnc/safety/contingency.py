@@ -1,0 +1,239 @@
+"""Where a vehicle goes that does not follow its mission: nowhere, home, up, or where its pilot wants it.
+
+A point moves from where the vehicle is, with bounded speed and acceleration, as the supervisor says:
+
+    holding    it comes to rest                        until the operator arms again
+    returning  level, to where the mission began       returned, once the vehicle is there
+    surfacing  up, at the place where it was           surfaced, once the vehicle is there
+    piloted    with the velocity that the pilot wants  along an axis of which he wants none it stays
+
+After that, and until the mission goes on, it stays there. A pilot with no wish at all thus keeps the station, one who
+wants surge keeps depth and heading. The point never leaves a vehicle behind that cannot follow. A heading is kept as
+far as the current lets the vehicle stay with it (`guidance.crab_heading`); one that the pilot is turning goes where he
+turns it.
+"""
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import HELD, PILOTED, RETURNED, RETURNING, SURFACED, SURFACING, Estimate, Setpoint
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_euler, wrap
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.guidance.crab_heading import Bow, BowInput, BowMemory
+from rovtwin.gnc.interfaces import (
+    MODE_ABORTED,
+    MODE_HOLDING,
+    MODE_PAUSED,
+    MODE_PILOTED,
+    MODE_RETURNING,
+    MODE_SURFACING,
+    Mode,
+)
+from rovtwin.gnc.scales import HEAVE, VehicleScales
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.physics.model import Model
+
+
+class ContingencyInput(eqx.Module):
+    """What guidance asks for, what the observer believes, what the supervisor decided, and the pilot's wish, (4,)."""
+
+    setpoint: Setpoint
+    estimate: Estimate
+    mode: Mode
+    pilot: Array = eqx.field(default_factory=lambda: jnp.zeros(4))
+
+
+class ContingencyMemory(eqx.Module):
+    """What is remembered.
+
+    Attributes:
+        home: Where the mission began, n [m], shape (3,).
+        eta: Last set-point, shape (6,).
+        heading: That is to be kept, but for a current [rad].
+        bow: What the current makes of it.
+        velocity: Of it, n [m/s], shape (3,).
+        away: Whether the vehicle was taken off its mission and has not gone on with it yet, bool.
+        follows: Whether it was asked to go where this block says in the last tick, bool.
+        there: Whether it has arrived, bool.
+    """
+
+    home: Array
+    eta: Array
+    heading: Array
+    bow: BowMemory | None
+    velocity: Array
+    away: Array
+    follows: Array
+    there: Array
+
+
+class Contingency(Block):
+    """Passes guidance's set-point on, unless the supervisor wants something else.
+
+    Attributes:
+        speed: Largest, level and upwards [m/s].
+        acceleration: Largest; half of it is planned with for coming to rest [m/s2].
+        settling: Time constant with which the point comes to rest at the end [s].
+        surface: Depth of CO afloat, or as far up as the vehicle is to come [m].
+        near: How close to home is there [m].
+        afloat: How close to the surface is there [m].
+        fastest: Largest velocity that a pilot gets, surge, sway, heave [m/s], and turn rate [rad/s], shape (4,).
+        leash: How far the point goes ahead of a piloted vehicle [m].
+        lead: How far its heading goes ahead of the vehicle's [rad].
+        bow: Turns a vehicle into a current that it does not stem sideways; None: the heading is kept all the same.
+    """
+
+    speed: Array = eqx.field(converter=as_array)
+    acceleration: Array = eqx.field(converter=as_array)
+    settling: Array = eqx.field(converter=as_array)
+    surface: Array = eqx.field(converter=as_array)
+    near: Array = eqx.field(converter=as_array)
+    afloat: Array = eqx.field(converter=as_array)
+    fastest: Array = eqx.field(converter=as_array)
+    leash: Array = eqx.field(converter=as_array)
+    lead: Array = eqx.field(converter=as_array, default=0.8)
+    bow: Bow | None = None
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        surface: float | None = None,
+        dive: float | None = None,
+        turn: float | None = None,
+        bow: Bow | None = None,
+    ) -> "Contingency":
+        """For a vehicle.
+
+        Args:
+            model: The vehicle.
+            surface: As far up as it is to come [m]; None: two thirds of its length, which keeps it below.
+            dive: Largest speed up and down [m/s]; None: from the vehicle.
+            turn: Largest turn rate [rad/s]; None: from the vehicle.
+            bow: Of a vehicle that crabs; None: every heading is kept.
+        """
+        scales = VehicleScales.of(model)
+        length, dive = scales.length, scales.dive_speed if dive is None else dive
+        pushed = [i for i in (0, HEAVE) if scales.force[i] > 0.0]
+        speeds = {0: scales.surge_speed, HEAVE: dive}
+        return cls(
+            speed=min((speeds[i] for i in pushed), default=dive),
+            acceleration=0.33 * min((scales.acceleration[i] for i in pushed), default=GRAVITY),
+            settling=0.25 / scales.level_bandwidth,
+            surface=0.64 * length if surface is None else surface,
+            near=1.6 * length,
+            afloat=0.48 * length,
+            fastest=[*scales.piloted_speed, dive, scales.turn_rate if turn is None else turn],
+            leash=2.25 * length,
+            bow=bow,
+        )
+
+    def init(self, key: Array, start: Start) -> ContingencyMemory:
+        heading = euler_from_quaternion(start.attitude)[2]
+        eta = jnp.concatenate([start.position, jnp.zeros(2), heading[None]])
+        no, bow = jnp.asarray(False), None if self.bow is None else self.bow.init(key, start)
+        return ContingencyMemory(start.position, eta, heading, bow, jnp.zeros(3), no, no, no)
+
+    def step(self, memory: ContingencyMemory, input: ContingencyInput, dt: float) -> tuple[ContingencyMemory, Setpoint]:
+        mode, asked = input.mode.mode, input.setpoint
+        holding, returning, surfacing = (mode == m for m in (MODE_HOLDING, MODE_RETURNING, MODE_SURFACING))
+        piloted = mode == MODE_PILOTED
+        takes = holding | returning | surfacing | piloted
+        follows = takes | (memory.away & (mode == MODE_PAUSED))
+        # After an abort, too, the vehicle stays where it has drifted to until the operator resumes.
+        away = follows | (mode == MODE_ABORTED)
+
+        began = self._beside(memory, input.estimate)
+        base = jax.tree.map(lambda old, new: jnp.where(memory.follows, old, new), memory, began)
+        wish = jnp.where(piloted & jnp.isfinite(input.pilot), input.pilot, 0.0)
+        wish = jnp.clip(wish, -self.fastest, self.fastest)
+        wanted = _turned(input.estimate.eta[5]) @ wish[:3]  # along the heading that the vehicle has, not is to have
+        velocity = self._velocity(base, returning, surfacing, wanted, dt)
+        # What he turns goes on from where it looks, not from what a current had turned it away from.
+        kept = jnp.where(wish[3] != 0.0, wrap(base.eta[5] + dt * wish[3]), base.heading)
+        kept = jnp.where(returning, self._homeward(base, input.estimate), kept)
+        bow, heading = self._bow(memory.bow, kept, jnp.where(returning, velocity[:2], 0.0), input.estimate, dt)
+        eta = base.eta.at[:3].add(dt * velocity).at[5].set(jnp.where(wish[3] != 0.0, kept, heading))
+        eta = jnp.where(piloted, self._leashed(eta, input.estimate), eta)
+        kept = jnp.where(wish[3] != 0.0, eta[5], kept)
+        there = self._there(base, input.estimate, returning, surfacing)
+        after = ContingencyMemory(memory.home, eta, kept, bow, velocity, away, follows, there & takes)
+
+        phase = jnp.where(surfacing, jnp.where(there, SURFACED, SURFACING), HELD)
+        phase = jnp.where(returning, jnp.where(there, RETURNED, RETURNING), phase)
+        phase = jnp.where(piloted, PILOTED, phase)
+        own = Setpoint(
+            eta=eta,
+            nu=jnp.concatenate([_turned(eta[5]).T @ velocity, jnp.zeros(2), wish[3:]]),
+            leg_start=asked.leg_start,
+            leg_end=asked.leg_end,
+            on_leg=jnp.asarray(False),
+            waypoint=asked.waypoint,
+            phase=jnp.where(takes, phase, asked.phase),
+            reason=input.mode.reason,
+        )
+        return after, jax.tree.map(lambda new, old: jnp.where(follows, new, old), own, asked)
+
+    def _bow(
+        self, memory: BowMemory | None, kept: Array, way: Array, estimate: Estimate, dt: float
+    ) -> tuple[BowMemory | None, Array]:
+        """Memory and heading, for one that is to be kept and a way over ground, n [m/s], shape (2,)."""
+        if self.bow is None or memory is None:
+            return memory, kept
+        return self.bow.step(memory, BowInput(kept, way, estimate), dt)
+
+    def _beside(self, memory: ContingencyMemory, estimate: Estimate) -> ContingencyMemory:
+        """Where a contingency would begin: with the vehicle, as fast as it moves but for the waves.
+
+        Not with guidance's set-point, which may be a way-point far off, or at the bottom of a dive.
+        """
+        place = estimate.eta[:3] - estimate.wave[:3]
+        velocity = rotation_from_euler(estimate.eta[3:]) @ estimate.nu[:3] - estimate.wave[3:]
+        speed = jnp.sqrt(velocity @ velocity + 1e-12)
+        velocity = velocity * jnp.minimum(1.0, self.speed / speed)
+        eta = jnp.concatenate([place, jnp.zeros(2), estimate.eta[5:]])
+        no = jnp.asarray(False)
+        return ContingencyMemory(memory.home, eta, eta[5], memory.bow, velocity, no, no, no)
+
+    def _velocity(
+        self, memory: ContingencyMemory, returning: Array, surfacing: Array, wanted: Array, dt: float
+    ) -> Array:
+        """Of the point, n [m/s], shape (3,): as the pilot wishes, or to the goal, so that it can be stopped there."""
+        level = jnp.where(returning, memory.home[:2] - memory.eta[:2], 0.0)
+        up = jnp.where(surfacing, jnp.minimum(self.surface - memory.eta[2], 0.0), 0.0)
+        goal = jnp.append(level, up)
+        distance = jnp.sqrt(goal @ goal + 1e-12)
+        # The square root alone would ask for a jerk at the end.
+        slow = jnp.minimum(jnp.sqrt(self.acceleration * distance), distance / self.settling)
+        speed = jnp.minimum(self.speed, slow)
+        change = goal / distance * speed + wanted - memory.velocity
+        size = jnp.sqrt(change @ change + 1e-12)
+        return memory.velocity + change * jnp.minimum(1.0, self.acceleration * dt / size)
+
+    def _leashed(self, eta: Array, estimate: Estimate) -> Array:
+        """The point, no further ahead of the vehicle than the leash, and not above the surface."""
+        place = estimate.eta[:3] - estimate.wave[:3]
+        away = eta[:3] - place
+        near = place + away * jnp.minimum(1.0, self.leash / jnp.sqrt(away @ away + 1e-12))
+        turn = jnp.clip(wrap(eta[5] - estimate.eta[5]), -self.lead, self.lead)
+        return eta.at[:3].set(near).at[2].max(jnp.minimum(self.surface, place[2])).at[5].set(estimate.eta[5] + turn)
+
+    def _homeward(self, memory: ContingencyMemory, estimate: Estimate) -> Array:
+        """Heading from the vehicle towards home, or as it is once home is near.
+
+        From the vehicle, not from the point: one that cannot push sideways gets home by heading there.
+        """
+        level = memory.home[:2] - estimate.eta[:2]
+        far = level @ level > (2.0 * self.near) ** 2
+        return jnp.where(far, jnp.arctan2(level[1], jnp.where(far, level[0], 1.0)), memory.heading)
+
+    def _there(self, memory: ContingencyMemory, estimate: Estimate, returning: Array, surfacing: Array) -> Array:
+        place = estimate.eta[:3] - estimate.wave[:3]
+        level = place[:2] - memory.home[:2]
+        home = returning & (level @ level < self.near**2)
+        return (memory.there & (returning | surfacing)) | home | (surfacing & (place[2] < self.surface + self.afloat))
+
+
+def _turned(heading: Array) -> Array:
+    """R_nb of a level vehicle, shape (3, 3)."""
+    return rotation_from_euler(jnp.array([0.0, 0.0, 1.0]) * heading)

@@ -1,0 +1,248 @@
+"""Which thrusters still push: seen from the moments that are missing when they should.
+
+What the model cannot explain of the momentum's change is an external wrench, which a first-order observer gives without
+differentiating twice. A thruster that is lost leaves its own signature there, minus its force along its column of T.
+
+    r_dot = K (M nu_dot - tau - tau_model - r),     x = r - slow part,     s_h = -T (lost_h f)
+    loss_h = <s_h, x> / <s_h, s_h>,     explained_h = <s_h, x>^2 / (<s_h, s_h> <x, x>)
+
+with exponentially forgetting means. The hypothesis that explains most wins, once it explains nearly all for a while.
+A force alone may as well be a current or a caught tether, which feedback answers with just the force that seems to be
+missing: so only thrusters with a moment of their own can be told, and moments weigh more than forces.
+
+The flow's wrench is that of a current which is read off the disturbance force, so an error of that force is one of the
+flow's moments too: on a slender hull 0.03 m/s across the bow are, by Munk's moment, as much as a lost thruster. So
+<a, b> is a^T W b with the covariance of both, W^-1 = N + U U^T: N of the axes, U what a standard deviation of the
+force, along the bow and across it, changes in the flow's wrench.
+
+Reference: De Luca and Mattone (2003), Actuator failure detection and isolation using generalized momenta; Blanke et al.
+(2016), Diagnosis and Fault-Tolerant Control, ch. 6.
+"""
+
+import dataclasses
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Command, Estimate
+from rovtwin.core.frames import rotation_from_euler
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.guidance.speed_limit import AchievableSpeed, turned
+from rovtwin.gnc.scales import YAW, VehicleScales
+from rovtwin.vehicle.physics.actuation import wrench_limits
+from rovtwin.vehicle.physics.dynamics import coriolis_wrench, damping_wrench, learned_wrench, restoring_wrench
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import lag, static_force
+
+FORCE_NOISE, MOMENT_NOISE = 0.1, 0.03  # of an axis's largest wrench, that disturbances and errors of the model make
+READ_NOISE = 0.04  # of an axis's largest force, that the force from which the current is read is wrong by
+OWN_MOMENT = 0.1  # of the largest moment about any axis, below which a thruster has no signature of its own
+MORE = 0.15  # that a unit has to explain more than the best of its thrusters
+
+
+class HealthInput(eqx.Module):
+    """What the observer believes and the command that the vehicle got last."""
+
+    estimate: Estimate
+    command: Command
+
+
+class HealthMemory(eqx.Module):
+    """What the monitor remembers; h hypotheses.
+
+    Attributes:
+        momentum: M nu of the last tick, shape (6,).
+        force: Of the thrusters as they should push, and the same through the observer's lag [N], shape (n,).
+        seen: See `force`.
+        residual: External wrench [N, N m], shape (6,).
+        baseline: Its slow part, shape (6,).
+        energy: Mean of <s_h, s_h>, shape (h,).
+        match: Mean of <s_h, x>, shape (h,).
+        total: Mean of <x, x>, shape (h,).
+        since: How long each hypothesis has held [s], shape (h,).
+        health: 1 or 0 of each thruster, shape (n,).
+        age: How long it has been watching [s].
+    """
+
+    momentum: Array
+    force: Array
+    seen: Array
+    residual: Array
+    baseline: Array
+    energy: Array
+    match: Array
+    total: Array
+    since: Array
+    health: Array
+    age: Array
+
+    def retried(self, again: Array) -> "HealthMemory":
+        """The same, with all thrusters believed in where they are to be tried again, bool."""
+        return eqx.tree_at(lambda m: m.health, self, jnp.where(again, 1.0, self.health))
+
+
+class ThrusterHealth(Block):
+    """Gives the health of each thruster, 1 or 0, shape (n,): lost is one that hardly pushes any more, or the wrong way.
+
+    What is lost stays lost until the operator arms again.
+
+    Attributes:
+        model: What the vehicle is believed to be.
+        sustained: Tells the current.
+        lost: Thrusters that each hypothesis takes for lost, shape (h, n).
+        signed: Columns of T with a moment of their own, shape (6, n); the others zero.
+        told: Whether a hypothesis has such a thruster, shape (h,), bool.
+        weight: One over the squared noise of each axis on which a hypothesis's thrusters push, shape (h, 6); zero on
+            the others, where there is only what disturbs.
+        force_std: Of the force from which the current is read, along the bow and across it [N], shape (2,).
+        bandwidth: K, of the observer [rad/s].
+        window: Of the means [s].
+        memory: Time constant of what counts as slow [s].
+        patience: How long it has to hold [s].
+        least: Mean <s_h, s_h> below which nothing is said: squared signal over noise.
+        share: Loss from which a thruster counts as lost.
+        certainty: Share of <x, x> that has to be explained.
+    """
+
+    model: Model
+    sustained: AchievableSpeed
+    lost: Array
+    signed: Array
+    told: Array
+    weight: Array
+    force_std: Array
+    bandwidth: Array = eqx.field(converter=as_array)
+    window: Array = eqx.field(converter=as_array)
+    memory: Array = eqx.field(converter=as_array)
+    patience: Array = eqx.field(converter=as_array)
+    least: Array = eqx.field(converter=as_array, default=4.0)
+    share: Array = eqx.field(converter=as_array, default=0.7)
+    certainty: Array = eqx.field(converter=as_array, default=0.72)
+
+    @classmethod
+    def of(cls, model: Model, units: tuple[tuple[int, ...], ...] = ()) -> "ThrusterHealth":
+        """Hypotheses: each thruster alone, then each unit.
+
+        Args:
+            model: The vehicle.
+            units: Thrusters that may fail together, as those of one vehicle of a pair.
+        """
+        n = model.thrusters.count
+        lost = np.concatenate([np.eye(n), *(np.isin(np.arange(n), unit)[None, :] for unit in units)])
+        lower, upper = (np.asarray(limit) for limit in wrench_limits(model.thrusters))
+        T = np.asarray(model.thrusters.configuration)
+        reach = np.max(np.abs(T[3:]), axis=0, initial=0.0)
+        signed = np.where(reach > OWN_MOMENT * reach.max(initial=0.0), T, 0.0)
+        told = np.any(lost[:, None, :] * signed != 0.0, axis=(1, 2))
+        pushes = np.any(np.abs(lost[:, None, :] * signed) > 1e-6, axis=2)
+        noise = np.repeat([FORCE_NOISE, MOMENT_NOISE], 3) * np.maximum(-lower, upper)
+        weight = np.where(pushes, np.where(noise > 0.0, noise, np.inf) ** -2.0, 0.0)
+        w = float(VehicleScales.of(model).bandwidth[YAW])  # moments tell, and yaw is what thrusters are busy with
+        return cls(
+            model=model,
+            sustained=AchievableSpeed.of(model),
+            bandwidth=3.0 * w,
+            window=3.0 / w,
+            memory=20.0 / w,
+            patience=2.5 / w,
+            lost=as_array(lost),
+            signed=as_array(signed),
+            told=as_array(told, bool),
+            weight=as_array(weight),
+            force_std=READ_NOISE * as_array(np.maximum(-lower, upper)[:2]),
+        )
+
+    def init(self, key: Array, start: Start) -> HealthMemory:
+        n, h = self.model.thrusters.count, self.lost.shape[0]
+        six, rest, none = jnp.zeros(6), jnp.zeros(n), jnp.zeros(h)
+        health = jnp.ones(n)
+        return HealthMemory(six, rest, rest, six, six, none, none, none, none, health, jnp.zeros(()))
+
+    def step(self, memory: HealthMemory, input: HealthInput, dt: float) -> tuple[HealthMemory, Array]:
+        force = lag(self.model.thrusters, memory.force, static_force(self.model.thrusters, input.command.u), dt)
+        momentum, external = self._external(memory, input.estimate, force, dt)
+        quick = 1.0 - jnp.exp(-self.bandwidth * dt)
+        residual = memory.residual + quick * (external - memory.residual)
+        seen = memory.seen + quick * (force - memory.seen)
+        # In a current that the filter has not learnt yet, the flow's moments are no thruster's. Nor are they a slow
+        # part: a thruster that is dead from the start has to stand out when the current is known.
+        learnt = memory.age > 0.5 * self.memory
+        slow = jnp.where(learnt, dt / self.memory, 0.0)
+        baseline = memory.baseline + slow * (residual - memory.baseline)
+
+        x = residual - baseline
+        # A sum, for XLA puts no product of such matrices into one piece with the rest of a tick (`in_one_piece`).
+        s = -jnp.sum((self.lost * memory.health * seen)[:, None, :] * self.signed, axis=2)
+        fade = dt / self.window
+        weighed, x_weighed = self._weighed(input.estimate, s, jnp.broadcast_to(x, s.shape))
+        energy = memory.energy + fade * (jnp.sum(weighed * s, axis=1) - memory.energy)
+        match = memory.match + fade * (jnp.sum(weighed * x, axis=1) - memory.match)
+        total = memory.total + fade * (jnp.sum(x_weighed * x, axis=1) - memory.total)
+        holds = self._holds(energy, match, total) & learnt
+        since = jnp.where(holds, memory.since + dt, 0.0)
+
+        found = since > self.patience
+        health = jnp.where(jnp.any(found), memory.health * (1.0 - self.lost[jnp.argmax(found)]), memory.health)
+        # What the lost one left in the means and in the residual is no evidence against the others.
+        sound = ~jnp.any(found)
+        after = HealthMemory(
+            momentum,
+            force,
+            seen,
+            jnp.where(sound, residual, baseline),
+            baseline,
+            jnp.where(sound, energy, 0.0),
+            jnp.where(sound, match, 0.0),
+            jnp.where(sound, total, 0.0),
+            jnp.where(sound, since, 0.0),
+            health,
+            memory.age + dt,
+        )
+        return jax.tree.map(lambda new, old: jnp.where(jnp.isfinite(new), new, old), after, memory), health
+
+    def _external(self, memory: HealthMemory, estimate: Estimate, force: Array, dt: float) -> tuple[Array, Array]:
+        """Momentum, and the wrench that is not the model's, b [N, N m], both shape (6,)."""
+        model, nu = self.model, estimate.nu
+        down_b = rotation_from_euler(estimate.eta[3:])[2]
+        momentum = model.mass @ nu
+        tau = model.thrusters.configuration @ (memory.health * force)
+        flow = self._flow(estimate) - learned_wrench(model, self.sustained.through_water(estimate), tau)
+        known = tau - coriolis_wrench(model.rigid_body_mass, nu) - flow - restoring_wrench(model, down_b)
+        return momentum, jnp.where(memory.age > 0.0, (momentum - memory.momentum) / dt - known, 0.0)
+
+    def _flow(self, estimate: Estimate) -> Array:
+        """Wrench of the water that flows past, b [N, N m], shape (6,)."""
+        nu_r = self.sustained.through_water(estimate)
+        return coriolis_wrench(self.model.added_mass, nu_r) + damping_wrench(self.model, nu_r)
+
+    def _weighed(self, estimate: Estimate, *wrenches: Array) -> tuple[Array, ...]:
+        """W times wrenches, each of shape (h, 6): W = (N + U U^T)^-1, by Woodbury's identity."""
+        to_n = turned(estimate.eta[5]) * self.force_std  # columns: along the bow, across it
+
+        def flow(force: Array) -> Array:
+            return self._flow(dataclasses.replace(estimate, bias=estimate.bias.at[:2].add(force)))
+
+        # By differences, not slopes: where hardly any water flows past, a small force is a large change of speed. And
+        # one by one: XLA puts no product of two matrices into one piece with the rest of a tick (`in_one_piece`).
+        U = jnp.stack([0.5 * (flow(to_n[:, i]) - flow(-to_n[:, i])) for i in (0, 1)])  # shape (2, 6)
+        weighed_U = U * self.weight[:, None, :]  # shape (h, 2, 6)
+        a, b, c = (jnp.sum(weighed_U[:, i] * U[j], axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
+        determinant = (1.0 + a) * (1.0 + c) - b**2
+
+        def through(y: Array) -> Array:
+            p, q = (jnp.sum(weighed_U[:, i] * y, axis=1) for i in (0, 1))
+            along, across = ((1.0 + c) * p - b * q) / determinant, ((1.0 + a) * q - b * p) / determinant
+            return self.weight * y - along[:, None] * weighed_U[:, 0] - across[:, None] * weighed_U[:, 1]
+
+        return tuple(through(y) for y in wrenches)
+
+    def _holds(self, energy: Array, match: Array, total: Array) -> Array:
+        """Whether a hypothesis is the best one, says enough and explains enough, shape (h,), bool."""
+        safe = jnp.maximum(energy, 1e-12)
+        loss, explained = match / safe, match**2 / (safe * jnp.maximum(total, 1e-12))
+        # A unit explains more than one of its thrusters by having more to explain with; the first of equals counts.
+        several = jnp.sum(self.lost, axis=1) > 1.0
+        best = jnp.argmax(jnp.where(self.told & (energy > self.least), explained - MORE * several, -1.0))
+        fits = self.told & (energy > self.least) & (loss > self.share) & (explained > self.certainty)
+        return fits & (jnp.arange(energy.shape[0]) == best)

@@ -1,0 +1,1 @@
+"""The estimator: segments, multiple shooting, derivatives, the normal equations and their steps."""

@@ -1,0 +1,105 @@
+"""Evidence that is no motion: a bollard pull, forces of a towing test. It says what newtons are.
+
+Motion alone cannot tell the common scale of thrust, mass, drag and restoring; one pull on a scale can.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from rovtwin.core.config import Number, Positive, Strict, parse
+from rovtwin.core.errors import IdentificationError
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.joint.model.parameters import DIRECTIONS, Parameters
+from rovtwin.identification.joint.solver.problem import Static
+from rovtwin.vehicle.physics.dynamics import damping_wrench, learned_wrench
+from rovtwin.vehicle.physics.model import Model
+from rovtwin.vehicle.physics.thrusters import static_force
+
+Direction = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
+
+
+class Bollard(Strict):
+    """A pull on a scale: all thrusters that push in a direction, at a share of full command."""
+
+    direction: Direction
+    command: Number = 1.0
+    force: Number
+    sd: Positive
+
+
+class Towing(Strict):
+    """Steady drag at given speeds; `force` against the motion, in the direction of positive speed positive."""
+
+    direction: Direction
+    speed: list[Number]
+    force: list[Number]
+    sd: Positive
+
+
+class Anchor(Strict):
+    """One anchor: exactly one of the kinds."""
+
+    bollard: Bollard | None = None
+    towing: Towing | None = None
+
+
+Predicted = Callable[[Model], Array]
+
+
+def static_evidence(parameters: Parameters, anchors: Sequence[Mapping[str, Any]]) -> Static | None:
+    """Whitened residuals of anchors, as a function of theta; None without anchors.
+
+    Raises:
+        IdentificationError: An anchor is neither a bollard pull nor a towing table, or no thruster pushes that way.
+    """
+    parts = [_part(parameters, data, i) for i, data in enumerate(anchors)]
+    if not parts:
+        return None
+
+    def residuals(theta: Array) -> Array:
+        model, _ = parameters.model_at(theta)
+        return jnp.concatenate([(predict(model) - measured) / sd for predict, measured, sd in parts])
+
+    return residuals
+
+
+def _part(parameters: Parameters, data: Mapping[str, Any], number: int) -> tuple[Predicted, np.ndarray, float]:
+    where = f"anchors[{number}]"
+    anchor = parse(Anchor, dict(data), where)
+    if (anchor.bollard is None) == (anchor.towing is None):
+        raise IdentificationError(f"{where}: expected one of bollard, towing")
+    if anchor.towing is not None:
+        return _towing(anchor.towing, where)
+    assert anchor.bollard is not None
+    return _bollard(parameters, anchor.bollard, where)
+
+
+def _bollard(parameters: Parameters, pull: Bollard, where: str) -> tuple[Predicted, np.ndarray, float]:
+    axis = DIRECTIONS.index(pull.direction)
+    row = np.asarray(parameters.model.thrusters.configuration)[axis]
+    if not np.any(np.abs(row) > 1e-6):
+        raise IdentificationError(f"{where}: no thruster pushes in {pull.direction}")
+    if abs(pull.command) > 1:
+        raise IdentificationError(f"{where}.command: found {pull.command:g}, expected -1 to 1")
+    # Every thruster that helps is driven, by as much as it helps: a horizontal one at 45 degrees fully, too.
+    u = jnp.asarray(pull.command * np.sign(np.where(np.abs(row) > 0.05 * np.abs(row).max(), row, 0.0)))
+
+    def predict(model: Model) -> Array:
+        tau = model.thrusters.configuration @ static_force(model.thrusters, u)
+        return (tau + learned_wrench(model, jnp.zeros(6), tau))[axis][None]
+
+    return predict, np.array([pull.force]), pull.sd
+
+
+def _towing(table: Towing, where: str) -> tuple[Predicted, np.ndarray, float]:
+    if len(table.speed) != len(table.force) or not table.speed:
+        raise IdentificationError(f"{where}: found {len(table.speed)} speeds and {len(table.force)} forces")
+    axis = DIRECTIONS.index(table.direction)
+    nu = jnp.zeros((len(table.speed), 6)).at[:, axis].set(jnp.asarray(table.speed))
+
+    def predict(model: Model) -> Array:
+        return jax.vmap(lambda v: (damping_wrench(model, v) - learned_wrench(model, v, jnp.zeros(6)))[axis])(nu)
+
+    return predict, np.array(table.force), table.sd

@@ -1,0 +1,128 @@
+"""Readings of a segment: what sensors would read along a path, less what they read, and the squares of that.
+
+Readings lie between the grid points of a path; see `vehicle.physics.measurement` for the sensors' equations.
+"""
+
+from typing import Any
+
+from rovtwin.core.frames import cross, quaternion_normalise, rotation_from_quaternion
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.identification.joint.model.nodes import Nodes, rotation_between
+from rovtwin.vehicle.constants import GRAVITY
+
+HUBER = 3.0  # residuals beyond so many sigma count linearly
+
+
+def gaps_along(
+    path: Nodes,
+    rates: Array | None,
+    own: dict[str, Any],
+    levers: dict[str, Any],
+    step: float,
+    mounting: Array | None = None,
+) -> dict[str, Array]:
+    """Prediction less reading by signal, shapes (R, k).
+
+    Args:
+        path: States at the grid points of a segment, leading axis K + 1.
+        rates: nu_dot there, where an accelerometer needs it.
+        own: The segment's readings, see `Segments.arrays`.
+        levers: By signal, shape (3,).
+        step: Of the grid [s].
+        mounting: Of the gyro, see `Extras`, shape (3,).
+    """
+    gaps = {}
+    for name, lever in levers.items():
+        rows = own[name]
+        x, nu_dot = jax.tree.map(lambda x, rows=rows: _between(x, rows["row"], rows["share"]), (path, rates))
+        x = x._replace(position=_place_between(path, rows["row"], rows["share"], step))
+        gaps[name] = _gap(name, x, nu_dot, jnp.asarray(lever), rows["value"], mounting)
+    return gaps
+
+
+def _between(x: Array, row: Array, share: Array) -> Array:
+    """Values between grid points row and row + 1."""
+    extra = x.ndim - 1
+    weight = share.reshape(share.shape + (1,) * extra)
+    return x[row] + weight * (x[row + 1] - x[row])
+
+
+def _place_between(path: Nodes, row: Array, share: Array, step: float) -> Array:
+    """Position between grid points, shape (R, 3), by a cubic through places and velocities at both.
+
+    A straight line would be off by an eighth of acceleration times step squared, a tenth of a pressure sensor's noise.
+    """
+
+    def one(p0: Array, q0: Array, nu0: Array, p1: Array, q1: Array, nu1: Array, s: Array) -> Array:
+        v0, v1 = rotation_from_quaternion(q0) @ nu0[:3], rotation_from_quaternion(q1) @ nu1[:3]
+        along = s * s * (3.0 - 2.0 * s)
+        return p0 + along * (p1 - p0) + step * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1)
+
+    a, b = (jax.tree.map(lambda x, k=k: x[k], path) for k in (row, row + 1))
+    return jax.vmap(one)(a.position, a.attitude, a.nu, b.position, b.attitude, b.nu, share)
+
+
+def _gap(name: str, x: Nodes, rates: Array | None, lever: Array, value: Array, mounting: Array | None = None) -> Array:
+    """What a sensor would read along a path less what it read, shape (R, k); of an attitude the small rotation in b.
+
+    See `vehicle.physics.measurement` for the equations.
+    """
+
+    def predicted(position: Array, attitude: Array, nu: Array, nu_dot: Array | None) -> Array:
+        q = quaternion_normalise(attitude)
+        R_nb, v, omega = rotation_from_quaternion(q), nu[:3], nu[3:]
+        if name in ("position", "horizontal", "depth"):
+            place = position + R_nb @ lever
+            return {"position": place, "horizontal": place[:2], "depth": place[2:]}[name]
+        if name == "attitude":
+            return q
+        if name == "gyro":
+            return omega if mounting is None else omega - cross(mounting, omega)
+        if name == "velocity":
+            return v + cross(omega, lever)
+        assert nu_dot is not None
+        path = nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
+        return path - GRAVITY * R_nb[2]
+
+    if rates is None:
+        reading = jax.vmap(lambda p, q, nu: predicted(p, q, nu, None))(x.position, x.attitude, x.nu)
+    else:
+        reading = jax.vmap(predicted)(x.position, x.attitude, x.nu, rates)
+    return jax.vmap(rotation_between)(reading, value) if name == "attitude" else reading - value
+
+
+def offsets_by_signal(names: list[str], gaps: dict[str, Array], offsets: Array) -> dict[str, Array]:
+    """Offsets of all components, shape (G,), by signal, shapes (k,)."""
+    out, start = {}, 0
+    for name in names:
+        size = gaps[name].shape[-1]
+        out[name] = offsets[start : start + size]
+        start += size
+    return out
+
+
+def squared(
+    names: list[str],
+    gaps: dict[str, Array],
+    columns: dict[str, Array],
+    own: dict[str, Any],
+    offsets: Array,
+    sigma: Array,
+) -> tuple[Array, Array, Array, Array]:
+    """J'WJ, J'Wr, sum w r^2 and sum w of every signal component, with weights of Huber (1964)."""
+    split = offsets_by_signal(names, gaps, offsets)
+    parts, group, total = [], 0, offsets.shape[0]
+    for name in names:
+        residual = gaps[name] + split[name]
+        for i in range(residual.shape[-1]):
+            r = residual[:, i]
+            far = jnp.abs(r) / sigma[group]
+            w = own[name]["used"] * jnp.where(far > HUBER, HUBER / jnp.where(far > 0, far, 1.0), 1.0)
+            J = columns[name][:, i, :]
+            one_hot = jnp.zeros((J.shape[0], total)).at[:, group].set(1.0)
+            J = jnp.concatenate([J, one_hot], axis=1)
+            weighted = w[:, None] * J
+            parts.append((J.T @ weighted, weighted.T @ r, jnp.sum(w * r * r), jnp.sum(w)))
+            group += 1
+    readings, slopes, squares, weights = zip(*parts, strict=True)
+    return jnp.stack(readings), jnp.stack(slopes), jnp.stack(squares), jnp.stack(weights)

@@ -1,0 +1,111 @@
+"""A served vehicle stepped from Python: wishes in, readings out, one vector each way."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rovtwin.core.flat import Layout
+from rovtwin.core.flow import Measurement
+from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.numerics import Array, jax, jnp
+from rovtwin.links.wish import Wish
+from rovtwin.live.serving.vehicle import ServedOutput, orders, served_of
+from rovtwin.scenario.schema import Scenario
+
+MOCAP_STD = (1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3)  # of motion capture [m, rad]: about 1 mm and 0.1 deg in a tank
+
+
+class ServedVehicle:
+    """A twin that obeys wishes, one control period after the other.
+
+    Attributes:
+        drones: Names of what has electronics of its own; `("",)` for a vehicle that is one.
+        thrusters: Names, in the order of `thrusters` readings.
+        dt: Control period [s].
+        tick: Control periods so far.
+        largest: Wrench along each axis that a drone can give [N, N m], by drone, shape (6,).
+    """
+
+    def __init__(self, scenario: Scenario):
+        """Composes and compiles, so that the first period takes as long as the others.
+
+        Raises:
+            ConfigError: The scenario cannot be composed.
+        """
+        served, composed = served_of(scenario)
+        self.dt, self.tick = scenario.control_dt, 0
+        self.drones, self.thrusters = served.drones, composed.thruster_names
+        self.largest = {name: np.asarray(onboard.largest) for name, onboard in served.onboards.items()}
+        self._rng = np.random.default_rng(scenario.seed)
+        memory, none = served.init(composed.key, composed.start), orders(served)
+        step = jax.jit(lambda served, memory, orders, k: served.tick(memory, orders, k, self.dt))
+        _, output = jax.eval_shape(step, served, memory, none, jnp.asarray(0))
+        nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), output)
+        blocks, takes, gives = Layout(served), Layout(none), Layout((output, memory))
+        self._orders, self._gives = takes.places(), gives
+        self._shown: ServedOutput = gives.places()[0]
+
+        def advance(parameters: Array, before: Array, taken: Array, k: Array) -> Array:
+            _, memory = gives.unflatten(before)
+            memory, output = step(blocks.unflatten(parameters), memory, takes.unflatten(taken), k)
+            pose = jnp.concatenate([output.state.position, euler_from_quaternion(output.state.attitude)])
+            return jnp.concatenate([gives.flatten((output, memory)), pose])
+
+        self._advance = jax.jit(advance)
+        self._parameters = jax.jit(blocks.flatten)(served)
+        self._after = jax.jit(gives.flatten)((nothing, memory))
+        self._idle = np.zeros(takes.size)
+        self._size = gives.size
+        self._advance(self._parameters, self._after, self._idle, np.asarray(0)).block_until_ready()
+
+    @property
+    def now(self) -> float:
+        """Simulated time [s]."""
+        return self.tick * self.dt
+
+    def advance(self, wishes: Mapping[str, Wish]) -> list[Measurement]:
+        """One control period; drones without a wish have their thrusters off. What was measured within it."""
+        taken = self._idle.copy()
+        for drone, wish in wishes.items():
+            if drone in self._orders:
+                self._write(taken, drone, wish)
+        given = self._advance(self._parameters, self._after, taken, np.asarray(self.tick))
+        self._after = given[: self._size]
+        self.given = np.asarray(given)
+        self.tick += 1
+        return self._readings(self.given)
+
+    def _write(self, taken: np.ndarray, drone: str, wish: Wish) -> None:
+        order = self._orders[drone]
+        taken[order.armed] = wish.armed
+        taken[order.motion] = wish.motion
+        taken[order.holds] = wish.hold_depth, wish.hold_heading, wish.hold_level, wish.hold_position
+        if wish.target is not None:
+            taken[order.target], taken[order.aimed] = wish.target, 1.0
+
+    def _readings(self, given: np.ndarray) -> list[Measurement]:
+        shown = self._shown
+        readings = []
+        for name, slot in shown.measurements.items():
+            valid, times = given[slot.valid], given[slot.t_valid]
+            values = given[slot.value].reshape(len(valid), -1)
+            readings += [Measurement(name, values[i], float(times[i])) for i in np.flatnonzero(valid)]
+        for drone, place in shown.tau.items():
+            readings.append(Measurement(f"{drone}/force" if drone else "force", given[place], self.now))
+        readings.append(Measurement("thrusters", given[shown.command.u], self.now))
+        estimate = np.concatenate([given[shown.estimate.eta], given[shown.estimate.nu]])
+        readings.append(Measurement("estimate", estimate, self.now - self.dt))
+        seen = given[self._size :] + self._rng.normal(0.0, MOCAP_STD)
+        readings.append(Measurement("mocap", seen, self.now))
+        return readings
+
+    @property
+    def truth(self) -> dict[str, np.ndarray]:
+        """True eta, nu, shapes (6,), force [N] and command of each thruster, shapes (n,), after the last period."""
+        state = self._shown.state
+        return {
+            "eta": self.given[self._size :],
+            "nu": self.given[state.nu],
+            "thrust": self.given[state.thrust],
+            "command": self.given[self._shown.command.u],
+        }

@@ -1,0 +1,152 @@
+"""External physics for ArduSub's simulation: the plant in its world, one step for each frame of the firmware.
+
+The firmware makes its sensors' errors itself, so it gets the truth; it also keeps the time, as fast as both can.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import Command
+from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.links.ardusub_json.lockstep import PORT, Lockstep
+from rovtwin.links.ardusub_json.motors import BLUEROV2_HEAVY
+from rovtwin.links.ardusub_json.wire import State as Told
+from rovtwin.live.serving.protocols import Where
+from rovtwin.live.serving.truth_log import truth_log
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.interrupt import Interrupt
+from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle.physics import measurement
+from rovtwin.vehicle.physics.dynamics import State, acceleration, inflow_of, plant_step
+
+USUAL = 1.0 / 1200.0  # the firmware's step [s]
+LOGGED = 0.02  # [s]
+RATES = 4  # steps of different length that are compiled
+
+
+class FirmwarePhysics:
+    """The plant, stepped by a firmware's outputs.
+
+    Attributes:
+        dt: Between two rows of a log of the truth [s].
+        time: Of the physics, since the firmware began [s].
+        now: Of the log [s]: it goes on where a firmware is started anew.
+        thrusters: Their names.
+        state: Of the plant.
+    """
+
+    dt = LOGGED
+
+    def __init__(self, scenario: Scenario):
+        """Composes and compiles.
+
+        Raises:
+            ConfigError: ArduSub's motors are not this vehicle's.
+        """
+        composed = compose(scenario)
+        self.thrusters = list(composed.vehicle.thruster_names)
+        if missing := [name for name in self.thrusters if name not in BLUEROV2_HEAVY.names]:
+            raise ConfigError(
+                f"--protocol ardusub-json: {composed.vehicle.name} has a thruster {missing[0]!r}, expected those of "
+                f"bluerov2_heavy ({', '.join(BLUEROV2_HEAVY.names)}), which ArduSub's frame drives"
+            )
+        twin = composed.loop.twin
+        self._begin = (twin.world.init(composed.key, composed.start), State.at(twin.model, composed.start))
+
+        def step(model: Any, world: Any, memory: Any, u: Array, dt: float) -> tuple[Any, Array]:
+            after, state = memory
+            after, water = world.step(after, state, dt)
+            state = plant_step(model, state, Command(u), water, dt)
+            tau = model.thrusters.configuration @ state.thrust
+            inflow = inflow_of(model, state.thrust)
+            nu_dot = acceleration(model, state.position, state.attitude, state.nu, tau, water, dt, inflow)
+            force = measurement.specific_force(state, nu_dot, jnp.zeros(3), jnp.eye(3))
+            velocity = rotation_from_quaternion(state.attitude) @ state.nu[:3]
+            told = jnp.concatenate([state.nu[3:], force, state.position, velocity, state.attitude])
+            return (after, state), told
+
+        # The step is a constant: a firmware keeps to its rate.
+        self._step: Callable[..., Any] = jax.jit(step, static_argnums=4)
+        self._parameters = (twin.model, twin.world)
+        self._rates = [USUAL]
+        self.now, self._command = 0.0, np.zeros(len(self.thrusters))
+        self.reset()
+        self._step(*self._parameters, self._memory, as_array(np.zeros(len(self.thrusters))), USUAL)
+
+    @property
+    def state(self) -> State:
+        return self._memory[1]
+
+    @property
+    def truth(self) -> dict[str, np.ndarray]:
+        """True eta, nu, shapes (6,), force [N] and command of each thruster, shapes (n,), after the last step."""
+        state = self.state
+        eta = np.concatenate([state.position, euler_from_quaternion(state.attitude)])
+        return {"eta": eta, "nu": np.array(state.nu), "thrust": np.array(state.thrust), "command": self._command}
+
+    def reset(self) -> None:
+        """Back to the beginning."""
+        self.time, self._memory = 0.0, self._begin
+
+    def advance(self, pwm: tuple[int, ...], dt: float) -> Told:
+        """The truth after one step under these outputs [us] of `dt` seconds."""
+        if dt not in self._rates and len(self._rates) >= RATES:
+            dt = self._rates[-1]  # each rate is compiled: a firmware has one, and a stranger shall not have a thousand
+        elif dt not in self._rates:
+            self._rates.append(dt)
+        self._command = BLUEROV2_HEAVY.commands(pwm, self.thrusters)
+        self._memory, told = self._step(*self._parameters, self._memory, as_array(self._command), dt)
+        self.time += dt
+        self.now += dt
+        gyro, force, position, velocity, quaternion = np.split(np.asarray(told), [3, 6, 9, 12])
+        return Told(self.time, gyro, force, position, velocity, quaternion)
+
+
+def serve_firmware(
+    scenario: Scenario,
+    where: Where,
+    duration: float,
+    say: Callable[[str], None],
+    progress: Callable[[float], None] = lambda t: None,
+    log: Path | None = None,
+) -> float:
+    """Answer a firmware until Ctrl-C or for so many simulated seconds; the simulated time [s].
+
+    `log` is a new MCAP file for the truth, 50 rows a simulated second.
+
+    Raises:
+        ConfigError: ArduSub's motors are not this vehicle's.
+        LinkError: The address cannot be bound.
+    """
+    physics = FirmwarePhysics(scenario)
+    lockstep = Lockstep(
+        physics.advance, physics.reset, where.hosts[0] if where.hosts else "127.0.0.1", where.port or PORT, say
+    )
+    say(f"ardusub-json: waits at udp {lockstep.addresses[0]}:{lockstep.port} for ArduSub's simulation")
+    shown, began = 0.0, time.monotonic()
+    try:
+        with Interrupt() as interrupt, truth_log(log, physics) if log else nullcontext() as write:
+            while not interrupt.asked and physics.time < duration:
+                before = physics.now
+                if lockstep.serve_one() and write and int(physics.now / LOGGED) > int(before / LOGGED):
+                    write.take(physics)
+                if not lockstep.counts.steps and time.monotonic() - began > duration:
+                    break  # nobody came
+                if physics.time - shown > 1.0:
+                    shown = physics.time
+                    progress(shown)
+    finally:
+        lockstep.close()
+    counts = lockstep.counts
+    say(
+        f"ardusub-json: {counts.steps} steps, {counts.repeats} asked twice, {counts.resets} resets, "
+        f"{counts.garbage} no packets"
+    )
+    return physics.time

@@ -1,0 +1,319 @@
+"""Planning a test: candidates flown by the twin within a tank, the best of them chosen, a scenario written.
+
+The candidates' commands are those of the closed loop (holding, the weak spring to the start), flown by the vehicle as
+it is believed to be. What each would tell about the parameters follows from the derivatives of the twin along its path
+(`identification.experiment`).
+"""
+
+import math
+import pathlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rovtwin.core.config import parse
+from rovtwin.core.errors import ConfigError, IdentificationError
+from rovtwin.core.files import write_text
+from rovtwin.core.yamlfile import dump_yaml
+from rovtwin.gnc.experiment import mixing
+from rovtwin.gnc.safety.rules import RULES
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.identification.experiment.choice import Expected, choose_tests, expected, identified, variance_ratio
+from rovtwin.identification.experiment.information import Information, Path, information, with_anchors
+from rovtwin.identification.identify import default_free
+from rovtwin.identification.joint.model.catalogue import catalogue, choose
+from rovtwin.identification.joint.model.gaussian import Gaussian
+from rovtwin.identification.joint.model.parameters import Parameters
+from rovtwin.identification.joint.model.prior import default_prior
+from rovtwin.identification.joint.result.payload import prior_from
+from rovtwin.identification.logs.record import Record
+from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
+from rovtwin.planning.rehearsal import Rehearsed, rehearse
+from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
+from rovtwin.planning.tank import Tank
+from rovtwin.report.plan import PlannedTest, draw_test_plan
+from rovtwin.runs.compose.experiment import pieces_of, spans_of
+from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
+from rovtwin.scenario.schema import Scenario
+from rovtwin.scenario.schema.trial import AXES
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.physics.actuation import wrench_limits
+
+BOLLARD = 0.02  # full thrust is known to, before the test
+# Roll or pitch beyond which another true vehicle may leave the attitude limit [rad]; what hands do is no fault.
+TIPPING = max(0.75 * RULES["attitude limit"].limit, 1.01 * np.arcsin(TIPPED))
+TOUCHING, ROUNDS = 0.1, 8  # room that is left in the whole plan, in lengths; how often others take a place
+MOTION_CAPTURE = {"noise": 0.03, "rate_hz": 15, "errors": "none", "dropout": 0.0, "position": [0.0, 0.0, 0.0]}
+SIGNALS = ("horizontal", "depth", "attitude", "gyro")  # that identification counts on
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A test that is laid out.
+
+    Attributes:
+        scenario: To fly.
+        expected: What it should tell.
+        thesis: Standard deviations after the thesis's steady steps, in open water, in the same time, shape (n,).
+        ratio: Geometric mean of the variances over the thesis's, of what at least one of both identifies.
+        flown: As the twin flies it: times, path, commands.
+        room: Between hull and walls on that path [m].
+        candidates: How many there were, and how many fitted the tank and the attitude limit.
+        manoeuvres: Chosen, in words, in order.
+        notes: What the vehicle or the tank does not let the test do, in words.
+        model: Of the vehicle as it is believed to be.
+    """
+
+    scenario: Scenario
+    expected: Expected
+    thesis: np.ndarray
+    ratio: float
+    flown: Rehearsed
+    room: float
+    candidates: tuple[int, int]
+    manoeuvres: list[str]
+    notes: list[str]
+    model: Model
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which parameters the plan or the steady steps identify, shape (n,), bool."""
+        return identified(self.expected.plan, self.thesis, self.expected.prior)
+
+
+def write_plan(plan: Plan, path: pathlib.Path) -> None:
+    """The scenario, and in its head what it was laid out for.
+
+    Raises:
+        ConfigError: It cannot be written.
+    """
+    seconds = sum(len(piece.share) for piece in pieces_of(plan.scenario)) * plan.scenario.control_dt
+    head = [
+        f"# Laid out by rovtwin plan-tests: {seconds / 60:.1f} minutes, {len(plan.manoeuvres)} manoeuvres;",
+        f"# expected variances {plan.ratio:.2f} times those of the thesis's steady steps in the same time.",
+    ]
+    data = {"name": plan.scenario.name, "vehicle": plan.scenario.vehicle}
+    data |= plan.scenario.model_dump(mode="json", exclude_defaults=True)
+    body = dump_yaml(data, default_flow_style=None)
+    try:
+        write_text(path, "\n".join(head) + "\n" + body)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def plan_picture(plan: Plan, tank: Tank) -> Figure:
+    """Commands, path, expected standard deviations."""
+    mix = mixing(plan.model)
+    able = np.abs(mix).max(axis=0) > 0
+    minutes = np.array(plan.expected.each_minute()).reshape(-1, 2)
+    return draw_test_plan(
+        PlannedTest(
+            title=f"{plan.scenario.vehicle}, {plan.expected.minutes[-1]:.1f} minutes",
+            t=plan.flown.t,
+            shares=plan.flown.command @ np.linalg.pinv(mix[:, able]).T,
+            axes=[axis for axis, can in zip(AXES, able, strict=True) if can],
+            position=plan.flown.position,
+            tank=(tank.length, tank.width, tank.depth),
+            names=plan.expected.names,
+            prior=plan.expected.prior,
+            plan=plan.expected.plan,
+            steady=plan.thesis,
+            minutes=minutes[:, 0],
+            left=minutes[:, 1],
+        )
+    )
+
+
+def plan_tests(
+    vehicle: Vehicle,
+    reference: str,
+    minutes: float,
+    tank: Tank,
+    bollard: float | None = BOLLARD,
+    seed: int = 1,
+    progress: Progress = lambda what, share: None,
+) -> Plan:
+    """The test of so many minutes in a tank that is expected to tell most about a vehicle.
+
+    Args:
+        vehicle: As it is believed to be.
+        reference: Its name or file, for the scenario.
+        minutes: Of test, ways home and hands included.
+        tank: It has to fit.
+        bollard: See `what_is_known`.
+        seed: Of the candidates' multi-sines.
+        progress: Told what is being done and how far it is, 0 to 1.
+
+    Raises:
+        ConfigError: The vehicle does not fit the tank, or no candidate does.
+        IdentificationError: Too little time for a single manoeuvre.
+    """
+    model = vehicle.model()
+    scales = ExperimentScales.of(model)
+    wanted = candidates(scales, seed)
+    require_possible(vehicle, scales, tank, bool(wanted))
+    pulls = thesis_pulls(reference)
+    margin = MARGIN * scales.length
+    progress("flying the candidates", 0.0)
+    quick = [_scenario(reference, tank, [one], quick=True) for one in (*wanted, *pulls)]
+    flown = rehearse(quick)
+    rooms = [-np.inf if one.aborted else tank.room(vehicle, one)[0] for one in flown[: len(wanted)]]
+    usable = [i for i, room in enumerate(rooms) if room > margin]
+    if not usable:
+        raise ConfigError(too_small(vehicle, tank, margin, wanted, flown))
+    progress("what each of them tells", 0.1)
+    parameters, prior = what_is_known(vehicle, bollard)
+    # A strong vehicle tips over in some of the thesis's pulls.
+    steady_pulls = [one for one in flown[len(wanted) :] if not one.aborted]
+    judged = [*(flown[i] for i in usable), *steady_pulls]
+    told = told_by(parameters, judged, lambda share: progress("what each of them tells", 0.2 + 0.6 * share))
+    ours, theirs = _split(told, len(usable))
+
+    def fly(order: list[int]) -> tuple[Scenario, Rehearsed]:
+        scenario = _scenario(reference, tank, [wanted[usable[i]] for i in order])
+        return scenario, rehearse([scenario.model_copy(update={"rates": quick[0].rates})])[0]
+
+    touching = TOUCHING * scales.length
+
+    def lay_out(tipping: float) -> tuple[list[int], Scenario, Rehearsed]:
+        tilts = np.array([flown[i].tilt.max() > tipping for i in usable])
+        left = replace(ours, seconds=np.where(tilts, np.inf, ours.seconds))
+
+        def near(one: Rehearsed) -> np.ndarray:
+            return np.append(tank.near(vehicle, one, touching), one.t[one.tilt > tipping])
+
+        return _laid_out(fly, near, prior, left, 60.0 * minutes, progress)
+
+    tilted = []
+    try:
+        order, scenario, whole = lay_out(TIPPING)
+    except (ConfigError, IdentificationError):
+        order, scenario, whole = lay_out(np.inf)
+        most, least = np.degrees([whole.tilt.max(), TIPPING])
+        tilted = [
+            f"it rolls or pitches by up to {most:.0f} deg: no plan keeps it below {least:.0f}, and a vehicle that is "
+            "not quite as described may leave the limit"
+        ]
+    pulls = [(data.get("axis"), one) for data, one in zip(wanted, flown, strict=False)]
+    top = VehicleScales.of(model).top
+    slow = excitation(vehicle, tank, top, scales.able, pulls, np.abs(whole.nu).max(axis=0))
+    hopes = expected(parameters, prior, ours, order)
+    # The steady steps, as often as they fit into the same time.
+    often = 60.0 * minutes / max(theirs.seconds.sum(), 1.0)
+    steady = np.sqrt(np.diag(theirs.covariance(prior, np.full(len(steady_pulls), often))))
+    return Plan(
+        scenario=scenario,
+        expected=hopes,
+        thesis=steady,
+        ratio=variance_ratio(hopes.plan, steady, hopes.prior),
+        flown=whole,
+        room=tank.room(vehicle, whole)[0],
+        candidates=(len(wanted), len(usable)),
+        manoeuvres=[in_words(wanted[usable[i]]) for i in order],
+        notes=[*axes_left_out(scales), *tilted, *slow],
+        model=model,
+    )
+
+
+def _laid_out(
+    fly: Callable[[list[int]], tuple[Scenario, Rehearsed]],
+    near: Callable[[Rehearsed], np.ndarray],
+    prior: Gaussian,
+    told: Information,
+    seconds: float,
+    progress: Progress,
+) -> tuple[list[int], Scenario, Rehearsed]:
+    """The best order of candidates that keeps clear of walls, and level enough, when it is flown whole.
+
+    One that begins where the last one ended may come nearer to a wall than alone: others take its place, and after
+    ROUNDS of that none, so that this ends.
+    """
+    order: list[int] = []
+    for turn in count():
+        share = 0.8 + 0.2 * min(turn / ROUNDS, 0.9)
+        if turn < ROUNDS:
+            progress("choosing", share)
+            order = choose_tests(prior, told, seconds, order)
+        if not order:
+            break
+        progress("flying the plan", share)
+        scenario, flown = fly(order)
+        times = near(flown)
+        times = times if flown.aborted_at is None else np.append(times, flown.aborted_at)
+        if len(times) == 0:
+            return order, scenario, flown
+        spans = spans_of(scenario)
+        starts = np.array([span["start"] for span in spans])
+        rows = {spans[int(i)]["manoeuvre"] for i in np.searchsorted(starts, times + 1e-9, side="right") - 1}
+        out = {order[row] for row in rows}
+        told.seconds[list(out)] = np.inf
+        order = [i for i in order if i not in out]
+    raise ConfigError(
+        "--tank: no plan keeps clear of the walls and level enough: each manoeuvre that fits alone comes too near to a "
+        "wall, or tilts the vehicle too far, in every plan; it needs a larger tank, or another --seed"
+    )
+
+
+def what_is_known(vehicle: Vehicle, bollard: float | None = BOLLARD) -> tuple[Parameters, Gaussian]:
+    """Parameters that a test could tell, and what is known of them before.
+
+    Args:
+        vehicle: As it is believed to be.
+        bollard: Standard deviation of the full thrust in surge, sway and heave, as a share of it, from a pull on a
+            scale (thesis table 3.1); None: nobody pulled, and no motion tells the scale of all forces.
+    """
+    everything = catalogue(vehicle)
+    parameters = choose(everything, default_free(everything, []))
+    prior = default_prior(parameters, vehicle)
+    if vehicle.file.identified is not None:
+        prior = prior_from(vehicle, parameters, prior, None)
+    if bollard is None:
+        return parameters, prior
+    full = np.asarray(wrench_limits(parameters.model.thrusters)[1])
+    pulls = [
+        {"bollard": {"direction": axis, "command": 1.0, "force": float(force), "sd": float(bollard * force)}}
+        for axis, force in zip(AXES[:3], full, strict=False)
+        if force > 0
+    ]
+    return parameters, with_anchors(parameters, prior, pulls)
+
+
+def told_by(parameters: Parameters, flown: Sequence[Rehearsed], progress: Callable[[float], None]) -> Information:
+    """What tests tell, by the sensors that identification counts on; `progress` is told which share is done."""
+    tests = [[_with_signals(record) for record in one.records] for one in flown]
+    paths = [Path(one.t, one.position, one.attitude, one.nu) for one in flown]
+    seconds = [len(one.t) * one.scenario.control_dt for one in flown]
+    return information(parameters, tests, paths, seconds, progress=progress)
+
+
+def _with_signals(record: Record) -> Record:
+    return replace(record, signals={name: record.signals[name] for name in SIGNALS})
+
+
+def _split(told: Information, at: int) -> tuple[Information, Information]:
+    first = Information(told.matrices[:at], told.offsets, told.seconds[:at])
+    return first, Information(told.matrices[at:], told.offsets, told.seconds[at:])
+
+
+def _scenario(reference: str, tank: Tank, manoeuvres: list[dict[str, Any]], quick: bool = False) -> Scenario:
+    """A test in a tank; `quick` is for candidates: in open water, physics no faster than they need."""
+    half = [0.5 * tank.length, 0.5 * tank.width]
+    walls = {"floor": tank.depth, "tank": {"north": [-half[0], half[0]], "east": [-half[1], half[1]]}}
+    data: dict[str, Any] = {
+        "name": "planned_test",
+        "vehicle": reference,
+        "start": {"position": tank.middle},
+        "sensors": {"position": MOTION_CAPTURE},
+        "world": {"surface": False} if quick else walls,
+        "rates": {"physics": 100 if quick else 500},
+        "duration": 86_400,
+        "test": {"name": "planned", "manoeuvres": manoeuvres},
+    }
+    scenario = parse(Scenario, data, "plan")
+    seconds = sum(len(piece.share) for piece in pieces_of(scenario)) * scenario.control_dt
+    return scenario.model_copy(update={"duration": float(math.ceil(seconds) + 1)})

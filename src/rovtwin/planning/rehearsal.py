@@ -1,0 +1,165 @@
+"""Tests flown by the twin without noise, each its own, side by side: what a planner looks at before a real test."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.flow import ABORTED
+from rovtwin.core.frames import euler_from_quaternion
+from rovtwin.core.numerics import Array, as_array, jax, jnp
+from rovtwin.gnc.experiment import Experiment
+from rovtwin.identification.logs.record import Record
+from rovtwin.planning.records import records_of
+from rovtwin.runs.compose.composition import Simulation, compose
+from rovtwin.runs.compose.experiment import hand_of, trial_of
+from rovtwin.runs.loop import Loop, LoopMemory, stack
+from rovtwin.runs.run import ticks_in
+from rovtwin.scenario.schema import Scenario
+from rovtwin.simulation.events.attitude_restraint import AttitudeRestraint
+
+_euler = jax.jit(jax.vmap(euler_from_quaternion))
+CHUNK = 10.0  # simulated time between looks from outside [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsed:
+    """A test as the twin flies it.
+
+    Attributes:
+        scenario: The test.
+        t: [s], shape (n,).
+        position, attitude, nu: Truth, shapes (n, 3), (n, 4), (n, 6).
+        command: Shape (n, n_thrusters).
+        records: As a log would give them, but without noise; the sensors' noise is declared in them.
+        aborted_at: When the vehicle left its limits [s]; there are no records then. None: it did not.
+    """
+
+    scenario: Scenario
+    t: np.ndarray
+    position: np.ndarray
+    attitude: np.ndarray
+    nu: np.ndarray
+    command: np.ndarray
+    records: list[Record]
+    aborted_at: float | None
+
+    @property
+    def aborted(self) -> bool:
+        """Whether the vehicle left its limits."""
+        return self.aborted_at is not None
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """The larger of roll and pitch, either way [rad], shape (n,)."""
+        return np.abs(np.asarray(_euler(self.attitude))[:, :2]).max(axis=1)
+
+
+def rehearse(scenarios: Sequence[Scenario]) -> list[Rehearsed]:
+    """Fly tests that differ in nothing but their manoeuvres.
+
+    Raises:
+        ConfigError: A test cannot be composed.
+    """
+    run, dt = compose(scenarios[0]), scenarios[0].control_dt
+    loop = eqx.tree_at(lambda one: one.twin.sensors, run.loop, _exact(run.loop.twin.sensors))
+    trials = [trial_of(one, run.model, run.vehicle, run.loop.twin.sensors) for one in scenarios]
+    counts = [int(trial.timeline.count) for trial in trials]
+    tests = (_stacked(trials), _hands(scenarios))
+    memories = _begin(loop, tests, run.key, run.start, control_dt=dt)
+    ticks, kept = ticks_in(CHUNK, dt), []
+    for k in range(0, max(counts), ticks):
+        memories, given = _advance(loop, tests, memories, jnp.asarray(k), ticks=ticks, control_dt=dt)
+        kept.append(jax.device_get(given))
+    whole = jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *kept)
+    return [
+        _rehearsed(run, one, jax.tree.map(lambda leaf, i=i, n=n: leaf[i, :n], whole))
+        for i, (one, n) in enumerate(zip(scenarios, counts, strict=True))
+    ]
+
+
+def _exact(sensors: dict[str, Any]) -> dict[str, Any]:
+    """The same sensors without anything that is drawn, nor bias: one draw must not decide on a plan."""
+    fields = ("noise", "bias", "bias_walk", "dropout", "outlier", "errors")
+    return {
+        name: eqx.tree_at(
+            lambda s: [getattr(s, f) for f in fields],
+            sensor,
+            [*(jnp.zeros_like(getattr(sensor, f)) for f in fields[:-1]), None],
+            is_leaf=lambda leaf: leaf is None,
+        )
+        for name, sensor in sensors.items()
+    }
+
+
+def _stacked(trials: list[Experiment]) -> Experiment:
+    """With time-lines as long as the longest."""
+    longest = max(len(trial.timeline.row) for trial in trials)
+    rows = max(len(trial.timeline.on) for trial in trials)
+
+    def padded(leaf: Array, size: int) -> Array:
+        return jnp.pad(leaf, [(0, size - leaf.shape[0])] + [(0, 0)] * (leaf.ndim - 1))
+
+    def even(trial: Experiment) -> Experiment:
+        line = trial.timeline
+        ticks = [padded(leaf, longest) for leaf in (line.share, line.row)]
+        others = [padded(leaf, rows) for leaf in (line.hold, line.keep, line.on, line.manoeuvre, line.phase)]
+        names = ("share", "row", "hold", "keep", "on", "manoeuvre", "phase")
+        return eqx.tree_at(lambda t: [getattr(t.timeline, n) for n in names], trial, ticks + others)
+
+    return stack([even(trial) for trial in trials])
+
+
+def _hands(scenarios: Sequence[Scenario]) -> AttitudeRestraint:
+    """One for each test; that of a test without a release never touches."""
+    hands = [hand_of(one) for one in scenarios]
+    most = max(1, *(len(hand.spans) for hand in hands if hand), 1)
+
+    def even(hand: AttitudeRestraint | None) -> AttitudeRestraint:
+        spans, turns = np.full((most, 2), -1.0), np.tile(np.eye(3), (most, 1, 1))
+        if hand is not None:
+            spans[: len(hand.spans)], turns[: len(hand.spans)] = hand.spans, hand.R_nb
+        return AttitudeRestraint(as_array(spans), as_array(turns))
+
+    return stack([even(hand) for hand in hands])
+
+
+def _with_test(loop: Loop, test: tuple[Experiment, AttitudeRestraint]) -> Loop:
+    trial, hand = test
+    return Loop(trial, eqx.tree_at(lambda twin: twin.hand, loop.twin, hand, is_leaf=lambda x: x is None))
+
+
+@partial(jax.jit, static_argnames="control_dt")
+def _begin(loop: Loop, tests: Any, key: Array, start: Start, control_dt: float) -> LoopMemory:
+    return jax.vmap(lambda test: _with_test(loop, test).init(key, start, control_dt))(tests)
+
+
+@partial(jax.jit, static_argnames=("ticks", "control_dt"), donate_argnames="memories")
+def _advance(
+    loop: Loop, tests: Any, memories: LoopMemory, k: Array, ticks: int, control_dt: float
+) -> tuple[LoopMemory, Any]:
+    def fly_one(test: Any, memory: LoopMemory) -> tuple[LoopMemory, Any]:
+        own = _with_test(loop, test)
+
+        def one(carry: LoopMemory, i: Array) -> tuple[LoopMemory, Any]:
+            after, record = own.tick(carry, i, control_dt)
+            state, setpoint = record.state, record.autopilot.setpoint
+            seen = (record.autopilot.command.u, record.measurements, setpoint.phase, setpoint.reason)
+            return after, (seen, (state.position, state.attitude, state.nu))
+
+        return jax.lax.scan(one, memory, k + jnp.arange(ticks))
+
+    return jax.vmap(fly_one)(tests, memories)
+
+
+def _rehearsed(run: Simulation, scenario: Scenario, given: Any) -> Rehearsed:
+    seen, (position, attitude, nu) = given
+    t = np.arange(len(position)) * scenario.control_dt
+    left = np.flatnonzero(seen[2] == ABORTED)
+    aborted_at = float(t[left[0]]) if len(left) else None
+    records = records_of(run, scenario, seen) if aborted_at is None else []
+    return Rehearsed(scenario, t, position, attitude, nu, seen[0], records, aborted_at)

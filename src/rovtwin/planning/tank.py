@@ -1,0 +1,99 @@
+"""The tank that a planned test has to fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import jax
+from rovtwin.planning.rehearsal import Rehearsed
+from rovtwin.vehicle import Model, Vehicle
+from rovtwin.vehicle.analysis.performance import performance
+
+STOPS, HULLS = 12.0, 3.5  # of a tank that nobody gave: its length over stopping distances, its sizes over the hull's
+HULL_EVERY = 5  # ticks between looks at the hull
+
+
+@dataclass(frozen=True)
+class Tank:
+    """Length (along the start's heading, north), width and depth of the water [m]."""
+
+    length: float
+    width: float
+    depth: float
+
+    @classmethod
+    def parse(cls, text: str) -> "Tank":
+        """Of `6x3x1.5`.
+
+        Raises:
+            ConfigError: Something else.
+        """
+        try:
+            sizes = [float(piece) for piece in text.lower().replace("m", "").split("x")]
+        except ValueError:
+            sizes = []
+        if len(sizes) != 3 or min(sizes) <= 0 or max(sizes) > 1000:
+            raise ConfigError(f"--tank: found {text!r}, expected length x width x depth in metres, such as 6x3x1.5")
+        return cls(*sizes)
+
+    @classmethod
+    def of(cls, model: Model) -> "Tank":
+        """For a vehicle where nobody says which: 12 stopping distances long, half as wide, a quarter as deep.
+
+        That is room to pull on every axis to half of the top speed and back. At least the thesis's 6 x 3 x 1.5 m, and
+        3.5 hulls in each direction.
+        """
+        stop = performance(model)["surge"]["ahead"].stopping_distance
+        length = max(6.0, STOPS * stop) if np.isfinite(stop) else 6.0
+        hull = 2.0 * np.abs(np.asarray(model.hull.corners)).max(axis=0)
+        own = np.maximum([length, 0.5 * length, 0.25 * length], HULLS * hull)
+        return cls(*(float(np.ceil(10.0 * size) / 10.0) for size in own))
+
+    @property
+    def middle(self) -> list[float]:
+        """Where tests start [m]."""
+        return [0.0, 0.0, 0.5 * self.depth]
+
+    def room(self, vehicle: Vehicle, flown: Rehearsed) -> tuple[float, float]:
+        """Least distance of the hull from walls, floor and surface on a path [m], and when [s]."""
+        room, at = self.nearest(self._hull(vehicle, flown))
+        return room, float(flown.t[::HULL_EVERY][at])
+
+    def near(self, vehicle: Vehicle, flown: Rehearsed, least: float) -> np.ndarray:
+        """When the hull is nearer than `least` [m] to walls, floor or surface, up to an abort, shape (k,) [s]."""
+        t = flown.t[::HULL_EVERY]
+        end = np.inf if flown.aborted_at is None else flown.aborted_at
+        return t[(self._clear(self._hull(vehicle, flown)) <= least) & (t <= end)]
+
+    def needed(self, vehicle: Vehicle, flown: Rehearsed, margin: float) -> "Tank":
+        """The tank that keeps a margin [m] on every side of the hull on a path, with the start in its middle."""
+        size = 2.0 * (np.abs(self._hull(vehicle, flown) - np.array(self.middle)).max(axis=(0, 1)) + margin)
+        return Tank(*(max(float(np.ceil(10.0 * s) / 10.0), own) for s, own in zip(size, self.sizes, strict=True)))
+
+    @property
+    def sizes(self) -> tuple[float, float, float]:
+        """Length, width, depth [m]."""
+        return self.length, self.width, self.depth
+
+    def __str__(self) -> str:
+        return "x".join(f"{size:.4g}" for size in self.sizes)
+
+    def _hull(self, vehicle: Vehicle, flown: Rehearsed) -> np.ndarray:
+        """Corners of the hull along a path, shape (n, m, 3) [m]."""
+        corners = np.asarray(vehicle.model().hull.corners)
+        R_nb = np.asarray(_rotations(flown.attitude[::HULL_EVERY]))
+        return flown.position[::HULL_EVERY, None, :] + np.einsum("tij,mj->tmi", R_nb, corners)
+
+    def nearest(self, corners: np.ndarray) -> tuple[float, int]:
+        """Least distance of points on a path, shape (n, m, 3), from walls, floor and surface [m], and the row where."""
+        room = self._clear(corners)
+        return float(room.min()), int(room.argmin())
+
+    def _clear(self, corners: np.ndarray) -> np.ndarray:
+        half = 0.5 * np.array(self.sizes)
+        return (half - np.abs(corners - np.array(self.middle))).min(axis=(1, 2))
+
+
+_rotations = jax.jit(jax.vmap(rotation_from_quaternion))

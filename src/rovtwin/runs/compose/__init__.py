@@ -1,0 +1,1 @@
+"""From a scenario to blocks: one module for each of its sections, joined by `composition`."""

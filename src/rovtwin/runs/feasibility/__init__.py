@@ -1,0 +1,1 @@
+"""Before a mission: what the vehicle cannot do, with the numbers."""

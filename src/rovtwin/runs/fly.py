@@ -1,0 +1,244 @@
+"""Flying a scenario: run it, log it while it runs, score it, report it."""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.errors import ConfigError, exists_already
+from rovtwin.core.files import write_text
+from rovtwin.core.flow import PHASES
+from rovtwin.core.jsontext import to_json
+from rovtwin.core.log import Channel, Log, LogWriter
+from rovtwin.core.log.files import keeping
+from rovtwin.runs.compose.composition import Simulation, compose
+from rovtwin.runs.compose.fitting import assumptions
+from rovtwin.runs.compose.sensors import assumed_sensors
+from rovtwin.runs.feasibility.mission import foreseen
+from rovtwin.runs.interrupt import Interrupt
+from rovtwin.runs.loop import Record
+from rovtwin.runs.recording.channels import log_channels
+from rovtwin.runs.recording.filming import Filming
+from rovtwin.runs.recording.provenance import provenance, scenario_to_replay
+from rovtwin.runs.recording.recorder import Recorder
+from rovtwin.runs.run import chunks, realtime_chunks
+from rovtwin.runs.scoring.scores import Flown, distance_to_leg, nees
+from rovtwin.runs.scoring.summary import summarise
+from rovtwin.scenario.files import dump_scenario
+from rovtwin.scenario.schema import Scenario
+from rovtwin.vehicle import Model
+
+Progress = Callable[[float, str], None]  # simulated time [s], phase
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A run that is over.
+
+    Attributes:
+        scenario: What was flown.
+        folder: Where everything of it lies, None if nothing was written.
+        log: All channels.
+        summary: Figures, verdict and reason (see `scoring`); `log["truth/eta"].to_xarray()` is a channel.
+    """
+
+    scenario: Scenario
+    folder: Path | None
+    log: Log
+    summary: dict[str, Any]
+
+    @property
+    def completed(self) -> bool:
+        return bool(self.summary["completed"])
+
+
+def fly(
+    scenario: Scenario,
+    folder: str | Path | None = None,
+    *,
+    realtime: bool = False,
+    progress: Progress | None = None,
+    report: bool = False,
+    camera: bool = False,
+    film: bool = False,
+    say: Callable[[str], None] = lambda line: None,
+    refuse: bool = True,
+    truth: Model | None = None,
+) -> Flight:
+    """Fly a scenario.
+
+    Args:
+        scenario: What to fly.
+        folder: New folder for log, scenario and report; None keeps all in memory.
+        realtime: Tick by tick by the wall clock instead of compiled.
+        progress: Called about once a simulated second.
+        report: Write the HTML report and the figures (needs a folder).
+        camera: Record the scenario's cameras (needs a folder).
+        film: Write films of them too.
+        say: Told before the start what the vehicle cannot do of the mission, and what it does instead.
+        refuse: Whether a mission of which it can do nothing is refused.
+        truth: The vehicle as it truly is, before what the world does to it; None: as the scenario makes it.
+
+    Returns:
+        The flight. Ctrl-C ends the run, not the program: what was flown is logged, scored and reported.
+
+    Raises:
+        ConfigError: The scenario cannot be composed, or its mission is refused.
+        LogError: The folder cannot be written.
+    """
+    if realtime and (camera or film):
+        raise ConfigError(f"{scenario.name}: pictures cannot be rendered by the wall clock; leave out --realtime")
+    composed = compose(scenario, truth)
+    if refuse:
+        for line in foreseen(composed.scenario, composed.vehicle, composed.loop.twin.model):
+            say(line)
+        assumed = assumed_sensors(scenario, composed.vehicle)
+        for line in (*assumptions(scenario, composed.scenario), *([assumed] if assumed else [])):
+            say(line)
+    scenario = composed.scenario
+    if folder is None:
+        return _in_memory(scenario, composed, realtime, progress)
+    folder = new_folder(folder)
+    summary = _into_folder(scenario, composed, folder, realtime, progress, camera or film, film)
+    flight = Flight(scenario, folder, Log.read(folder / "log.mcap"), summary)
+    if report:
+        from rovtwin.report import write_report
+
+        with keeping(folder, f"The log is whole: {folder / 'log.mcap'}"):
+            write_report(flight.log, folder)
+    return flight
+
+
+def _in_memory(scenario: Scenario, composed: Simulation, realtime: bool, progress: Progress | None) -> Flight:
+    channels = _channels(scenario, composed)
+    pieces: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {channel.name: [] for channel in channels}
+    recorder = Recorder(scenario, lambda name, t, values: pieces[name].append((t, values)))
+    interrupted = _run(composed, scenario, [recorder.take], recorder, realtime, progress)
+    flown = recorder.flown()
+    summary = summarise(flown, composed, interrupted)
+    data = {name: _joined(parts) for name, parts in pieces.items() if parts} | _scores(flown, scenario)
+    metadata = provenance(scenario, composed) | _truth(composed) | _closing(summary)
+    return Flight(scenario, None, Log.from_arrays(channels, data, metadata), summary)
+
+
+def _into_folder(
+    scenario: Scenario,
+    composed: Simulation,
+    folder: Path,
+    realtime: bool,
+    progress: Progress | None,
+    camera: bool,
+    film: bool,
+) -> dict[str, Any]:
+    """Log, scenario and pictures are written while the run goes on; its summary."""
+    metadata = provenance(scenario, composed) | _truth(composed)
+    metadata["scenario"] = dump_scenario(scenario_to_replay(scenario, composed, folder))
+    write_text(folder / "scenario.yaml", metadata["scenario"])
+    with ExitStack() as stack:
+        log = stack.enter_context(LogWriter(folder / "log.mcap", _channels(scenario, composed), metadata))
+        recorder = Recorder(scenario, log.write_many)
+        takers = [recorder.take]
+        if camera:
+            takers.append(stack.enter_context(Filming(scenario, composed.vehicle, folder, film)).take)
+        interrupted = _run(composed, scenario, takers, recorder, realtime, progress)
+        flown = recorder.flown()
+        summary = summarise(flown, composed, interrupted)
+        for name, (t, values) in _scores(flown, scenario).items():
+            log.write_many(name, t, values)
+        log.annotate(_closing(summary))
+    with keeping(folder, f"The log is whole: {folder / 'log.mcap'}"):
+        write_text(folder / "summary.json", to_json(summary) + "\n")
+    return summary
+
+
+def _channels(scenario: Scenario, composed: Simulation) -> list[Channel]:
+    return log_channels(
+        composed.thruster_names,
+        composed.sensor_names,
+        scenario.log.rate,
+        scenario.log.sensors,
+        scenario.world.moving_surface,
+        composed.battery_names,
+        {name: tether.segments + 1 for name, tether in composed.loop.twin.tethers.items()},
+    )
+
+
+def _run(
+    composed: Simulation,
+    scenario: Scenario,
+    takers: Sequence[Callable[[Record], None]],
+    recorder: Recorder,
+    realtime: bool,
+    progress: Progress | None,
+) -> bool:
+    """Run to the end or to Ctrl-C; whether it was the latter."""
+    source = realtime_chunks if realtime else chunks
+    stream: Iterator[Record] = source(
+        composed.loop, composed.key, composed.start, scenario.control_dt, scenario.duration
+    )
+    with Interrupt() as interrupt:
+        for record in stream:
+            for take in takers:
+                take(record)
+            if progress:
+                progress(recorder.seconds, PHASES[int(record.autopilot.setpoint.phase[-1])])
+            if interrupt.asked:
+                return True
+    return False
+
+
+def _scores(flown: Flown, scenario: Scenario) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    if scenario.test:
+        return {}
+    on_leg = flown.mode[:, 3] > 0.5
+    distance = np.where(on_leg, distance_to_leg(flown.eta, flown.leg), 0.0)
+    return {
+        "score/nees": (flown.t, nees(flown)),
+        "score/cross_track": (flown.t, np.stack([distance, on_leg.astype(float)], axis=1)),
+    }
+
+
+def _truth(composed: Simulation) -> dict[str, str]:
+    """What a simulated run knows and a vehicle over a link does not: how the true vehicle differs from the model."""
+    return {"mismatch": to_json(composed.mismatch) if composed.mismatch else ""}
+
+
+def _closing(summary: dict[str, Any]) -> dict[str, str]:
+    return {"summary": to_json(summary)}
+
+
+def _joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    times, values = zip(*parts, strict=True)
+    return np.concatenate(times), np.concatenate(values)
+
+
+def run_folder(name: str, root: str | Path = "runs") -> Path:
+    """A folder name for a run that starts now: `runs/<time>-<name>`, numbered if taken."""
+    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{re.sub(r'[^A-Za-z0-9_.-]', '_', name)}"
+    path = Path(root) / stem
+    for number in range(2, 1000):
+        if not path.exists():
+            break
+        path = Path(root) / f"{stem}-{number}"
+    return path
+
+
+def new_folder(folder: str | Path) -> Path:
+    """A folder that was not there before.
+
+    Raises:
+        ConfigError: It was, or it cannot be made.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise ConfigError(exists_already(folder)) from None
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be made ({error.strerror}). Choose a folder you may write to") from None
+    return folder

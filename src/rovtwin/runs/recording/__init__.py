@@ -1,0 +1,1 @@
+"""What is kept of a run: records, channels of the log, where it came from, films."""

@@ -1,0 +1,130 @@
+"""The track of a finished run, smoothed: its log, and the scenario beside it that says what sensors there were."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovtwin.core.block import Start
+from rovtwin.core.errors import ConfigError, LogError
+from rovtwin.core.flow import Measurements, Slot
+from rovtwin.core.frames import quaternion_from_euler
+from rovtwin.core.log import Channel, Log
+from rovtwin.core.numerics import as_array, jnp
+from rovtwin.gnc.navigation.smoother import Smoothed, smooth
+from rovtwin.gnc.navigation.tuning import SENSOR_STD
+from rovtwin.runs.compose.autopilot import navigation_filter
+from rovtwin.runs.compose.composition import start_of, vehicle_of
+from rovtwin.runs.compose.sensors import sensors_of
+from rovtwin.runs.recording.channels import ETA, ETA_UNITS, NU, NU_UNITS
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.schema import ModelBasedSection, Scenario
+from rovtwin.vehicle.physics.model import Model
+
+NEEDED = ("sensor/position", "sensor/attitude")
+
+
+@dataclass(frozen=True)
+class SmoothedRun:
+    """A smoothed track, the log that holds it, and its errors where the log has the truth.
+
+    Attributes:
+        track: See `Smoothed`.
+        log: Channels `smoothed/*`.
+        errors: rms north and east [m] of filter and smoother, shape (2, 2); None without the truth.
+    """
+
+    track: Smoothed
+    log: Log
+    errors: np.ndarray | None
+
+
+def smooth_run(path: Path) -> SmoothedRun:
+    """Smooth the log of a run.
+
+    Args:
+        path: The log, or the run's folder; `scenario.yaml` lies beside it.
+
+    Raises:
+        ConfigError: The scenario is missing.
+        LogError: The log lacks what a filter needs.
+    """
+    path = path / "log.mcap" if path.is_dir() else path
+    log, beside = Log.read(path), path.with_name("scenario.yaml")
+    if not beside.exists():
+        raise ConfigError(f"{beside}: not there; the scenario beside a log says which vehicle and sensors it is of")
+    missing = [name for name in NEEDED if name not in log or not len(log[name].t)]
+    if missing:
+        raise LogError(f"{path}: no {', '.join(missing)}; a run logs its sensors unless log.sensors is false")
+    scenario = load_scenario(beside)
+    vehicle = vehicle_of(scenario)
+    model, dt = vehicle.model(), scenario.control_dt
+    section = scenario.autopilot
+    if not isinstance(section, ModelBasedSection):
+        section = ModelBasedSection(type="model_based")
+    filter = navigation_filter(section, model, sensors_of(scenario, vehicle))
+    heard = [name for name in log if name.startswith("sensor/") and len(log[name].t)]
+    last = max(log[name].t[-1] for name in heard)
+    ticks = round(last / dt) + 1
+    track = smooth(filter, began(log, scenario, model), slots_of(log, ticks, dt), commands_of(log, ticks, dt), dt)
+    return SmoothedRun(track, _log_of(track, log), _errors(track, log))
+
+
+def began(log: Log, scenario: Scenario, model: Model) -> Start:
+    """Where the flight began: over a link, where the filter found itself at its first tick, and as sure of it."""
+    if log.metadata.get("live") != "true" or "autopilot/std" not in log:
+        return start_of(scenario, model)
+    eta, std = (log[f"autopilot/{name}"].values[0] for name in ("eta", "std"))
+    attitude = quaternion_from_euler(jnp.asarray(eta[3:]))
+    return Start(as_array(eta[:3]), attitude, jnp.zeros(6), as_array(np.sqrt(np.mean(std[:2] ** 2))))
+
+
+def slots_of(log: Log, ticks: int, dt: float) -> Measurements:
+    """Readings of each sensor in the tick in which they came, leading axis ticks."""
+    slots = {}
+    for name in SENSOR_STD:
+        channel = f"sensor/{name}"
+        if channel not in log or not len(log[channel].t):
+            continue
+        at = np.clip(np.round(log[channel].t / dt).astype(int), 0, ticks - 1)
+        row = np.arange(len(at)) - np.searchsorted(at, at)
+        values = log[channel].values
+        capacity = int(row.max(initial=0)) + 1
+        value = np.zeros((ticks, capacity, values.shape[1] - 1))
+        valid, t_valid = np.zeros((ticks, capacity), dtype=bool), np.zeros((ticks, capacity))
+        value[at, row], valid[at, row], t_valid[at, row] = values[:, :-1], True, values[:, -1]
+        slots[name] = Slot(value, valid, t_valid)  # type: ignore[arg-type]  (NumPy: the compiled step takes both)
+    return slots
+
+
+def commands_of(log: Log, ticks: int, dt: float) -> np.ndarray:
+    """Command that was sent over the tick before each, shape (ticks, n_thrusters); the last one logged holds."""
+    series = log["autopilot/command"]
+    at = np.searchsorted(series.t, dt * (np.arange(ticks) - 1) + 1e-9, side="right") - 1
+    return np.where((at >= 0)[:, None], series.values[np.maximum(at, 0)], 0.0)
+
+
+def _log_of(track: Smoothed, source: Log) -> Log:
+    std = tuple(f"std_{name}" for name in (*ETA, *NU[:3]))
+    channels = [
+        Channel("smoothed/eta", ETA, ETA_UNITS, "n", description="pose of CO, all readings heard"),
+        Channel("smoothed/nu", NU, NU_UNITS, "b", description="velocity over ground"),
+        Channel("smoothed/std", std, ETA_UNITS + NU_UNITS[:3], "", description="standard deviation"),
+    ]
+    data: dict[str, Any] = {
+        "smoothed/eta": (track.t, track.eta),
+        "smoothed/nu": (track.t, track.nu),
+        "smoothed/std": (track.t, track.std),
+    }
+    told = {key: value for key, value in source.metadata.items() if key not in ("created", "log_format")}
+    return Log.from_arrays(channels, data, told)
+
+
+def _errors(track: Smoothed, log: Log) -> np.ndarray | None:
+    if "truth/eta" not in log:
+        return None
+    truth = log["truth/eta"]
+    at = np.clip(np.searchsorted(track.t, truth.t - 1e-9), 0, len(track.t) - 1)
+    both = [eta[at, :2] - truth.values[:, :2] for eta in (track.filtered, track.eta)]
+    return np.array([np.sqrt(np.mean(error**2, axis=0)) for error in both])

@@ -1,0 +1,31 @@
+"""What an autopilot's section leaves to the vehicle, filled in: for the log, and for who searches about it."""
+
+import math
+
+from rovtwin.gnc.guidance.course_keeping import CourseKeeping
+from rovtwin.gnc.navigation.tuning import beliefs
+from rovtwin.gnc.scales import VehicleScales
+from rovtwin.scenario.schema import AutopilotSection, ModelBasedSection
+from rovtwin.vehicle import Model
+
+
+def with_vehicle_defaults(section: AutopilotSection, model: Model) -> AutopilotSection:
+    """The section with numbers in place of what it leaves to the vehicle; the thesis's own leaves nothing to it."""
+    if not isinstance(section, ModelBasedSection):
+        return section
+    scales = VehicleScales.of(model)
+    course = CourseKeeping.of(model)
+    control = {
+        "bandwidth": scales.bandwidth.tolist(),
+        "dive_speed": scales.dive_speed or None,
+        "turn_rate_deg": math.degrees(scales.turn_rate) or None,
+    }
+    guidance = {"lookahead": float(course.cruise / course.gain) or None}
+    own = {"control": control, "guidance": guidance, "navigation": beliefs(model)}
+    return section.model_copy(
+        update={
+            name: part.model_copy(update={k: v for k, v in own[name].items() if getattr(part, k) is None})
+            for name in own
+            if (part := getattr(section, name)) is not None
+        }
+    )

@@ -1,0 +1,125 @@
+"""World: current, waves, surface and walls together, as the plant wants them."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+
+from rovtwin.core.block import Block, Start
+from rovtwin.core.flow import Environment, Walls
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.simulation.environment.current import Current, Flow
+from rovtwin.simulation.environment.relief import Relief
+from rovtwin.simulation.environment.waves import WaveAction
+from rovtwin.simulation.noise import key_for
+from rovtwin.vehicle.physics.dynamics import State
+
+
+class WorldMemory(eqx.Module):
+    """Memories of the parts; None where there is no such part."""
+
+    current: object
+    waves: object
+
+
+class World(Block):
+    """The sea or the tank around a vehicle; what is None is not there.
+
+    Attributes:
+        current: `step(memory, position, dt) -> (memory, Flow)`.
+        waves: `step(memory, State, dt) -> (memory, WaveAction)`.
+        surface: Depth z in n of the still surface [m], 0 unless tides matter; None: water without end upwards.
+        walls: Floor, the last of them, and walls.
+        floor: Depth z in n of a level floor [m], for altimeters; its plane is among the walls.
+        relief: Of a floor that is not level; the plane among the walls is then the one that touches it below CO.
+    """
+
+    current: Current | None = None
+    waves: Block | None = None
+    surface: Array | None = None
+    walls: Walls | None = None
+    floor: Array | None = None
+    relief: Relief | None = None
+
+    def init(self, key: Array, start: Start) -> WorldMemory:
+        """Memory of current and waves, each with random numbers of its own."""
+        return WorldMemory(
+            None if self.current is None else self.current.init(key_for(key, "current"), start),
+            None if self.waves is None else self.waves.init(key_for(key, "waves"), start),
+        )
+
+    def step(self, memory: WorldMemory, input: State, dt: float) -> tuple[WorldMemory, Environment]:
+        """Environment of a vehicle in the state `input` over one physics step of `dt`."""
+        current, water = None, Flow.still()
+        waves, action = None, WaveAction()
+        if self.current is not None:
+            current, water = self.current.step(memory.current, input.position, dt)
+        if self.waves is not None:
+            waves, action = self.waves.step(memory.waves, input, dt)
+        if action.flow is not None:
+            water = water + action.flow
+        force = jnp.zeros(3)
+        if action.force is not None:
+            force = action.force @ rotation_from_quaternion(input.attitude)
+        surface = self.surface
+        if surface is not None and action.elevation is not None:
+            surface = surface - action.elevation
+        walls, floor, slope = self.bounds_at(input.position)
+        environment = Environment(
+            velocity=water.velocity,
+            rate=water.rate,
+            wrench=jnp.concatenate([force, jnp.zeros(3)]),
+            place=input.position,
+            gradient=water.gradient,
+            head=action.head,
+            surface=surface,
+            walls=walls,
+            floor=floor,
+            slope=slope,
+        )
+        return WorldMemory(current, waves), environment
+
+    def bounds_at(self, position: Array) -> tuple[Walls | None, Array | None, Array | None]:
+        """Walls, depth of the floor [m] and its slope, shape (2,), below a place (3,)."""
+        if self.relief is None or self.walls is None:
+            return self.walls, self.floor, None
+        depth, slope = self.relief.under(position[:2])
+        upright = jnp.append(-slope, 1.0)
+        normal = upright / jnp.sqrt(upright @ upright)
+        offset = normal @ jnp.append(position[:2], depth)
+        normals, offsets = self.walls.normals, self.walls.offsets
+        walls = Walls(jnp.concatenate([normals[:-1], normal[None]]), jnp.concatenate([offsets[:-1], offset[None]]))
+        return walls, depth, slope
+
+    def velocities(self, memory: WorldMemory, positions: Array, dt: float) -> Array:
+        """Of the current at places in n, shapes (k, 3), at the start of the next step of dt; waves do not count."""
+        if self.current is None:
+            return jnp.zeros_like(positions)
+        return self.current.velocities(memory.current, positions, dt)
+
+
+Span = Sequence[float]
+
+
+def walls_of(north: Span | None = None, east: Span | None = None, floor: float | None = None) -> Walls | None:
+    """Planes of a tank whose sides run north and east, and of a level floor.
+
+    Args:
+        north: Its southern and northern end, or None [m].
+        east: Its western and eastern end, or None [m].
+        floor: Its depth, or None [m].
+
+    Returns:
+        None where there are none.
+    """
+    planes: list[tuple[tuple[float, float, float], float]] = []
+    if north is not None:
+        planes += [((-1.0, 0.0, 0.0), -north[0]), ((1.0, 0.0, 0.0), north[1])]
+    if east is not None:
+        planes += [((0.0, -1.0, 0.0), -east[0]), ((0.0, 1.0, 0.0), east[1])]
+    if floor is not None:
+        planes.append(((0.0, 0.0, 1.0), floor))
+    if not planes:
+        return None
+    normals, offsets = zip(*planes, strict=True)
+    return Walls(as_array(normals), as_array(offsets))

@@ -1,0 +1,36 @@
+"""A hand: what tilts a vehicle and keeps it there until a decay test begins."""
+
+import equinox as eqx
+
+from rovtwin.core.frames import rotation_from_quaternion
+from rovtwin.core.numerics import Array, as_array, jnp
+from rovtwin.vehicle.physics.dynamics import State, restoring_wrench
+from rovtwin.vehicle.physics.model import Model
+
+
+class AttitudeRestraint(eqx.Module):
+    """Springs and dampers that turn the vehicle to an attitude within spans of time; nothing outside of them.
+
+    It carries what gravity asks for at that attitude, so that the springs bring it there and not short of it.
+
+    Attributes:
+        spans: From (included) to (excluded) [s], shape (n, 2).
+        R_nb: Attitude to bring it to in each, shape (n, 3, 3).
+        frequency: Of the springs, on the vehicle's own inertia [rad/s]; well damped.
+    """
+
+    spans: Array = eqx.field(converter=as_array)
+    R_nb: Array = eqx.field(converter=as_array)
+    frequency: Array = eqx.field(converter=as_array, default=3.0)
+
+    def wrench(self, model: Model, state: State, t: Array | float) -> Array:
+        """Wrench of the hand at time t [s], b at CO [N, N m], shape (6,)."""
+        holding = (self.spans[:, 0] <= t) & (t < self.spans[:, 1])
+        wanted = jnp.sum(jnp.where(holding[:, None, None], self.R_nb, 0.0), axis=0)
+        # Rotation from the wanted attitude: the skew part of R_wanted' R, exact in direction.
+        R = wanted.T @ rotation_from_quaternion(state.attitude)
+        turned = 0.5 * jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        w = self.frequency
+        pull = -(w**2) * jnp.concatenate([jnp.zeros(3), turned]) - 2.0 * w * state.nu
+        carried = restoring_wrench(model, wanted[2]) * jnp.asarray([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        return jnp.where(jnp.any(holding), jnp.diagonal(model.mass) * pull + carried, 0.0)

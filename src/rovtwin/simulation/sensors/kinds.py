@@ -1,0 +1,65 @@
+"""What sensors see, and what they would read without noise: one ideal reading for each kind of `core.sensors`."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+
+from rovtwin.core.flow import Environment
+from rovtwin.core.numerics import Array, jnp
+from rovtwin.vehicle.physics import measurement
+from rovtwin.vehicle.physics.dynamics import State
+
+
+class SensorInput(eqx.Module):
+    """What a sensor sees at the end of physics step k.
+
+    Attributes:
+        state: Of the vehicle after the step.
+        nu_dot: Rate of its nu, shape (6,) [m/s2, rad/s2]; needed by accelerometers only, and only when they tick.
+        k: Number of the physics step, int, from 0, never batched: the state is that at time (k + 1) dt.
+        environment: What surrounded the vehicle during that step.
+        energy: Charge of the emptiest battery (0 to 1) and power drawn from all [W], shape (2,), or None without.
+        leak: Whether water comes in, bool, or None where it cannot.
+    """
+
+    state: State
+    nu_dot: Array
+    k: Array
+    environment: Environment
+    energy: Array | None = None
+    leak: Array | None = None
+
+
+Ideal = Callable[[Any, SensorInput], Array]  # of a Sensor
+
+
+def _depth(sensor: Any, seen: SensorInput) -> Array:
+    """Pressure as a depth: with the waves' dynamic pressure where there is one."""
+    still = measurement.depth(seen.state, sensor.lever)
+    return still if seen.environment.head is None else still + seen.environment.head
+
+
+def range_along(axis: int, sensor: Any, seen: SensorInput) -> Array:
+    """Distance to the floor along one of the sensor's axes [m], scalar; infinite in a world without a floor."""
+    floor, slope = seen.environment.floor, seen.environment.slope
+    if floor is None:
+        return jnp.asarray(jnp.inf)
+    beam_first = jnp.roll(sensor.rotation, -axis, axis=1)
+    return measurement.range_to_floor(seen.state, sensor.lever, beam_first, floor, slope)
+
+
+IDEAL: dict[str, Ideal] = {
+    "position": lambda sensor, seen: measurement.position_at(seen.state, sensor.lever)[:2],
+    "pressure": lambda sensor, seen: _depth(sensor, seen)[None],
+    "accelerometer": lambda sensor, seen: measurement.specific_force(
+        seen.state, seen.nu_dot, sensor.lever, sensor.rotation
+    ),
+    "gyro": lambda sensor, seen: measurement.angular_rate(seen.state, sensor.rotation),
+    "attitude": lambda sensor, seen: measurement.attitude_euler(seen.state, sensor.rotation),
+    "dvl": lambda sensor, seen: measurement.velocity_over_ground_at(seen.state, sensor.lever, sensor.rotation),
+    "altimeter": lambda sensor, seen: range_along(BEAM["altimeter"], sensor, seen)[None],
+    "battery": lambda sensor, seen: jnp.zeros(2) if seen.energy is None else seen.energy,
+    "leak": lambda sensor, seen: jnp.zeros(1) if seen.leak is None else seen.leak.astype(float)[None],
+}
+BEAM = {"altimeter": 0, "dvl": 2}  # the axis along which the floor must be in range

@@ -1,0 +1,1 @@
+"""Cables: their forces and shape, and the tether as a Block."""

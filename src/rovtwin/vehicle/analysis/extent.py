@@ -1,0 +1,51 @@
+"""How far a vehicle reaches: the box around the shapes of its parts."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rovtwin.vehicle.description import schema
+from rovtwin.vehicle.description.added_mass import Solid
+from rovtwin.vehicle.description.assembly import Assembly
+from rovtwin.vehicle.solids.placement import HERE, Placement
+
+
+def bounding_box(body: schema.Body) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest and highest corner in b [m], shapes (3,) and (3,), of all shapes; None where no part has one."""
+    found = [_extent(solid, placement) for solid, placement in _solids(body, HERE)]
+    if not found:
+        return None
+    low, high = zip(*found, strict=True)
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def around_thrusters(total: Assembly) -> tuple[np.ndarray, np.ndarray] | None:
+    """The same box of the places of all thrusters, which is flat where they are level; None without thrusters."""
+    found = [(one.placement, one.item) for one in total.thrusters if isinstance(one.item, schema.Thruster)]
+    if not found:
+        return None
+    places = np.array([placement.point(np.array(thruster.position)) for placement, thruster in found])
+    return places.min(axis=0), places.max(axis=0)
+
+
+def _solids(body: schema.Body, placement: Placement) -> Iterator[tuple[Solid, Placement]]:
+    if body.shape is not None:
+        solid = Solid.of(body.shape)
+        yield solid, solid.placement.after(placement)
+    for part in body.parts:
+        yield from _solids(part, Placement.of(part.pose.position, part.pose.attitude_deg).after(placement))
+
+
+def _extent(solid: Solid, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+    """Exact for each kind of solid, whatever its attitude."""
+    R, half = placement.rotation, solid.size / 2
+    if solid.mesh is not None:
+        corners = placement.position + solid.mesh.outline @ R.T
+        return corners.min(axis=0), corners.max(axis=0)
+    if solid.kind == "box":
+        reach = np.abs(R) @ half
+    elif solid.kind == "ellipsoid":
+        reach = np.linalg.norm(R * half, axis=1)
+    else:  # a cylinder along its x
+        reach = np.abs(R[:, 0]) * half[0] + half[1] * np.sqrt(np.maximum(1 - R[:, 0] ** 2, 0))
+    return placement.position - reach, placement.position + reach

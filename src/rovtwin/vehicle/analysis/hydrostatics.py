@@ -1,0 +1,41 @@
+"""How weight and buoyancy balance in still water: net buoyancy, trim, BG, righting stiffness. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovtwin.vehicle.constants import GRAVITY
+from rovtwin.vehicle.description.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class Floating:
+    """Weight against buoyancy, thrusters off.
+
+    Attributes:
+        net_buoyancy: B - W, positive floats [N].
+        metacentric_height: BG, how far CB is above CG along z [m].
+        stiffness: Righting moment per angle about level, roll and pitch [N m/rad], shape (2,).
+        trim: Roll and pitch at which no moment about CO is left [rad], shape (2,); NaN where there is none anyway.
+    """
+
+    net_buoyancy: float
+    metacentric_height: float
+    stiffness: np.ndarray
+    trim: np.ndarray
+
+
+def floating(weight: float, buoyancy: float, r_g: np.ndarray, r_b: np.ndarray) -> Floating:
+    """Of weight W and buoyancy B [N] at r_g and r_b [m], shapes (3,), seen from CO."""
+    lever = weight * r_g - buoyancy * r_b
+    size = float(np.linalg.norm(lever))
+    # At rest the lever points down, as a plumb line does.
+    down = lever / size if size > 1e-9 * weight else np.full(3, np.nan)
+    trim = np.array([np.arctan2(down[1], down[2]), -np.arcsin(down[0])]) + 0.0  # no -0.0
+    return Floating(buoyancy - weight, float(r_g[2] - r_b[2]), np.full(2, lever[2]), trim)
+
+
+def floating_of(total: Assembly) -> Floating:
+    """Of the totals of a vehicle, in the water they are given for."""
+    weight, buoyancy = total.solid.mass * GRAVITY, total.density * GRAVITY * total.volume
+    return floating(weight, buoyancy, total.solid.center_of_gravity, total.center_of_buoyancy)

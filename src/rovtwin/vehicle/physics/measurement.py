@@ -1,0 +1,91 @@
+"""What ideal sensors read: noise-free measurement equations of a body-fixed sensor at any place and in any orientation.
+
+Simulation, observers and identification use the same equations. A sensor sits at `lever` from CO, in b, and its own
+axes are those of the sensor frame s; `R_bs` maps s to b (identity when the axes are aligned).
+
+Reference: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 14.
+"""
+
+from rovtwin.core.frames import cross, rotation_from_quaternion
+from rovtwin.core.numerics import Array, jnp
+from rovtwin.vehicle.physics.dynamics import State
+from rovtwin.vehicle.physics.model import GRAVITY
+
+
+def position_at(state: State, lever: Array) -> Array:
+    """Position of a point of the body, n [m], shape (3,): p + R_nb r.
+
+    Args:
+        state: Of the vehicle.
+        lever: r, the point seen from CO, b [m], shape (3,).
+    """
+    return state.position + rotation_from_quaternion(state.attitude) @ lever
+
+
+def depth(state: State, lever: Array) -> Array:
+    """Depth of a point of the body below the origin of n [m], scalar: what a pressure sensor is calibrated to."""
+    return state.position[2] + rotation_from_quaternion(state.attitude)[2] @ lever
+
+
+def range_to_floor(state: State, lever: Array, R_bs: Array, floor: Array, slope: Array | None = None) -> Array:
+    """Distance to a plane floor along a narrow beam, x of s [m], scalar: (floor - depth) / beam_z where it is level.
+
+    Not finite for a beam that never meets it, negative for one that looks away from it, or from below the floor.
+
+    Args:
+        state: Of the vehicle.
+        lever: r, the sensor seen from CO, b [m], shape (3,).
+        R_bs: Mounting, maps s to b, shape (3, 3).
+        floor: Its depth in n below CO [m].
+        slope: By how much it gets deeper per metre north and east, shape (2,); None: level.
+    """
+    R_nb = rotation_from_quaternion(state.attitude)
+    beam, away = R_nb @ R_bs[:, 0], floor - depth(state, lever)
+    if slope is None:
+        return away / beam[2]
+    return (away + slope @ (R_nb @ lever)[:2]) / (beam[2] - slope @ beam[:2])
+
+
+def specific_force(state: State, nu_dot: Array, lever: Array, R_bs: Array) -> Array:
+    """What an accelerometer reads, s [m/s2], shape (3,): its acceleration relative to free fall.
+
+        f = R_sb (v_dot + omega x v + omega_dot x r + omega x (omega x r) - R_bn g),    g = [0, 0, 9.81] in n
+
+    `v_dot` is the rate of the body components, so that the inertial acceleration of CO is v_dot + omega x v. At rest
+    and level the reading is [0, 0, -9.81]. Fossen (2021), sec. 14.1 (inertial measurement unit; lever arms).
+
+    Args:
+        state: Of the vehicle.
+        nu_dot: Rate of nu, b at CO [m/s2, rad/s2], shape (6,).
+        lever: r, the sensor seen from CO, b [m], shape (3,).
+        R_bs: Mounting, maps s to b, shape (3, 3).
+    """
+    v, omega = state.nu[:3], state.nu[3:]
+    inertial = nu_dot[:3] + cross(omega, v) + cross(nu_dot[3:], lever) + cross(omega, cross(omega, lever))
+    down_b = rotation_from_quaternion(state.attitude)[2]
+    return (inertial - GRAVITY * down_b) @ R_bs
+
+
+def angular_rate(state: State, R_bs: Array) -> Array:
+    """What a gyro reads, s [rad/s], shape (3,): R_sb omega; the turning of the Earth (7e-5 rad/s) is left out."""
+    return state.nu[3:] @ R_bs
+
+
+def attitude_euler(state: State, R_bs: Array) -> Array:
+    """zyx Euler angles [phi, theta, psi] of the sensor's axes [rad], shape (3,), from R_ns = R_nb R_bs.
+
+    psi is measured from the north of n: no magnetic declination. Fossen (2021), eq. 2.31 solved for the angles.
+    """
+    R_ns = rotation_from_quaternion(state.attitude) @ R_bs
+    return jnp.array(
+        [
+            jnp.arctan2(R_ns[2, 1], R_ns[2, 2]),
+            -jnp.arcsin(jnp.clip(R_ns[2, 0], -1.0, 1.0)),
+            jnp.arctan2(R_ns[1, 0], R_ns[0, 0]),
+        ]
+    )
+
+
+def velocity_over_ground_at(state: State, lever: Array, R_bs: Array) -> Array:
+    """What a DVL with bottom lock reads, s [m/s], shape (3,): R_sb (v + omega x r)."""
+    return (state.nu[:3] + cross(state.nu[3:], lever)) @ R_bs

@@ -1,0 +1,1 @@
+"""Closed meshes of parts, and the solids that they are like."""

@@ -1,0 +1,79 @@
+"""Where a body sits in its parent's frame, and the box that stands for its volume. Plain NumPy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+def skew(a: np.ndarray) -> np.ndarray:
+    """S(a), shape (3, 3), with S(a) b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def rotation_zyx(attitude: np.ndarray) -> np.ndarray:
+    """R of [roll, pitch, yaw] [rad], shape (3, 3): maps the part's frame to its parent's. Fossen (2021), eq. 2.31."""
+    (cf, ct, cp), (sf, st, sp) = np.cos(attitude), np.sin(attitude)
+    return np.array(
+        [
+            [cp * ct, -sp * cf + cp * st * sf, sp * sf + cp * cf * st],
+            [sp * ct, cp * cf + sf * st * sp, -cp * sf + st * sp * cf],
+            [-st, ct * sf, ct * cf],
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame in its parent: origin [m], shape (3,), and rotation (frame to parent), shape (3, 3)."""
+
+    position: np.ndarray
+    rotation: np.ndarray
+
+    @classmethod
+    def of(cls, position: object, attitude_deg: object = (0.0, 0.0, 0.0)) -> "Placement":
+        return cls(np.array(position, dtype=float), rotation_zyx(np.radians(np.array(attitude_deg, dtype=float))))
+
+    def after(self, outer: "Placement") -> "Placement":
+        """This frame as seen from the parent of `outer`, when `outer` is its parent."""
+        return Placement(outer.point(self.position), outer.rotation @ self.rotation)
+
+    def point(self, p: np.ndarray) -> np.ndarray:
+        """A point of this frame as seen from the parent."""
+        return self.position + self.rotation @ p
+
+    def twist(self) -> np.ndarray:
+        """H, shape (6, 6): the parent's velocity nu at its origin -> the velocity of this frame, in this frame.
+
+        Fossen (2021), eq. 3.34 and app. C (system transformation), with the rotation.
+        """
+        R_t = self.rotation.T
+        return np.block([[R_t, -R_t @ skew(self.position)], [np.zeros((3, 3)), R_t]])
+
+
+HERE = Placement(np.zeros(3), np.eye(3))
+
+
+SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)  # of a box's corners
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that stands for a part's volume.
+
+    Attributes:
+        size: Full dimensions along its axes [m], shape (3,).
+        placement: Of its centre and axes.
+        volume: Of the water that the part displaces [m3]; less than the box's where water runs through it.
+    """
+
+    size: np.ndarray
+    placement: Placement
+    volume: float
+
+    def moved(self, placement: Placement) -> "Box":
+        """The same seen from the parent's frame."""
+        return Box(self.size, self.placement.after(placement), self.volume)
+
+    def corners(self) -> np.ndarray:
+        """Shape (8, 3)."""
+        return self.placement.position + 0.5 * SIGNS * self.size @ self.placement.rotation.T

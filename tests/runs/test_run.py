@@ -1,0 +1,175 @@
+"""Runs: the same twice, the same in a batch, tick by tick and from their own file; logged as they were."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from rovtwin.core.errors import ConfigError
+from rovtwin.core.flow import PHASES
+from rovtwin.core.log import Log
+from rovtwin.runs.batch import score_batch, score_seeds
+from rovtwin.runs.compose.composition import compose
+from rovtwin.runs.fly import fly
+from rovtwin.runs.loop import advance, advance_batch, stack, start_batch, start_loop
+from rovtwin.runs.run import chunks, realtime_chunks
+from rovtwin.scenario.files import load_scenario
+from rovtwin.scenario.schema.world import MismatchSection
+
+
+@pytest.fixture(scope="module")
+def flight(short, tmp_path_factory):
+    return fly(short, tmp_path_factory.mktemp("runs") / "first")
+
+
+def joined(records):
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *records)
+
+
+def test_a_run_leaves_log_scenario_and_summary(flight):
+    assert {path.name for path in flight.folder.iterdir()} == {"log.mcap", "scenario.yaml", "summary.json"}
+    log = Log.read(flight.folder / "log.mcap")
+    assert json.loads(log.metadata["summary"]) == json.loads((flight.folder / "summary.json").read_text())
+    assert log["truth/eta"].t[-1] == pytest.approx(12.0)
+    assert log["truth/eta"].values[0] == pytest.approx([0, 0, 0.5, 0, 0, 0])
+    assert {"seed", "version", "python", "jax", "vehicle_table", "created"} <= set(log.metadata)
+
+
+def test_sensors_are_logged_at_their_own_rates_without_repeats(flight):
+    counts = {name: len(flight.log[f"sensor/{name}"]) for name in ("position", "pressure", "gyro")}
+    assert counts == {"position": 12, "pressure": 12 * 42, "gyro": 1200}
+    for name in counts:
+        stamps = flight.log[f"sensor/{name}"]["t_valid"]
+        assert np.all(np.diff(stamps) > 0)
+
+
+def test_the_same_scenario_and_seed_give_the_same_data_bit_for_bit(flight, short, tmp_path):
+    assert flight.log.equal_data(fly(short, tmp_path / "again").log)
+
+
+def test_another_seed_gives_other_data(flight, short):
+    other = fly(short.model_copy(update={"seed": 2}))
+    assert not flight.log.equal_data(other.log)
+
+
+def test_the_written_scenario_flies_the_same_run(flight, tmp_path):
+    replayed = fly(load_scenario(flight.folder / "scenario.yaml"), tmp_path / "replayed")
+    assert flight.log.equal_data(replayed.log)
+
+
+def test_a_run_in_memory_is_the_run_on_disk(flight, short):
+    assert flight.log.equal_data(fly(short).log)
+
+
+def test_a_run_never_overwrites_another(flight, short):
+    with pytest.raises(ConfigError, match="exists already"):
+        fly(short, flight.folder)
+
+
+def test_tick_by_tick_through_a_link_is_the_compiled_run(short):
+    """The same blocks in a Python loop on a host that comes late: what the vehicle does agrees to rounding."""
+    composed = compose(short)
+    run = (composed.loop, composed.key, composed.start, short.control_dt, 4.0)
+    now, calls = [0.0], []
+
+    def late(seconds: float) -> None:
+        """Sleep of a host that oversleeps by five periods now and then."""
+        calls.append(seconds)
+        now[0] += seconds + (0.1 if len(calls) % 37 == 0 else 0.0)
+
+    compiled, ticked = (
+        joined(list(chunks(*run))),
+        joined(list(realtime_chunks(*run, clock=lambda: now[0], sleep=late))),
+    )
+    assert len(compiled.water_velocity) == len(ticked.water_velocity) == 201
+    for one, other in zip(jax.tree.leaves(compiled.state), jax.tree.leaves(ticked.state), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+    np.testing.assert_array_equal(compiled.measurements["gyro"].valid, ticked.measurements["gyro"].valid)
+
+
+@pytest.mark.slow
+def test_a_batch_agrees_with_single_runs_to_1e9_over_a_minute_of_calm_water():
+    scenario = load_scenario("lawnmower_calm", ["autopilot=thesis"])
+    dt, ticks, n = scenario.control_dt, 50, 60
+    runs = [compose(scenario.model_copy(update={"seed": seed})) for seed in (1, 2)]
+    loops = stack([run.loop for run in runs])
+    batch = start_batch(loops, stack([run.key for run in runs]), stack([run.start for run in runs]), control_dt=dt)
+    singles = [start_loop(run.loop, run.key, run.start, control_dt=dt) for run in runs]
+    for i in range(n):
+        batch, records = advance_batch(loops, batch, jnp.asarray(i * ticks), ticks=ticks, control_dt=dt)
+        for j, run in enumerate(runs):
+            singles[j], record = advance(run.loop, singles[j], jnp.asarray(i * ticks), ticks=ticks, control_dt=dt)
+            for one, many in zip(jax.tree.leaves(record.state), jax.tree.leaves(records.state), strict=True):
+                np.testing.assert_allclose(many[j], one, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_batch_ends_each_run_where_it_ends():
+    calm = load_scenario("lawnmower_calm", ["autopilot=thesis", "duration=12"])
+    scores = score_batch(calm, [1, 2])
+    assert [s["seed"] for s in scores] == [1, 2]
+    for batched, single in zip(scores, score_seeds(calm, [1, 2]), strict=True):
+        for key in ("duration_s", "position_error_rms_m", "effort_n2s"):
+            assert batched[key] == pytest.approx(single[key], rel=1e-6)
+        assert batched["phase"] in PHASES and not batched["completed"]
+        assert batched["reason"].startswith("not finished after 12 s: ")
+        assert batched["reason"] == single["reason"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lawnmower_calm", "lawnmower_hard", "lawnmower_dropout"])
+def test_whole_missions_have_the_same_verdict_alone_and_in_a_batch(name):
+    scenario = load_scenario(name, ["autopilot=thesis_placed"])
+    verdicts = [
+        [(run["seed"], run["phase"], run["reason"], round(run["duration_s"])) for run in scores(scenario, [1, 2, 3])]
+        for scores in (score_seeds, score_batch)
+    ]
+    assert verdicts[0] == verdicts[1]
+
+
+def test_the_log_and_the_summary_of_a_mismatch_hold_what_was_drawn(short, flight, tmp_path):
+    """Else nobody could check the intervals of an identification against the vehicle that flew."""
+    assert flight.log.metadata["mismatch"] == "" and flight.summary["mismatch"] is None
+    scenario = short.model_copy(update={"world": short.world.model_copy(update={"mismatch": MismatchSection()})})
+    wrong = fly(scenario, tmp_path / "wrong")
+    composed = compose(scenario)
+    told = json.loads(wrong.log.metadata["mismatch"])
+    assert told == wrong.summary["mismatch"] == json.loads((wrong.folder / "summary.json").read_text())["mismatch"]
+    assert (told["mass"], told["thrust"]) == (pytest.approx(1.1), pytest.approx(0.9))
+    truth, model = composed.loop.twin.model, composed.model
+    ratio = truth.quadratic_damping_astern[1, 1] / model.quadratic_damping_astern[1, 1]
+    assert told["quadratic_damping_astern.sway"] == pytest.approx(ratio) != pytest.approx(1.0)
+
+
+def test_a_limit_aborts_with_its_reason_and_thrusters_off(short):
+    scenario = load_scenario(
+        "lawnmower_waves", ["autopilot=thesis", "duration=12", "autopilot.supervisor.attitude_limit_deg=0.005"]
+    )
+    flight = fly(scenario)
+    assert flight.summary["phase"] == "aborted" and flight.summary["reason"] == "attitude limit"
+    assert not flight.completed and flight.summary["duration_s"] < 12
+    assert np.all(flight.log["autopilot/command"].values[-1] == 0.0)
+
+
+def test_a_dead_thruster_is_felt(short):
+    sound = fly(short).log["truth/thrust"]
+    faulty = fly(
+        short.model_copy(update={"world": short.world.model_copy(update={"thruster_health": {"port.heave": 0}})})
+    )
+    thrust = faulty.log["truth/thrust"]
+    assert np.max(np.abs(sound["port_heave"])) > 0.1
+    assert np.max(np.abs(thrust["port_heave"])) == 0.0 and np.max(np.abs(thrust["starboard_heave"])) > 0.1
+
+
+def test_scores_do_not_depend_on_what_is_logged(flight, short):
+    sparse = fly(short.model_copy(update={"log": short.log.model_copy(update={"rate": 1, "sensors": False})}))
+    assert sparse.summary == flight.summary
+    assert len(sparse.log["truth/eta"]) == 13 and "sensor/gyro" not in sparse.log
+
+
+def test_an_unknown_thruster_is_named(short):
+    world = short.world.model_copy(update={"thruster_health": {"port.heav": 0}})
+    with pytest.raises(ConfigError, match="no thruster 'port.heav'"):
+        compose(short.model_copy(update={"world": world}))
