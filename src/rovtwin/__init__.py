@@ -1,6 +1,7 @@
 """rovtwin: identify, simulate and control small underwater vehicles from one description.
 
-The names below load on first use, so that `rovtwin --help` answers before JAX is imported.
+These names are all that is public; what changes among them stands in CHANGELOG.md. They load on first use, so that
+`rovtwin --help` answers before JAX is imported.
 """
 
 from importlib import import_module
@@ -9,41 +10,85 @@ from typing import TYPE_CHECKING, Any
 from rovtwin._version import __version__
 
 if TYPE_CHECKING:
+    from rovtwin.api import (
+        connect,
+        fly,
+        identify,
+        load_scenario,
+        load_vehicle,
+        plan_experiment,
+        run_campaign,
+        simulate,
+        smooth,
+        track,
+        tune,
+    )
+    from rovtwin.core.block import Block
+    from rovtwin.core.errors import (
+        ConfigError,
+        IdentificationError,
+        LinkError,
+        LinkTimeout,
+        LogError,
+        RovtwinError,
+    )
+    from rovtwin.core.flow import Command
+    from rovtwin.core.link import Link
     from rovtwin.core.log import Log
-    from rovtwin.identification.identify import identify
     from rovtwin.identification.result import Identification
-    from rovtwin.runs.fly import fly
-    from rovtwin.scenario.files import load_scenario
-    from rovtwin.vehicle.description.vehicle import Vehicle, load_vehicle
+    from rovtwin.scenario.schema import Scenario
+    from rovtwin.vehicle.description.vehicle import Vehicle
     from rovtwin.vehicle.physics.model import Model
 
-_WHERE = {
-    "load_vehicle": "rovtwin.vehicle",
-    "Vehicle": "rovtwin.vehicle",
-    "Model": "rovtwin.vehicle",
-    "load_scenario": "rovtwin.scenario.files",
-    "fly": "rovtwin.runs.fly",
-    "Log": "rovtwin.core.log",
-    "identify": "rovtwin.identification.identify",
-    "Identification": "rovtwin.identification.result",
+_API = ("connect", "fly", "identify", "load_scenario", "load_vehicle")
+_API += ("plan_experiment", "run_campaign", "simulate", "smooth", "track", "tune")
+_ERRORS = ("ConfigError", "IdentificationError", "LinkError", "LinkTimeout", "LogError", "RovtwinError")
+_HOME = {
+    **dict.fromkeys(_API, "api"),
+    **dict.fromkeys(_ERRORS, "core.errors"),
+    "Block": "core.block",
+    "Command": "core.flow",
+    "Identification": "identification.result",
+    "Link": "core.link",
+    "Log": "core.log",
+    "Model": "vehicle.physics.model",
+    "Scenario": "scenario.schema",
+    "Vehicle": "vehicle.description.vehicle",
 }
 __all__ = [
+    "Block",
+    "Command",
+    "ConfigError",
     "Identification",
+    "IdentificationError",
+    "Link",
+    "LinkError",
+    "LinkTimeout",
     "Log",
+    "LogError",
     "Model",
+    "RovtwinError",
+    "Scenario",
     "Vehicle",
     "__version__",
+    "connect",
     "fly",
     "identify",
     "load_scenario",
     "load_vehicle",
+    "plan_experiment",
+    "run_campaign",
+    "simulate",
+    "smooth",
+    "track",
+    "tune",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _WHERE:
-        return getattr(import_module(_WHERE[name]), name)
-    raise AttributeError(f"module 'rovtwin' has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'rovtwin' has no attribute {name!r}")
+    return getattr(import_module(f"rovtwin.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:
