@@ -107,9 +107,12 @@ def _mode(request: Request) -> int:
 def _interval(request: Request) -> int:
     name = _message_name(request)
     interval = request.values[1]
-    if name not in MESSAGES or name in STREAM_ONLY or math.isnan(interval):
+    if name not in MESSAGES or name in STREAM_ONLY:
         what = name or f"number {whole(request.values[0])}"
         request.talk.tell_once(request.by, INFO, f"No stream of a message {what}")
+        return DENIED
+    if math.isnan(interval):
+        request.talk.tell_once(request.by, INFO, f"Interval of {name}: no number")
         return DENIED
     if interval == 0.0:  # back to what it was at first
         request.peer.schedule.reset_rate(name)
