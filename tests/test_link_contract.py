@@ -146,6 +146,10 @@ def mavlink_rig() -> Rig:
         time.sleep(0.05)
         return link.read()
 
+    # With the first batch comes the gain in force, too: new mixing, which takes longer than a reading.
+    wait(3 * PERIOD)
+    listen()
+
     def applied() -> np.ndarray:
         time.sleep(0.08)
         wish = served.wishes[-1] if served.wishes else None

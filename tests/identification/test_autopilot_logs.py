@@ -15,7 +15,7 @@ from tests.identification.autopilot_logs import (
     write_ulog,
 )
 
-from rovtwin.core.errors import IdentificationError
+from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification.checks.check import check_record
 from rovtwin.identification.logs.evidence_file import LogSpec
 from rovtwin.identification.logs.log_spec import SourceSpec
@@ -294,7 +294,7 @@ def test_a_px4_log_needs_no_map(tmp_path, heavy):
 def test_pyulog_is_asked_for_where_it_is_missing(tmp_path, heavy, monkeypatch):
     (tmp_path / "x.ulg").write_bytes(b"1")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(IdentificationError, match=r"needs pyulog: pip install 'rovtwin\[px4\]'"):
+    with pytest.raises(ConfigError, match=r"needs pyulog: pip install 'rovtwin\[px4\]'"):
         read_record(tmp_path / "x.ulg", heavy)
 
 

@@ -14,7 +14,7 @@ import xarray
 from tests.identification.synthetic import record, steps_command
 
 import rovtwin
-from rovtwin.core.errors import IdentificationError, LogError
+from rovtwin.core.errors import ConfigError, IdentificationError, LogError
 from rovtwin.identification.diagnostics.validation import Prediction
 from rovtwin.identification.diagnostics.verdict import Blind
 from rovtwin.identification.diagnostics.whiteness import Residuals
@@ -267,7 +267,7 @@ def test_a_bad_file_is_refused_in_words(saved, spoiled, said):
 @pytest.mark.parametrize(("package", "asked"), [("pandas", "summary"), ("xarray", "to_xarray"), ("xarray", "draws")])
 def test_a_missing_package_is_named_with_its_extra(found, monkeypatch, package, asked):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == package else SimpleNamespace())
-    with pytest.raises(IdentificationError, match=rf"needs {package}: pip install 'rovtwin\[notebook\]'"):
+    with pytest.raises(ConfigError, match=rf"needs {package}: pip install 'rovtwin\[notebook\]'"):
         getattr(found, asked)()
 
 

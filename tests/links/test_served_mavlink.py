@@ -144,8 +144,10 @@ def test_disarmed_it_does_not_move(twin, pilot):
 
 def test_surface_comes_up_and_holds_there(twin, pilot):
     """ArduSub's SURFACE: up by itself, then ALT_HOLD at the surface."""
+    assert pilot.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_ACCEPTED
     pilot.mode(2)
     flown(twin, pilot, (0, 0, 0, 0), lambda: twin.eta[2] > 1.0)
     pilot.mode(9)
+    flown(twin, pilot, (0, 0, NEUTRAL, 0), lambda: pilot.newest("HEARTBEAT").custom_mode == 9, 5.0)
     flown(twin, pilot, (0, 0, NEUTRAL, 0), lambda: pilot.newest("HEARTBEAT").custom_mode == 2, 30.0)
     assert twin.eta[2] < 0.25

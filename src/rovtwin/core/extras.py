@@ -1,6 +1,6 @@
 """Packages that not everybody needs: they come with an extra of the installation."""
 
-from importlib.util import find_spec
+import importlib.util
 
 from rovtwin.core.errors import ConfigError
 
@@ -14,7 +14,7 @@ def require(module: str, extra: str, why: str) -> None:
         why: What needs it, for the message.
     """
     try:
-        found = find_spec(module)
+        found = importlib.util.find_spec(module)
     except ModuleNotFoundError:  # of a parent package
         found = None
     if found is None:
