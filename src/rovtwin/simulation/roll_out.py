@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rovtwin.core.block import Start
 from rovtwin.core.flow import Command, Environment
@@ -22,9 +23,9 @@ def roll_out(
     model: Model,
     u: np.ndarray,
     dt: float,
-    position: Sequence[float],
+    position: ArrayLike,
     heading: float,
-    current: Sequence[float],
+    current: ArrayLike,
     thrusters: Sequence[str],
 ) -> "xarray.Dataset":
     """States from rest under commands.
