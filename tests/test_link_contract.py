@@ -146,7 +146,7 @@ def mavlink_rig() -> Rig:
         time.sleep(0.05)
         return link.read()
 
-    # With the first batch comes the gain in force, too: new mixing, which takes longer than a reading.
+    # The link asks for a stream of 2 Hz for the gain in force: the battery's one reading in it has no rate to hold.
     wait(3 * PERIOD)
     listen()
 

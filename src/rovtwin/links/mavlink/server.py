@@ -159,7 +159,7 @@ class Session:
             assert peer is not None
             peer.called = True
             where.append(f"calls {server.ground_station}")
-        self.talk.scene.on_map(0.0, 0.0, 0.0)  # loads the geodesy now: the first telemetry would be late by 20 ms
+        self.talk.scene.on_map(0.0, 0.0, 0.0)  # loads the geodesy now, which takes 44 ms: the first telemetry was late
         self._station.say(f"mavlink: {', '.join(where)} (system {server.system})")
         self._udp = udp
 
