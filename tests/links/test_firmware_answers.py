@@ -8,6 +8,7 @@ that they simulate themselves. The twin is a 4.5.
 import json
 import re
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
@@ -81,10 +82,18 @@ class Asked:
         self._number += 1
         ask(self.line.mav)
         self.line.mav.ping_send(0, 1000 + self._number, 0, 0)
-        last = lambda m: m.get_type() == "PING" and m.seq == 1000 + self._number  # noqa: E731
+
+        def last(m):
+            return m.get_type() == "PING" and m.seq == 1000 + self._number
+
         found = self.line.listen(3.0, last)
         assert found and last(found[-1][1]), "the endpoint is silent"
         return [shape(m) for _, m in found[:-1] if m.get_type() not in ("HEARTBEAT", *TEXTS)]
+
+
+def shows(pulses, message):
+    """Whether it is RC_CHANNELS with these pulses."""
+    return message.get_type() == "RC_CHANNELS" and [getattr(message, f"chan{i}_raw") for i in range(1, 13)] == pulses
 
 
 @pytest.fixture(scope="module")
@@ -195,9 +204,7 @@ def test_channels_of_the_twin_are_the_firmwares(asked):
     asked.answers(long(511, 65, 20000))
     for name, expected in OURS["channels"].items():
         asked.line.mav.manual_control_send(1, *STICKS[name])
-        same = lambda m, e=expected: (  # noqa: E731
-            m.get_type() == "RC_CHANNELS" and [getattr(m, f"chan{i}_raw") for i in range(1, 13)] == e
-        )
+        same = partial(shows, expected)
         assert same(asked.line.listen(2.0, same)[-1][1]), name
     over.set()
     thread.join()
