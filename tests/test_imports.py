@@ -78,6 +78,7 @@ LAYERS: dict[str, list[set[str]]] = {
 PROMPT = {"cli", "__main__", "__init__"}
 LIGHT_LIBRARIES = set(sys.stdlib_module_names) | {"typer", "rich", "click"}
 LIGHT_MODULES = {"rovtwin.core.errors", "rovtwin.core.files", "rovtwin.core.jsontext", "rovtwin._version"}
+LIGHT_MODULES |= {"rovtwin.links.registry"}  # help names the protocols that it lists
 
 
 @dataclass(frozen=True)

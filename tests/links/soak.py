@@ -56,7 +56,7 @@ def soak(minutes: float, say=print) -> dict:
 
     scenario = world_for("double_blueye", [], None)
     vehicle = ServedVehicle(scenario)
-    servers = servers_of(["blueye"], scenario, vehicle, places_of(["blueye"], [f"{h}:{HTTP}" for h in HOSTS]))
+    servers = servers_of(["blueye"], scenario, vehicle, places_of(["blueye"], [f"{h}:{HTTP}" for h in HOSTS])).values()
     pids: list[int] = []
 
     class Known(Protocols):

@@ -97,7 +97,7 @@ def twin_served(
     """A served twin until the block is left."""
     scenario, _ = trimmed(world_for(what, overrides, None))
     twin = ServedTwin(ServedVehicle(scenario), speed)
-    servers = [*servers_of(protocols, scenario, twin.vehicle, places_of(protocols, addresses)), *more]
+    servers = [*servers_of(protocols, scenario, twin.vehicle, places_of(protocols, addresses)).values(), *more]
     over = threading.Event()
 
     def run() -> None:

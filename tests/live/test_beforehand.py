@@ -54,7 +54,7 @@ def test_a_stick_of_mavlink_is_linear_in_the_command():
 
 
 def test_the_command_names_the_vehicle_its_link_and_its_instruments():
-    line = command_line("my rov.yaml", True, [MavlinkServer(), UgpsServer(), DvlServer()])
+    line = command_line("my rov.yaml", True, {"mavlink": MavlinkServer(), "ugps": UgpsServer(), "dvl": DvlServer()})
     words = shlex.split(line)
     assert words[:5] == ["rovtwin", "console", "lawnmower_calm", "--set", "vehicle=my rov.yaml"]
     assert words[5:] == ["--link", "mavlink://udpin:127.0.0.1:14550", "--sensor", "ugps://127.0.0.1:8080",
@@ -62,9 +62,9 @@ def test_the_command_names_the_vehicle_its_link_and_its_instruments():
 
 
 def test_without_positions_it_says_what_is_missing_and_without_orders_nothing():
-    line = command_line("square", False, [BlueyeServer(["127.0.0.2", "127.0.0.3"], http_port=8090)])
+    line = command_line("square", False, {"blueye": BlueyeServer(["127.0.0.2", "127.0.0.3"], http_port=8090)})
     assert line.startswith(
         "http_proxy=http://127.0.0.2:8090 rovtwin console square --link blueye://127.0.0.2,127.0.0.3"
     )
     assert "add --protocol ugps" in line
-    assert command_line("square", False, [DvlServer()]) == ""
+    assert command_line("square", False, {"dvl": DvlServer()}) == ""

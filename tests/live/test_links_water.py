@@ -25,7 +25,7 @@ def test_density_of_links_and_servers(overrides, monkeypatch):
     scenario = world_for("bluerov2_heavy", overrides, None)
     expected = 1013.0 if overrides else vehicle_of(scenario).assembly.density
     assert water_density(scenario) == expected
-    mavlink, ros2 = servers_of(["mavlink", "ros2"], scenario, Vehicle(), {})
+    mavlink, ros2 = servers_of(["mavlink", "ros2"], scenario, Vehicle(), {}).values()
     assert mavlink.density == expected and ros2.water.density == expected
 
     openers = []
@@ -51,7 +51,7 @@ def test_mavlink_is_for_one_drone():
 def test_blueye_knows_how_fast_the_vehicle_is():
     """Damping of the Pioneer balances its force there; a mission that asks for more is warned of."""
     scenario = world_for("blueye_pioneer", [], None)
-    (server,) = servers_of(["blueye"], scenario, Vehicle(largest={"": np.array([10.0, 5.0, 11.0, 0, 0, 0])}), {})
+    server = servers_of(["blueye"], scenario, Vehicle(largest={"": np.array([10.0, 5.0, 11.0, 0, 0, 0])}), {})["blueye"]
     assert isinstance(server, BlueyeServer)
     model = vehicle_of(scenario).model()
     for speed, axis, force in zip(server.reaches, (0, 2), (10.0, 11.0), strict=True):

@@ -15,10 +15,11 @@ from rovtwin.core.flow import Command, Measurement
 from rovtwin.core.frames import rotation_from_quaternion
 from rovtwin.core.link import Link, Source
 from rovtwin.core.log import Log
+from rovtwin.links.registry import parse
 from rovtwin.links.rotations import rotation_from_euler
 from rovtwin.live import flight as live
 from rovtwin.live import readiness
-from rovtwin.live.connect import LINKS, SOURCES, Url, connect, described, on_this_machine, source
+from rovtwin.live.connect import connect, described, on_this_machine, source
 from rovtwin.live.flight import fly_live
 from rovtwin.live.readiness import SensorMux, listen
 from rovtwin.live.record import record
@@ -125,10 +126,10 @@ def test_a_source_that_cannot_be_used(text):
 
 
 def test_hosts_and_ports():
-    known = dict(LINKS) | dict(SOURCES)
-    assert Url.of("dvl://192.168.194.95", known, "").host_port(16171) == ("192.168.194.95", 16171)
-    assert Url.of("dvl://[::1]:8000", known, "").host_port(16171) == ("::1", 8000)
-    assert Url.of("replay://a%20b.mcap", known, "").rest == "a b.mcap"
+    dvl, _ = parse("dvl://192.168.194.95", "source", "--sensor")
+    assert dvl.host_port(16171) == ("192.168.194.95", 16171)
+    assert parse("dvl://[::1]:8000", "source", "--sensor")[0].host_port(16171) == ("::1", 8000)
+    assert parse("replay://a%20b.mcap", "link", "--link", also=("replay",))[0].rest == "a b.mcap"
 
 
 def kept(text: str):

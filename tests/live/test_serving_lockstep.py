@@ -13,16 +13,18 @@ from tests.links.mavlink_vehicle import free_port
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
+from rovtwin.links.ardusub_json.endpoint import ARDUSUB_JSON
 from rovtwin.links.ardusub_json.lockstep import Lockstep
+from rovtwin.links.endpoint import Where
 from rovtwin.live.serving.lockstep import FirmwarePhysics, serve_firmware
-from rovtwin.live.serving.protocols import Where, world_for
+from rovtwin.live.serving.protocols import world_for
 
 NEUTRAL, RATE, FRAMES = 1500, 1200, 1200
 
 
 @pytest.fixture(scope="module")
 def physics() -> FirmwarePhysics:
-    return FirmwarePhysics(world_for("bluerov2_heavy", [], None))
+    return FirmwarePhysics(world_for("bluerov2_heavy", [], None), ARDUSUB_JSON.firmware(), "ardusub-json")
 
 
 class Firmware:
@@ -91,7 +93,7 @@ def test_the_truth_is_logged(tmp_path):
             for _ in range(600):
                 told.append(firmware.frame([NEUTRAL + 100] * 2 + [NEUTRAL - 100] * 2 + [NEUTRAL] * 4))
 
-    served = serve_firmware(world_for("bluerov2_heavy", [], None), where, 0.49, fly, log=path)
+    served = serve_firmware(world_for("bluerov2_heavy", [], None), ARDUSUB_JSON, where, 0.49, fly, log=path)
     log = Log.read(path)
     truth = log["truth/eta"]
     assert served == pytest.approx(0.49, abs=0.01) and len(truth) == 24 and set(log["truth/command"].values[0]) != {0.0}
@@ -128,4 +130,4 @@ def test_packets_of_many_rates_compile_a_few(physics):
 
 def test_a_vehicle_that_ardusubs_frame_does_not_drive_is_refused():
     with pytest.raises(ConfigError, match=r"port.surge.*bluerov2_heavy"):
-        FirmwarePhysics(world_for("double_blueye", [], None))
+        FirmwarePhysics(world_for("double_blueye", [], None), ARDUSUB_JSON.firmware(), "ardusub-json")

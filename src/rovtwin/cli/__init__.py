@@ -12,6 +12,7 @@ from rovtwin.cli.compare import compare
 from rovtwin.cli.console import console
 from rovtwin.cli.evidence import evidence_app
 from rovtwin.cli.identify import identify
+from rovtwin.cli.links import links
 from rovtwin.cli.live import record
 from rovtwin.cli.logs import log_app
 from rovtwin.cli.markers import markers
@@ -50,6 +51,7 @@ app.command()(fly)
 app.command()(demo)
 app.command()(serve)
 app.command()(replay)
+app.command()(links)
 app.command()(console)
 app.command()(record)
 app.command()(score)

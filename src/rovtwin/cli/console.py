@@ -12,6 +12,7 @@ from rovtwin.cli.output import console as screen_of
 from rovtwin.cli.output import refuse_idle
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError
+from rovtwin.links.registry import forms
 
 if TYPE_CHECKING:
     from rovtwin.scenario.schema import Scenario
@@ -24,16 +25,14 @@ def console(
     scenario: Annotated[
         str, typer.Argument(metavar="[SCENARIO]", help="Vehicle, autopilot, world; see `scenario list`.")
     ] = SCENARIO,
-    link: Annotated[
-        str, typer.Option(metavar="URL", help="The vehicle: twin://, blueye://IP, mavlink://.., ros2://..")
-    ] = "twin://",
+    link: Annotated[str, typer.Option(metavar="URL", help=f"The vehicle: twin://, {forms('link')}")] = "twin://",
     sensor: Annotated[
         list[str] | None,
-        typer.Option("--sensor", metavar="URL", help="An instrument beside it: ugps://, dvl://, qtm://"),
+        typer.Option("--sensor", metavar="URL", help=f"An instrument beside it: {forms('source')}"),
     ] = None,
     camera: Annotated[
         str | None,
-        typer.Option(metavar="URL", help="Stream of a real camera: rtsp://.. A Blueye's is known by its address."),
+        typer.Option(metavar="URL", help="Stream of a real camera, rtsp://.. ; that of a Blueye is known."),
     ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Of the web page.")] = PORT,
     host: Annotated[str, typer.Option(help="Address to serve at; others than this machine need the token shown.")] = (

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, progress_bar, table
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError, exists_already
+from rovtwin.links.registry import forms
 
 if TYPE_CHECKING:
     from rovtwin.runs.pace import Clock
@@ -18,13 +19,11 @@ if TYPE_CHECKING:
 
 Link = Annotated[
     str | None,
-    typer.Option(
-        metavar="URL", help="Fly a vehicle: blueye://IP, blueye://PORT_IP,STARBOARD_IP, mavlink://.., ros2://.."
-    ),
+    typer.Option(metavar="URL", help=f"Fly a vehicle: {forms('link')}; `rovtwin links` lists them."),
 ]
 Sensors = Annotated[
     list[str] | None,
-    typer.Option("--sensor", metavar="URL", help="An instrument beside it: ugps://HOST, dvl://HOST, qtm://HOST/BODY."),
+    typer.Option("--sensor", metavar="URL", help=f"An instrument beside it: {forms('source')}."),
 ]
 
 
@@ -99,7 +98,7 @@ def _clock(speed: float, link: str) -> "Clock":
     if speed != 1.0 and not on_this_machine(link):
         raise ConfigError(
             f"--speed {speed:g}: {link} may be a real vehicle, whose time runs as ours; it is for a twin that is "
-            "served on this machine (an address of 127.0.0.x, or twin://, replay://, ros2://)"
+            "served on this machine (at an address of 127.0.0.x, or within it, as twin:// and replay:// are)"
         )
     return Clock(speed)
 

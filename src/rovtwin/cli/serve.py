@@ -9,16 +9,18 @@ from rich.console import Console
 from rovtwin.cli.output import DONE, AsJson, console, emit, progress_bar, refuse_idle
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError, exists_already
+from rovtwin.links.registry import built_in, names_of
 
 if TYPE_CHECKING:
+    from rovtwin.links.endpoint import Endpoint
     from rovtwin.links.server import Server
     from rovtwin.scenario.schema import Scenario
 
-FIRMWARE = "ardusub-json"
+SERVED, FIRMWARES = (names_of(kind, of=built_in()) for kind in ("server", "firmware"))
 
 Protocols = Annotated[
     list[str] | None,
-    typer.Option("--protocol", help="blueye, mavlink, ros2, dvl, ugps, qtm, ardusub-json; may be given several times."),
+    typer.Option("--protocol", help=f"{', '.join([*SERVED, *FIRMWARES])}; may be given several times."),
 ]
 Addresses = Annotated[
     list[str] | None,
@@ -30,7 +32,7 @@ Addresses = Annotated[
 ]
 Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Of the first protocol, in place of its own.")]
 Expose = Annotated[bool, typer.Option("--expose", help="Allow addresses that others on the network reach.")]
-Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help="Simulated seconds a second; not of ardusub-json.")]
+Speed = Annotated[float, typer.Option(min=0.01, max=50.0, help=f"Simulated seconds a second; not for {FIRMWARES[0]}.")]
 Duration = Annotated[float | None, typer.Option(min=0.0, help="End after so many simulated seconds; else Ctrl-C.")]
 
 
@@ -58,19 +60,29 @@ def serve(
     """
     from rovtwin.live.serving.beforehand import command_line, stick_of, warnings
     from rovtwin.live.serving.host import ServedVehicle
-    from rovtwin.live.serving.protocols import is_vehicle, known, own_protocol, places_of, servers_of, world_for
+    from rovtwin.live.serving.protocols import (
+        firmware_of,
+        is_vehicle,
+        known,
+        own_protocol,
+        places_of,
+        servers_of,
+        world_for,
+    )
     from rovtwin.runs.compose.composition import vehicle_of
     from rovtwin.runs.compose.sensors import assumed_sensors
     from rovtwin.runs.trimmed import trimmed
 
-    if protocol == [FIRMWARE]:
-        refuse_idle({"--speed": speed != 1.0}, f"with {FIRMWARE} ArduSub keeps the time: give its --speedup")
+    firmware = firmware_of(known(protocol or []))
+    if firmware is not None and firmware.firmware is not None:
+        how = firmware.firmware().pace
+        refuse_idle({"--speed": speed != 1.0}, f"with {firmware.scheme} the firmware keeps the time: {how}")
     scenario, ballast = trimmed(world_for(what, overrides or (), seed))
     screen = console(as_json)
     if ballast:
         screen.print(ballast, markup=False, soft_wrap=True)
-    if protocol == [FIRMWARE]:
-        _lockstep(scenario, address or [], port, expose, duration, log, as_json)
+    if firmware is not None:
+        _lockstep(firmware, scenario, address or [], port, expose, duration, log, as_json)
     names = known(protocol or [own_protocol(scenario)])
     places = places_of(names, address or [], port)
     _warn([host for place in places.values() for host in place.hosts], expose, screen)
@@ -81,18 +93,16 @@ def serve(
         bar.add_task(f"{what}: compiling", total=None)
         vehicle = ServedVehicle(scenario)
     servers = servers_of(names, scenario, vehicle, places, expose)
-    for line in warnings(vehicle_of(scenario).model(), vehicle.largest, stick_of(servers)):
+    for line in warnings(vehicle_of(scenario).model(), vehicle.largest, stick_of(servers.values())):
         screen.print(f"{what}: {line}", markup=False, soft_wrap=True)
     if line := command_line(what, is_vehicle(what), servers):
         screen.print(f"to fly it: {line}", markup=False, soft_wrap=True)
-    _serve(vehicle, servers, screen, speed, duration, log, as_json)
+    _serve(vehicle, list(servers.values()), screen, speed, duration, log, as_json)
 
 
 def replay(
     log: Annotated[Path, typer.Argument(help="A run's log, such as runs/<run>/log.mcap.")],
-    protocol: Annotated[
-        list[str] | None, typer.Option("--as", help="Protocol to speak: blueye, mavlink, ros2, dvl, ugps, qtm.")
-    ] = None,
+    protocol: Annotated[list[str] | None, typer.Option("--as", help=f"Protocol to speak: {', '.join(SERVED)}.")] = None,
     address: Addresses = None,
     port: Port = None,
     expose: Expose = False,
@@ -110,10 +120,11 @@ def replay(
     places = places_of(names, address or [], port)
     _warn([host for place in places.values() for host in place.hosts], expose, screen)
     servers = servers_of(names, vehicle.scenario, vehicle, places, expose)
-    _serve(vehicle, servers, screen, speed, vehicle.duration, None, as_json)
+    _serve(vehicle, list(servers.values()), screen, speed, vehicle.duration, None, as_json)
 
 
 def _lockstep(
+    firmware: "Endpoint",
     scenario: "Scenario",
     address: list[str],
     port: int | None,
@@ -124,18 +135,20 @@ def _lockstep(
 ) -> None:
     import math
 
+    from rovtwin.links.endpoint import Where
     from rovtwin.live.serving.lockstep import serve_firmware
-    from rovtwin.live.serving.protocols import Where, places_of
+    from rovtwin.live.serving.protocols import places_of
 
     _require_new(log)
     screen = console(as_json)
-    where = places_of([FIRMWARE], address, port).get(FIRMWARE, Where())
+    where = places_of([firmware.scheme], address, port).get(firmware.scheme, Where())
     _warn(where.hosts, expose, screen)
     with progress_bar("{task.completed:.0f} s") as bar:
         task = bar.add_task("vehicle's time", total=duration)
         most = math.inf if duration is None else duration
         served = serve_firmware(
             scenario,
+            firmware,
             where,
             most,
             lambda text: screen.print(text, markup=False, soft_wrap=True),

@@ -12,6 +12,8 @@ import numpy as np
 from rovtwin.console.pictures import RATE, Developer, Give, Wait
 from rovtwin.core.errors import ConfigError, LinkError
 from rovtwin.core.vision import opencv
+from rovtwin.links.registry import find
+from rovtwin.links.url import Url
 from rovtwin.simulation.scene import load_scene
 
 SCHEMES = ("rtsp", "http", "https", "udp", "tcp", "rtp", "srt")
@@ -94,13 +96,9 @@ def public(url: str) -> str:
 
 
 def camera_of(link: str) -> str | None:
-    """The stream of the camera that a vehicle has at a link's URL, if it is known; of two drones the first one's.
-
-    A Blueye's is H.264 over RTSP at a fixed address (Blueye SDK documentation).
-    """
-    scheme, _, rest = link.partition("://")
-    host = rest.partition("?")[0].partition(",")[0]
-    return f"rtsp://{host}:8554/test" if scheme == "blueye" and host else None
+    """The stream of the camera that a vehicle has at a link's URL, if it is known."""
+    endpoint = find(link.partition("://")[0])
+    return None if endpoint is None else endpoint.camera(Url.of(link, endpoint.options, "--link"))
 
 
 def require_stream(url: str) -> str:

@@ -13,8 +13,10 @@ from rovtwin.core.frames import quaternion_from_euler, readings_in_body
 from rovtwin.core.link import Link, Source
 from rovtwin.core.numerics import Array, as_array, jnp
 from rovtwin.core.sensors import SENSORS
+from rovtwin.links.registry import built_in
 
-POSITIONS = "--sensor ugps://.. or qtm://.., or a vehicle that knows its position"
+_SOURCES = " or ".join(f"{one.scheme}://.." for one in built_in() if one.source and one.gives_position)
+POSITIONS = f"--sensor {_SOURCES}, or a vehicle that knows its position"
 # Of a mission: what the filter cannot do without; and where a reading can come from, for messages.
 NEEDED = {"position": POSITIONS, "pressure": "", "attitude": "", "gyro": "", "accelerometer": ""}
 # Of a test: it reads these directly. What it wants positions for can be left out of it.

@@ -1,11 +1,12 @@
 """What to know before a served vehicle is flown: from which share of the stick on it tips, and the line to fly it."""
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rovtwin.links import registry
 from rovtwin.links.server import Server
 from rovtwin.vehicle import Model
 from rovtwin.vehicle.analysis.stability import by_products, hang, stability, steady_speed
@@ -74,7 +75,7 @@ def warnings(model: Model, largest: Mapping[str, np.ndarray], given: Given = lin
     return lines
 
 
-def stick_of(servers: Sequence[Server]) -> Given:
+def stick_of(servers: Iterable[Server]) -> Given:
     """What a stick gives by the protocol that steers: by MAVLink axes are linear in the command, times the gain."""
     one: Any = next((one for one in servers if getattr(one, "mixer", None) is not None), None)
     if one is None:
@@ -82,41 +83,26 @@ def stick_of(servers: Sequence[Server]) -> Given:
     return lambda axis, share: float(np.abs(one.mixer.motion(one.gain * share * np.eye(6)[axis])[axis]))
 
 
-def command_line(what: str, is_vehicle: bool, servers: Sequence[Server]) -> str:
+def command_line(what: str, is_vehicle: bool, servers: Mapping[str, Server]) -> str:
     """The command that flies what these servers speak for; empty where none of them takes orders.
 
     Args:
         what: Vehicle or scenario as it was given.
         is_vehicle: Which of them.
-        servers: Of `protocols.servers_of`.
+        servers: Of `protocols.servers_of`, by protocol.
     """
-    by_kind: dict[str, Any] = {type(one).__name__: one for one in servers}
-    link, before = _link(by_kind)
-    if not link:
+    spoken = [(one, servers[one.scheme]) for one in registry.endpoints() if one.scheme in servers]
+    steered = [(one, server) for one, server in spoken if one.link is not None]
+    if not steered:
         return ""
+    endpoint, server = steered[0]
     scenario = f"{PLAIN} --set {shlex.quote(f'vehicle={what}')}" if is_vehicle else shlex.quote(what)
-    sensors = [url.format(one=by_kind[kind]) for kind, url in _SENSORS.items() if kind in by_kind]
-    known = any(kind in by_kind for kind in _POSITIONS)
-    sensors = sensors if known else ["ugps://127.0.0.1:8080", *sensors]
-    words = f"rovtwin console {scenario} --link {shlex.quote(link)}{''.join(f' --sensor {url}' for url in sensors)}"
-    return f"{before}{words}" + ("" if known else " (an autopilot needs positions: add --protocol ugps to this serve)")
-
-
-_SENSORS = {
-    "UgpsServer": "ugps://{one.host}:{one.port}",
-    "QtmServer": "qtm://{one.host}:{one.port}/{one.body}",
-    "DvlServer": "dvl://{one.host}:{one.port}",
-}
-_POSITIONS = ("UgpsServer", "QtmServer", "Ros2Server")
-
-
-def _link(by_kind: Mapping[str, Any]) -> tuple[str, str]:
-    """URL of the vehicle, and what has to stand before the command."""
-    if (mavlink := by_kind.get("MavlinkServer")) is not None:
-        return f"mavlink://udpin:{mavlink.ground_station}", ""
-    if (blueye := by_kind.get("BlueyeServer")) is not None:
-        hosts, port = blueye.addresses, blueye.http_port
-        return f"blueye://{','.join(hosts)}", "" if port == 80 else f"http_proxy=http://{hosts[0]}:{port} "
-    if (ros2 := by_kind.get("Ros2Server")) is not None:
-        return f"ros2://{ros2.namespace}", ""
-    return "", ""
+    sensors = [one.reached(its) for one, its in spoken if one.source is not None]
+    has_position = any(one.gives_position for one, _ in spoken)
+    missing = next(one for one in registry.built_in() if one.gives_position and one.source and one.server)
+    if not has_position:
+        sensors.insert(0, missing.address.replace("HOST", "127.0.0.1"))
+    link = shlex.quote(endpoint.reached(server))
+    words = f"rovtwin console {scenario} --link {link}{''.join(f' --sensor {shlex.quote(url)}' for url in sensors)}"
+    hint = f" (an autopilot needs positions: add --protocol {missing.scheme} to this serve)"
+    return f"{endpoint.environment(server)}{words}" + ("" if has_position else hint)

@@ -1,4 +1,4 @@
-"""External physics for ArduSub's simulation: the plant in its world, one step for each frame of the firmware.
+"""External physics for a firmware that runs beside us, such as ArduSub's: one step of the plant for each of its frames.
 
 The firmware makes its sensors' errors itself, so it gets the truth; it also keeps the time, as fast as both can.
 """
@@ -15,10 +15,7 @@ from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Command
 from rovtwin.core.frames import euler_from_quaternion, rotation_from_quaternion
 from rovtwin.core.numerics import Array, as_array, jax, jnp
-from rovtwin.links.ardusub_json.lockstep import PORT, Lockstep
-from rovtwin.links.ardusub_json.motors import BLUEROV2_HEAVY
-from rovtwin.links.ardusub_json.wire import State as Told
-from rovtwin.live.serving.protocols import Where
+from rovtwin.links.endpoint import Endpoint, Firmware, Where
 from rovtwin.live.serving.truth_log import truth_log
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.interrupt import Interrupt
@@ -44,18 +41,19 @@ class FirmwarePhysics:
 
     dt = LOGGED
 
-    def __init__(self, scenario: Scenario):
-        """Composes and compiles.
+    def __init__(self, scenario: Scenario, firmware: Firmware, name: str):
+        """Composes and compiles; `name` is the protocol's.
 
         Raises:
-            ConfigError: ArduSub's motors are not this vehicle's.
+            ConfigError: The firmware's motors are not this vehicle's.
         """
         composed = compose(scenario)
+        self._firmware = firmware
         self.thrusters = list(composed.vehicle.thruster_names)
-        if missing := [name for name in self.thrusters if name not in BLUEROV2_HEAVY.names]:
+        if missing := [thruster for thruster in self.thrusters if thruster not in firmware.thrusters]:
             raise ConfigError(
-                f"--protocol ardusub-json: {composed.vehicle.name} has a thruster {missing[0]!r}, expected those of "
-                f"bluerov2_heavy ({', '.join(BLUEROV2_HEAVY.names)}), which ArduSub's frame drives"
+                f"--protocol {name}: {composed.vehicle.name} has a thruster {missing[0]!r}, expected those of "
+                f"{firmware.vehicle} ({', '.join(firmware.thrusters)}), which its frame drives"
             )
         twin = composed.loop.twin
         self._begin = (twin.world.init(composed.key, composed.start), State.at(twin.model, composed.start))
@@ -95,22 +93,23 @@ class FirmwarePhysics:
         """Back to the beginning."""
         self.time, self._memory = 0.0, self._begin
 
-    def advance(self, pwm: tuple[int, ...], dt: float) -> Told:
+    def advance(self, pwm: tuple[int, ...], dt: float) -> Any:
         """The truth after one step under these outputs [us] of `dt` seconds."""
         if dt not in self._rates and len(self._rates) >= RATES:
             dt = self._rates[-1]  # each rate is compiled: a firmware has one, and a stranger shall not have a thousand
         elif dt not in self._rates:
             self._rates.append(dt)
-        self._command = BLUEROV2_HEAVY.commands(pwm, self.thrusters)
+        self._command = self._firmware.commands(pwm, self.thrusters)
         self._memory, told = self._step(*self._parameters, self._memory, as_array(self._command), dt)
         self.time += dt
         self.now += dt
         gyro, force, position, velocity, quaternion = np.split(np.asarray(told), [3, 6, 9, 12])
-        return Told(self.time, gyro, force, position, velocity, quaternion)
+        return self._firmware.state(self.time, gyro, force, position, velocity, quaternion)
 
 
 def serve_firmware(
     scenario: Scenario,
+    endpoint: Endpoint,
     where: Where,
     duration: float,
     say: Callable[[str], None],
@@ -122,14 +121,14 @@ def serve_firmware(
     `log` is a new MCAP file for the truth, 50 rows a simulated second.
 
     Raises:
-        ConfigError: ArduSub's motors are not this vehicle's.
+        ConfigError: The firmware's motors are not this vehicle's.
         LinkError: The address cannot be bound.
     """
-    physics = FirmwarePhysics(scenario)
-    lockstep = Lockstep(
-        physics.advance, physics.reset, where.hosts[0] if where.hosts else "127.0.0.1", where.port or PORT, say
-    )
-    say(f"ardusub-json: waits at udp {lockstep.addresses[0]}:{lockstep.port} for ArduSub's simulation")
+    assert endpoint.firmware is not None  # see `protocols.firmware_of`
+    firmware, name = endpoint.firmware(), endpoint.scheme
+    physics = FirmwarePhysics(scenario, firmware, name)
+    lockstep = firmware.lockstep(physics.advance, physics.reset, where, say)
+    say(f"{name}: waits at udp {lockstep.addresses[0]}:{lockstep.port} for the firmware")
     shown, began = 0.0, time.monotonic()
     try:
         with Interrupt() as interrupt, truth_log(log, physics) if log else nullcontext() as write:
@@ -146,7 +145,7 @@ def serve_firmware(
         lockstep.close()
     counts = lockstep.counts
     say(
-        f"ardusub-json: {counts.steps} steps, {counts.repeats} asked twice, {counts.resets} resets, "
+        f"{name}: {counts.steps} steps, {counts.repeats} asked twice, {counts.resets} resets, "
         f"{counts.garbage} no packets"
     )
     return physics.time

@@ -1,21 +1,22 @@
 """The protocols that a vehicle can be served by, by name, and the world that it swims in."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.yamlfile import read_yaml
+from rovtwin.links import registry
+from rovtwin.links.endpoint import Endpoint, ServeContext, Where
 from rovtwin.links.server import Server
 from rovtwin.runs.compose.composition import vehicle_of, water_density
 from rovtwin.scenario.files import list_scenarios, load_scenario
 from rovtwin.scenario.schema import Scenario
 from rovtwin.simulation.vehicle_firmware import RATE
 from rovtwin.vehicle import list_library
-from rovtwin.vehicle.analysis.stability import steady_speed
 
 PLAIN = "lawnmower_calm"  # whose world a vehicle swims in when only the vehicle is named: calm, endless water
 
@@ -25,19 +26,6 @@ class Servable(Protocol):
 
     drones: tuple[str, ...]
     largest: dict[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Where:
-    """Addresses that the user gave for one protocol: hosts and, where given, a port; whether others may take part."""
-
-    hosts: list[str] = field(default_factory=list)
-    port: int | None = None
-    expose: bool = False
-
-    def options(self, host: str = "host") -> dict[str, Any]:
-        """As arguments of a server with one host and one port."""
-        return ({host: self.hosts[0]} if self.hosts else {}) | ({} if self.port is None else {"port": self.port})
 
 
 def world_for(what: str, overrides: Sequence[str], seed: int | None) -> Scenario:
@@ -76,8 +64,8 @@ def is_vehicle(what: str) -> bool:
 
 def own_protocol(scenario: Scenario) -> str:
     """The protocol of a vehicle's vendor."""
-    names = vehicle_of(scenario).thruster_names
-    return "blueye" if all(name.split(".")[-1] in ("surge", "sway", "heave") for name in names) else "mavlink"
+    vehicle = vehicle_of(scenario)
+    return next(one.scheme for one in registry.built_in() if one.server is not None and one.is_own(vehicle))
 
 
 def known(names: Sequence[str]) -> list[str]:
@@ -86,12 +74,23 @@ def known(names: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: There is no such protocol.
     """
-    unknown = [name for name in names if name not in PROTOCOLS]
-    if unknown:
-        raise ConfigError(
-            f"--protocol: found {unknown[0]!r}, expected one or more of {', '.join(PROTOCOLS)}, or ardusub-json alone"
-        )
+    for name in names:
+        endpoint = registry.find(name)
+        if endpoint is None or (endpoint.server is None and endpoint.firmware is None):
+            alone = "".join(f", or {one} alone" for one in registry.names_of("firmware"))
+            served = ", ".join(registry.names_of("server"))
+            raise ConfigError(f"--protocol: found {name!r}, expected one or more of {served}{alone}")
+        if endpoint.server is None and len(set(names)) > 1:
+            raise ConfigError(
+                f"--protocol {name}: found others beside it, expected it alone: its firmware keeps the time"
+            )
     return list(dict.fromkeys(names))
+
+
+def firmware_of(names: Sequence[str]) -> Endpoint | None:
+    """The endpoint of a firmware that keeps the time, where one is asked for; see `known`."""
+    endpoint = registry.find(names[0]) if names else None
+    return endpoint if endpoint is not None and endpoint.firmware is not None else None
 
 
 def servers_of(
@@ -100,8 +99,8 @@ def servers_of(
     vehicle: Servable,
     places: Mapping[str, Where],
     expose: bool = False,
-) -> list[Server]:
-    """Servers of these protocols.
+) -> dict[str, Server]:
+    """Servers of these protocols, by name.
 
     Args:
         names: Of protocols, `known`.
@@ -110,8 +109,22 @@ def servers_of(
         places: Where each shall listen, if not where it usually does.
         expose: Whether others on the network may take part where a protocol finds its own addresses.
     """
-    where = {name: replace(places.get(name, Where()), expose=expose) for name in names}
-    return [PROTOCOLS[name](scenario, vehicle, where[name]) for name in names]
+    context = ServeContext(
+        vehicle=vehicle_of(scenario),
+        drones=vehicle.drones,
+        largest=vehicle.largest,
+        fastest=RATE,
+        density=water_density(scenario),
+        datum=scenario.origin,
+        floor=scenario.world.floor,
+        rate=float(scenario.rates.control),
+    )
+    servers = {}
+    for name in names:
+        endpoint = registry.find(name)
+        assert endpoint is not None and endpoint.server is not None  # as `known` has seen
+        servers[name] = endpoint.server(context, replace(places.get(name, Where()), expose=expose))
+    return servers
 
 
 def places_of(names: Sequence[str], addresses: Sequence[str], port: int | None = None) -> dict[str, Where]:
@@ -139,87 +152,3 @@ def places_of(names: Sequence[str], addresses: Sequence[str], port: int | None =
     if port is not None:
         places[names[0]] = replace(places.get(names[0], Where()), port=port)
     return places
-
-
-def _blueye(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.blueye.server import BlueyeServer
-
-    described = vehicle_of(scenario)
-    names = described.thruster_names
-    if any(name.split(".")[-1] not in ("surge", "sway", "heave") for name in names):
-        raise ConfigError(
-            f"--protocol blueye: found the thrusters {', '.join(names)}, expected surge, sway, heave of one Blueye "
-            "or two, as blueye_pioneer and double_blueye have them"
-        )
-    hosts = where.hosts or [f"127.0.0.{2 + i}" for i in range(len(vehicle.drones))]
-    largest = np.sum(list(vehicle.largest.values()), axis=0)
-    ahead, down = (steady_speed(described.model(), axis, float(largest[axis])) for axis in (0, 2))
-    return BlueyeServer(
-        hosts,
-        http_port=where.port or 80,
-        fastest=(RATE[0], RATE[1], RATE[2]),
-        datum=scenario.origin,
-        reaches=(ahead, down),
-    )
-
-
-def _mavlink(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.mavlink.mixing import mixer
-    from rovtwin.links.mavlink.server import MavlinkServer
-
-    described = vehicle_of(scenario)
-    if len(vehicle.drones) != 1:
-        raise ConfigError(
-            f"mavlink: {described.name} is made of {len(vehicle.drones)} drones ({', '.join(vehicle.drones)}), "
-            "expected one vehicle; use --protocol blueye"
-        )
-    options = where.options("address")
-    if "port" in options:
-        options["udp_port"] = options.pop("port")
-    return MavlinkServer(
-        datum=scenario.origin,
-        mixer=mixer(described.model().thrusters),
-        drone=vehicle.drones[0],
-        fastest=(RATE[0], RATE[1], RATE[2], RATE[5]),
-        density=water_density(scenario),
-        **options,
-    )
-
-
-def _ros2(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.ros2.convert import Water
-    from rovtwin.links.ros2.server import Ros2Server
-
-    if where.hosts:
-        raise ConfigError("--address ros2=..: ROS 2 finds its nodes by itself; set ROS_DOMAIN_ID, or add --expose")
-    largest = tuple(float(x) for x in vehicle.largest[vehicle.drones[0]])
-    return Ros2Server(largest=largest, water=Water(density=water_density(scenario)), expose=where.expose)
-
-
-def _dvl(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.waterlinked.dvl_server import WEB_PORT, DvlServer
-
-    return DvlServer(floor=scenario.world.floor, web_port=WEB_PORT, **where.options())
-
-
-def _ugps(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.waterlinked.ugps_server import UgpsServer
-
-    return UgpsServer(datum=scenario.origin, **where.options())
-
-
-def _qtm(scenario: Scenario, vehicle: Servable, where: Where) -> Server:
-    from rovtwin.links.qualisys.server import QtmServer
-
-    return QtmServer(rate=float(scenario.rates.control), **where.options())
-
-
-PROTOCOLS: dict[str, Callable[[Scenario, Servable, Where], Server]] = {
-    "blueye": _blueye,
-    "mavlink": _mavlink,
-    "ros2": _ros2,
-    "dvl": _dvl,
-    "ugps": _ugps,
-    "qtm": _qtm,
-}
-"""Builders of servers, by the protocol's name."""
