@@ -13,7 +13,7 @@ from rovtwin.identification.diagnostics.stated import Value, stated
 from rovtwin.identification.joint.model.catalogue import catalogue, choose
 from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.result.overlay import identified_file, to_yaml
-from rovtwin.report.vehicle_comparison import agreement, compare_files, said_difference, said_relative, said_value
+from rovtwin.report.vehicles.comparison import agreement, compare_files, said_difference, said_relative, said_value
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 FREE = ["added_mass.surge", "linear_damping.surge", "quadratic_damping.surge", "thrusters.surge.*"]

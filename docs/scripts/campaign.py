@@ -10,7 +10,7 @@ from rovtwin.campaign.reporting import result_of
 from rovtwin.campaign.run import run_campaign
 from rovtwin.campaign.schema import load_campaign
 from rovtwin.campaign.workers import cores_here, on_this_machine
-from rovtwin.report.campaign import draw_scatter, draw_scores
+from rovtwin.report.studies.campaign import draw_scatter, draw_scores
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,7 +6,7 @@ python docs/scripts/faults.py [--out docs/figures]
 import argparse
 from pathlib import Path
 
-from rovtwin.report.catalogue import figures
+from rovtwin.report.run.catalogue import figures
 from rovtwin.runs.fly import fly
 from rovtwin.scenario.files import load_scenario
 

@@ -21,7 +21,7 @@ import numpy as np
 from rovtwin.core.log import Log
 from rovtwin.live.connect import connect, source
 from rovtwin.live.flight import fly_live
-from rovtwin.report.style import BLACK, BLUE
+from rovtwin.report.parts.style import BLACK, BLUE
 from rovtwin.runs.fly import fly
 from rovtwin.runs.pace import Clock
 from rovtwin.runs.scoring.scores import distance_to_leg

@@ -13,7 +13,7 @@ from rovtwin.identification.logs.evidence_file import read_evidence
 from rovtwin.identification.logs.motion import Motion
 from rovtwin.identification.logs.readers import read_tests
 from rovtwin.identification.logs.response import Regression, thruster_forces
-from rovtwin.report.style import BLACK, BLUE, GREY, ORANGE, SMALL, WIDTH, dress, name_panel
+from rovtwin.report.parts.style import BLACK, BLUE, GREY, ORANGE, SMALL, WIDTH, dress, name_panel
 from rovtwin.vehicle import load_vehicle
 
 ROOT = Path(__file__).parents[2]

@@ -25,7 +25,7 @@ from tests.positioning.turbidity import ranges
 from rovtwin.core.log import Log
 from rovtwin.positioning.detection import Detector
 from rovtwin.positioning.port_study import port_cost
-from rovtwin.report.lens import port_figure
+from rovtwin.report.cameras.lens import port_figure
 from rovtwin.simulation.camera import renderer
 from rovtwin.simulation.scene import load_scene
 from rovtwin.vehicle import load_vehicle

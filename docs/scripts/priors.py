@@ -14,8 +14,8 @@ from rovtwin.identification.priors.outline import Outline, full_box
 from rovtwin.identification.priors.panel import panel_added_mass
 from rovtwin.identification.priors.surface import solids
 from rovtwin.identification.priors.widths import UNITS, prior_widths
-from rovtwin.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SMALL, dress, legend_above, new_figure
-from rovtwin.report.surface import surface_figure
+from rovtwin.report.evidence.surface import surface_figure
+from rovtwin.report.parts.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SMALL, dress, legend_above, new_figure
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 from rovtwin.vehicle.constants import AXES
 from rovtwin.vehicle.description.added_mass import added_mass

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovtwin.report.style import BLACK, SERIES, SMALL, dress, new_figure
+from rovtwin.report.parts.style import BLACK, SERIES, SMALL, dress, new_figure
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.water import density
 

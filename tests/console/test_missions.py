@@ -17,7 +17,7 @@ from rovtwin.core.log import Log, repair
 from rovtwin.core.log.maps import map_of
 from rovtwin.core.log.missions import missions_of
 from rovtwin.report.flight import Flight
-from rovtwin.report.tables import mission_table
+from rovtwin.report.run.tables import mission_table
 from rovtwin.runs.compose.composition import compose
 from rovtwin.scenario.files import load_scenario
 from rovtwin.scenario.schema import MissionSection, Waypoint

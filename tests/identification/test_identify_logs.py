@@ -12,7 +12,7 @@ from rovtwin.cli import app
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification import identify as module
 from rovtwin.identification.identify import identify
-from rovtwin.report.identification_tables import record_table
+from rovtwin.report.identification.tables import record_table
 from rovtwin.vehicle import load_vehicle
 
 command = sys.modules["rovtwin.cli.identify"]  # its package has a function of that name

@@ -27,7 +27,7 @@ from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.identification.joint.solver.segments import cut
 from rovtwin.identification.joint.uncertainty.agreement import parts, stretches, widened
 from rovtwin.identification.result import Identification
-from rovtwin.report.repeatability import repeatability_table
+from rovtwin.report.identification.repeatability import repeatability_table
 from rovtwin.vehicle import load_vehicle, vehicle_from_dict
 
 DURATION = 30.0

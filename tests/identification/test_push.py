@@ -17,7 +17,7 @@ from rovtwin.identification.joint.solver.problem import Problem
 from rovtwin.identification.joint.solver.segments import EFFECTS, cut
 from rovtwin.identification.joint.uncertainty.agreement import MOTIONS, _by_motion
 from rovtwin.identification.joint.uncertainty.unmodelled import Effects, _at_full_force, _tether, known_of
-from rovtwin.report.identification_tables import disturbance_table
+from rovtwin.report.identification.tables import disturbance_table
 from rovtwin.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("double_blueye")

@@ -24,7 +24,7 @@ from rovtwin.identification.joint.model.nodes import Nodes
 from rovtwin.identification.joint.solver.problem import Noise, Unknowns
 from rovtwin.identification.joint.uncertainty.unmodelled import Effects
 from rovtwin.identification.result import Identification
-from rovtwin.report.identification import write_identification_report
+from rovtwin.report.identification.html import write_identification_report
 from rovtwin.vehicle import Vehicle, load_vehicle
 from rovtwin.vehicle.physics.model import Model
 

@@ -19,10 +19,10 @@ from rovtwin.live.flight import ROOM, fly_live
 from rovtwin.live.manoeuvres import REACTION, Prompter, cues_of, plan, touched_spans
 from rovtwin.live.readiness import SensorMux, listen
 from rovtwin.live.serving.vehicle import served_of
-from rovtwin.report.catalogue import drawable
 from rovtwin.report.flight import Flight as Seen
-from rovtwin.report.tables import manoeuvre_table
-from rovtwin.report.verdict import verdict
+from rovtwin.report.run.catalogue import drawable
+from rovtwin.report.run.tables import manoeuvre_table
+from rovtwin.report.run.verdict import verdict
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.compose.experiment import needs_position, spans_of
 from rovtwin.runs.pace import Clock

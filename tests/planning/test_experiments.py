@@ -15,7 +15,7 @@ from rovtwin.planning.experiments import _laid_out, what_is_known
 from rovtwin.planning.rehearsal import Rehearsed, _exact
 from rovtwin.planning.room import excitation, require_possible
 from rovtwin.planning.tank import Tank
-from rovtwin.report.identification_words import is_coupling
+from rovtwin.report.identification.words import is_coupling
 from rovtwin.runs.compose.experiment import spans_of
 from rovtwin.runs.compose.experiment_scales import ExperimentScales
 from rovtwin.scenario.files import load_scenario

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rovtwin.positioning.port_study import AIR, PORT, calibrated_in_water, port_cost
-from rovtwin.report.lens import port_figure
+from rovtwin.report.cameras.lens import port_figure
 
 pytest.importorskip("cv2")
 

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from rovtwin.report.campaign import CampaignResult, draw_scatter, draw_scores, write_campaign_report
+from rovtwin.report.studies.campaign import CampaignResult, draw_scatter, draw_scores, write_campaign_report
 
 
 def result(n=60, **changes) -> CampaignResult:

@@ -9,13 +9,13 @@ from tests.report.synthetic import WAYPOINTS, synthetic
 
 from rovtwin.core.log import Log
 from rovtwin.report import figures
-from rovtwin.report.catalogue import CATALOGUE, left_out
-from rovtwin.report.consistency import chi_square_range, consistency
-from rovtwin.report.effort import _true_wrench
 from rovtwin.report.flight import FaultSpan, Flight
-from rovtwin.report.motion import tracking
+from rovtwin.report.parts.style import _fault_labels, thin
+from rovtwin.report.run.catalogue import CATALOGUE, left_out
+from rovtwin.report.run.consistency import chi_square_range, consistency
+from rovtwin.report.run.effort import _true_wrench
+from rovtwin.report.run.motion import tracking
 from rovtwin.report.series import beside, slow_mean, unwrapped
-from rovtwin.report.style import _fault_labels, thin
 
 NAMES = [entry.name for entry in CATALOGUE]
 

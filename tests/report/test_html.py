@@ -11,9 +11,9 @@ from rovtwin.core.datum import Datum
 from rovtwin.core.log import Channel, Log
 from rovtwin.report import write_comparison, write_report
 from rovtwin.report.flight import Flight
-from rovtwin.report.tables import mission_table, sensor_table
-from rovtwin.report.vehicle import vehicle_tables
-from rovtwin.report.verdict import scores, verdict
+from rovtwin.report.run.tables import mission_table, sensor_table
+from rovtwin.report.run.vehicle import vehicle_tables
+from rovtwin.report.run.verdict import scores, verdict
 
 
 class Page(HTMLParser):

@@ -24,10 +24,10 @@ from rovtwin.identification.joint.model.gaussian import Gaussian
 from rovtwin.identification.joint.solver.problem import Noise
 from rovtwin.identification.joint.solver.segments import Grid
 from rovtwin.identification.joint.uncertainty.apart import Apart
-from rovtwin.report.curves import Subject, curves, speed_grid
-from rovtwin.report.identification import curves_of, write_identification_report
-from rovtwin.report.identification_tables import between, correlated_table, estimated, parameter_table, percent
-from rovtwin.report.identification_words import assumptions, excitation, is_coupling, not_learnt, verdict
+from rovtwin.report.identification.html import curves_of, write_identification_report
+from rovtwin.report.identification.tables import between, correlated_table, estimated, parameter_table, percent
+from rovtwin.report.identification.words import assumptions, excitation, is_coupling, not_learnt, verdict
+from rovtwin.report.parts.curves import Subject, curves, speed_grid
 from rovtwin.vehicle import load_vehicle
 from rovtwin.vehicle.description.schema import LearnedDiscrepancy
 

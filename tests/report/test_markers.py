@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rovtwin.core.errors import ConfigError
-from rovtwin.report.markers import PAGES, numbers, sheet, write_markers
+from rovtwin.report.cameras.markers import PAGES, numbers, sheet, write_markers
 
 cv2 = pytest.importorskip("cv2")
 POINT = 0.0254 / 72  # of PDF [m]

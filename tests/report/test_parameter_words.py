@@ -2,7 +2,7 @@
 
 from rovtwin.identification.joint.model.catalogue import catalogue
 from rovtwin.identification.joint.model.groups import thruster_groups
-from rovtwin.report.parameter_words import groups_in_words, what_teaches
+from rovtwin.report.identification.parameter_words import groups_in_words, what_teaches
 from rovtwin.vehicle import load_vehicle
 
 

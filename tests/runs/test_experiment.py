@@ -22,7 +22,7 @@ from rovtwin.identification.logs.readers import read_records
 from rovtwin.identification.logs.rotations import euler_from_matrices
 from rovtwin.planning.records import _signal, free_spans, trial_records
 from rovtwin.report.flight import Flight as Seen
-from rovtwin.report.verdict import verdict
+from rovtwin.report.run.verdict import verdict
 from rovtwin.runs.compose.composition import compose
 from rovtwin.runs.compose.experiment import pieces_of, spans_of, trial_of
 from rovtwin.runs.compose.fit_experiment import fitted_test

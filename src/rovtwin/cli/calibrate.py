@@ -66,7 +66,7 @@ def calibrate(
 def _draw(result: "Calibration", path: Path) -> None:
     from numpy import concatenate
 
-    from rovtwin.report.lens import residual_figure
+    from rovtwin.report.cameras.lens import residual_figure
 
     figure = residual_figure(result.lens, concatenate(result.points), concatenate(result.residuals))
     figure.savefig(path, dpi=110)

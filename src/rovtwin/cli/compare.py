@@ -30,7 +30,7 @@ def compare(
     """
     from rovtwin.identification.diagnostics.differences import as_a_whole, difference
     from rovtwin.identification.diagnostics.stated import stated
-    from rovtwin.report.vehicle_comparison import compare_files, write_vehicle_comparison
+    from rovtwin.report.vehicles.comparison import compare_files, write_vehicle_comparison
     from rovtwin.vehicle import load_vehicle
 
     if len(vehicles) < 2:
@@ -56,7 +56,7 @@ def labels(names: list[str]) -> list[str]:
 
 
 def _print(comparison: Any, page: Path | None) -> None:
-    from rovtwin.report.vehicle_comparison import agreement, force_table, parameter_table
+    from rovtwin.report.vehicles.comparison import agreement, force_table, parameter_table
 
     screen = console(False)
     _print_table(screen, "parameters", parameter_table, comparison)

@@ -79,7 +79,7 @@ def decay(
     rigid = None if loaded is None else float(loaded.assembly.solid.inertia[_place(axis), _place(axis)])
     if picture:
         from rovtwin.cli.evidence_towing import save_figure
-        from rovtwin.report.decay import decay_figure
+        from rovtwin.report.evidence.decay import decay_figure
 
         save_figure(decay_figure(list(runs.values()), list(runs), axis), picture)
     if out:

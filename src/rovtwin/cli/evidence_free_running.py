@@ -85,7 +85,7 @@ def _baseline(fit: Any, model: Any, records: Any, options: dict[str, Any]) -> "F
 
 
 def _figures(result: "FreeRunning", other: "FreeRunning | None", picture: Path) -> list[Path]:
-    from rovtwin.report.steady import free_running_figure
+    from rovtwin.report.evidence.steady import free_running_figure
 
     paths = []
     for name in result.fits:

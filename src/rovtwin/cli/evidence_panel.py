@@ -70,7 +70,7 @@ def panel(
         source = f"panel method (capytaine) of {mesher.name}, {found.surroundings}, {found.density:g} kg/m3"
         write_text(out, block(priors, source, found.matrix))
     if picture is not None:
-        from rovtwin.report.surface import surface_figure
+        from rovtwin.report.evidence.surface import surface_figure
 
         figure_of = surface_figure(found.panels.corners, found.pressure, f"{mesher.name}, {found.surroundings}")
         figure_of.savefig(picture, dpi=150)

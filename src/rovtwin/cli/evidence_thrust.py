@@ -65,7 +65,7 @@ def thrust(
         drawn = command, velocity
     if picture:
         from rovtwin.cli.evidence_towing import save_figure
-        from rovtwin.report.thrust import thrust_and_damping_figure, thrust_figure
+        from rovtwin.report.evidence.thrust import thrust_and_damping_figure, thrust_figure
 
         save_figure(thrust_and_damping_figure(joint, *drawn, dof) if drawn else thrust_figure(tests), picture)
     if out:

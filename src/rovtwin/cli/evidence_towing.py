@@ -62,7 +62,7 @@ def towing(
         **options,
     )
     if picture:
-        from rovtwin.report.steady import towing_figure
+        from rovtwin.report.evidence.steady import towing_figure
 
         save_figure(towing_figure(result, dof), picture)
     if out:

@@ -250,7 +250,7 @@ class _progress:
 
 
 def _report(result: "Identification", out: Path) -> Path:
-    from rovtwin.report.identification import write_identification_report
+    from rovtwin.report.identification.html import write_identification_report
 
     return write_identification_report(result, out.with_suffix(""))
 
@@ -272,8 +272,8 @@ def _short(path: Path) -> str:
 
 def as_object(result: "Identification") -> dict[str, Any]:
     """The result in plain types."""
-    from rovtwin.report.identification_words import excitation
-    from rovtwin.report.parameter_words import what_teaches
+    from rovtwin.report.identification.parameter_words import what_teaches
+    from rovtwin.report.identification.words import excitation
 
     rows = []
     for i, (p, why) in enumerate(zip(result.parameters.free, excitation(result), strict=True)):
@@ -355,9 +355,9 @@ _COLUMNS = ("parameter", "start", "estimate", "95 % interval", "unit", "verdict"
 
 
 def _print(screen: Console, result: "Identification") -> None:
-    from rovtwin.report.identification_tables import between, estimated
-    from rovtwin.report.identification_words import in_families, is_coupling, not_learnt
-    from rovtwin.report.parameter_words import groups_in_words
+    from rovtwin.report.identification.parameter_words import groups_in_words
+    from rovtwin.report.identification.tables import between, estimated
+    from rovtwin.report.identification.words import in_families, is_coupling, not_learnt
 
     rows = table(
         f"{result.vehicle.name}: parameters", "parameter", "start", "estimate", "95 % interval", "unit", "verdict"

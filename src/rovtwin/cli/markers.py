@@ -24,7 +24,7 @@ def markers(
     Print at 100 % ("actual size"), measure the ruler, cut along the marks: the white rim belongs to the marker.
     """
     from rovtwin.core.quantity import LENGTH, positive
-    from rovtwin.report.markers import numbers, write_markers
+    from rovtwin.report.cameras.markers import numbers, write_markers
 
     side = positive(size, LENGTH, "--size")
     check_free(out, overwrite)

@@ -49,7 +49,7 @@ def plan_tests(
     from rovtwin.identification.joint.model.groups import thruster_groups
     from rovtwin.planning.experiments import BOLLARD, plan_tests, write_plan
     from rovtwin.planning.tank import Tank
-    from rovtwin.report.parameter_words import groups_in_words
+    from rovtwin.report.identification.parameter_words import groups_in_words
     from rovtwin.vehicle import load_vehicle
 
     own = load_vehicle(vehicle)
@@ -91,8 +91,8 @@ def plan_tests(
 
 
 def _print(plan: "Plan", screen: Any) -> None:
-    from rovtwin.report.identification_words import is_coupling
-    from rovtwin.report.parameter_words import what_teaches
+    from rovtwin.report.identification.parameter_words import what_teaches
+    from rovtwin.report.identification.words import is_coupling
 
     expected = plan.expected
     rows = table(

@@ -164,7 +164,7 @@ def _closing_table(flight: Any, screen: Console) -> None:
     summary = flight.summary
     done = "test done" if summary.get("test") else "completed"
     from rovtwin.core.flow import FAIL_SAFE_PHASES
-    from rovtwin.report.verdict import overconfident
+    from rovtwin.report.run.verdict import overconfident
 
     acted = "" if summary["phase"] not in FAIL_SAFE_PHASES else f"{summary['phase']}, "
     verdict = done if flight.completed else f"not completed: {acted}{summary['reason']}"

@@ -38,7 +38,7 @@ def thesis(output: Output = None, no_report: NoReport = False, as_json: AsJson =
         study = rederive(lambda done: progress.update(task, description=done))
         page = None
         if not no_report:
-            from rovtwin.report.derivation import write_derivation
+            from rovtwin.report.evidence.derivation import write_derivation
 
             progress.update(task, description="drawing the report")
             page = write_derivation(study, output or Path("runs/thesis"), TITLE, CAPTION)
@@ -63,7 +63,7 @@ def _section(section: Any) -> dict[str, Any]:
 
 
 def _print(screen: Any, section: Any) -> None:
-    from rovtwin.report.derivation import digits
+    from rovtwin.report.evidence.derivation import digits
 
     reasons: list[str] = []
     rows = table(section.title, "quantity", "unit", "thesis", "published", "derived", "corrected", "why")

@@ -63,7 +63,7 @@ def watch(
         found = watch_runs(runs, vehicle, baseline, progress)
     page = None
     if output is not None:
-        from rovtwin.report.watch import write_watch
+        from rovtwin.report.studies.watch import write_watch
 
         page = write_watch(found, output)
     if as_json:

@@ -13,7 +13,7 @@ from rovtwin.core.vision import opencv
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.logs.readers import read_records
 from rovtwin.positioning.detection import Detector
-from rovtwin.report.sight import Seen, draw_seen
+from rovtwin.report.cameras.sight import Seen, draw_seen
 from rovtwin.runs.fly import fly
 from rovtwin.runs.track import track_run
 from rovtwin.scenario.schema import Scenario

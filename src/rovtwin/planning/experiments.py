@@ -35,7 +35,7 @@ from rovtwin.planning.candidates import candidates, in_words, thesis_pulls
 from rovtwin.planning.rehearsal import Rehearsed, rehearse
 from rovtwin.planning.room import MARGIN, axes_left_out, excitation, require_possible, too_small
 from rovtwin.planning.tank import Tank
-from rovtwin.report.plan import PlannedTest, draw_test_plan
+from rovtwin.report.plans.experiment import PlannedTest, draw_test_plan
 from rovtwin.runs.compose.experiment import pieces_of, spans_of
 from rovtwin.runs.compose.experiment_scales import TIPPED, ExperimentScales
 from rovtwin.scenario.schema import Scenario

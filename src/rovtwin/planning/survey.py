@@ -16,7 +16,7 @@ from rovtwin.core.files import write_text
 from rovtwin.core.yamlfile import dump_yaml
 from rovtwin.gnc.scales import VehicleScales
 from rovtwin.planning.survey_request import SurveyRequest, refuse_doubles
-from rovtwin.report.survey import SurveyPicture, draw_survey
+from rovtwin.report.plans.survey import SurveyPicture, draw_survey
 from rovtwin.runs.compose.fitting import own_values
 from rovtwin.runs.compose.sensors import measures
 from rovtwin.runs.limits import Limits

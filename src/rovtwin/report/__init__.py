@@ -4,8 +4,8 @@ Depends on core and vehicle, matplotlib, jinja2 and scipy. `write_report` writes
 gives them as matplotlib objects, `write_comparison` shows several runs side by side.
 """
 
-from rovtwin.report.catalogue import figures
-from rovtwin.report.comparison import write_comparison
-from rovtwin.report.html import write_report
+from rovtwin.report.run.catalogue import figures
+from rovtwin.report.run.comparison import write_comparison
+from rovtwin.report.run.html import write_report
 
 __all__ = ["figures", "write_comparison", "write_report"]

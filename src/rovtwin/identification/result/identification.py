@@ -248,7 +248,7 @@ class Identification:
         Raises:
             IdentificationError: A pattern fits no parameter, or `truth` names none.
         """
-        from rovtwin.report.intervals import intervals_figure
+        from rovtwin.report.identification.intervals import intervals_figure
 
         chosen = tables.chosen(self, names)
         known = tables.truths(self, truth)[chosen]
@@ -256,7 +256,7 @@ class Identification:
 
     def plot_correlations(self, names: Sequence[str] = ()) -> Axes:
         """Correlations of the errors of the estimate as a map; `names` as of `plot_intervals`."""
-        from rovtwin.report.identification_figures import correlation_figure
+        from rovtwin.report.identification.figures import correlation_figure
 
         chosen = tables.chosen(self, names)
         shown = [self.parameters.names[i] for i in chosen]
@@ -277,7 +277,7 @@ class Identification:
         Raises:
             IdentificationError: As of `predict`, or the log holds several tests.
         """
-        from rovtwin.report.identification_tests import prediction_figure
+        from rovtwin.report.identification.test_figures import prediction_figure
 
         if not isinstance(log, Prediction):
             records = self._records(log)

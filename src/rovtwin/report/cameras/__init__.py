@@ -1,0 +1,1 @@
+"""Figures of cameras: lenses, what a camera saw, and markers to print."""

@@ -1,0 +1,1 @@
+"""Figures of methods that stand alone: decay, towing, thrust, panels; published results derived again."""

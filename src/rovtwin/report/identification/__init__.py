@@ -1,0 +1,1 @@
+"""The report of an identification: figures, tables, and what it says in words."""

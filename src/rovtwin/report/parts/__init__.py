@@ -1,0 +1,1 @@
+"""What all reports are made of: looks of figures, panels, force curves with bands, pages, tables, verdicts."""

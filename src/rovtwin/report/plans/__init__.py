@@ -1,0 +1,1 @@
+"""Pictures of plans: a test and a survey."""

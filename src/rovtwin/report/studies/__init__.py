@@ -1,0 +1,1 @@
+"""Reports of many flights: a campaign, a tuning, a watch over runs."""

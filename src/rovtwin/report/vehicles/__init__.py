@@ -1,0 +1,1 @@
+"""Vehicle files side by side: tables, force curves and a page."""
