@@ -61,6 +61,12 @@ LAYERS: dict[str, list[set[str]]] = {
         {"battery", "camera", "environment", "events", "mismatch", "roll_out", "sensors", "tether"},
         {"twin"},
     ],
+    "report": [
+        {"flight", "series"},
+        {"parts"},
+        {"cameras", "evidence", "identification", "run"},
+        {"plans", "studies", "vehicles"},
+    ],
     "identification/joint": [{"model"}, {"solver"}, {"uncertainty"}, {"estimate"}, {"build", "result"}],
     "runs": [
         {"interrupt", "limits", "loop", "pace", "realtime", "run", "track", "under_way", "vehicle_defaults"},
@@ -162,9 +168,11 @@ def violations(path: Path, package: Path) -> list[str]:
 
 def upward(path: Path, package: Path) -> list[str]:
     """Imports inside a package that point up its LAYERS, and modules that have no place in them."""
-    inside = next((part for part in LAYERS if (package / part) in path.parents), None)
-    if inside is None or path == package / inside / "__init__.py":
-        return []
+    inside = [part for part in LAYERS if (package / part) in path.parents and path != package / part / "__init__.py"]
+    return [line for part in inside for line in _upward(path, package, part)]
+
+
+def _upward(path: Path, package: Path, inside: str) -> list[str]:
     level = {name: i for i, names in enumerate(LAYERS[inside]) for name in names}
     room = path.relative_to(package / inside).with_suffix("").parts[0]
     if room not in level:

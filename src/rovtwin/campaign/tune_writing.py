@@ -15,7 +15,7 @@ from rovtwin.campaign.tune_result import Tuned, terms_table
 from rovtwin.core.files import write_text
 from rovtwin.core.numerics import jax
 from rovtwin.core.yamlfile import dump_yaml
-from rovtwin.report.run.verdict import Verdict
+from rovtwin.report.parts.verdict import Verdict
 from rovtwin.report.studies.tuning import Moved, TuningResult, write_tuning_report
 from rovtwin.runs.compose.composition import vehicle_of
 from rovtwin.scenario.schema import ModelBasedSection, TunedSection

@@ -15,7 +15,7 @@ from rovtwin.core.log import Log
 from rovtwin.demo.camera import film_and_identify
 from rovtwin.demo.payload import Refitted, refit_and_identify
 from rovtwin.report import write_comparison
-from rovtwin.report.run.tables import Table
+from rovtwin.report.parts.tables import Table
 from rovtwin.runs.fly import Flight
 from rovtwin.runs.under_way import remove_unfinished, under_way
 from rovtwin.scenario.files import load_scenario

@@ -12,7 +12,7 @@ from rovtwin.core.files import write_text
 from rovtwin.identification.identify import Identification, identify
 from rovtwin.identification.joint.result.overlay import to_yaml
 from rovtwin.identification.logs.readers import read_records
-from rovtwin.report.run.tables import Table
+from rovtwin.report.parts.tables import Table
 from rovtwin.runs.fly import fly
 from rovtwin.runs.vehicle_figures import compared
 from rovtwin.scenario.schema import Scenario

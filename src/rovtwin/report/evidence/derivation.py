@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rovtwin.report.parts.page import save, write_page
 from rovtwin.report.parts.style import BLACK, BLUE, FONT, GREEN, GREY, ORANGE, SMALL, dress, new_figure
-from rovtwin.report.run.html import save, write_page
-from rovtwin.report.run.tables import Table
+from rovtwin.report.parts.tables import Table
 
 LOOKS: dict[str, dict[str, Any]] = {
     "published": {"color": ORANGE, "linestyle": (0, (4, 2)), "linewidth": 1.3},

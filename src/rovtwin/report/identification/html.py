@@ -16,8 +16,8 @@ from rovtwin.report.identification.repeatability import repeatability_table
 from rovtwin.report.identification.test_figures import prediction_figure
 from rovtwin.report.identification.words import assumptions, is_coupling, verdict
 from rovtwin.report.parts.curves import DIRECTIONS, Curves, Subject, curves, speed_grid
-from rovtwin.report.run.html import Picture, save, write_page
-from rovtwin.report.run.tables import Table
+from rovtwin.report.parts.page import Picture, save, write_page
+from rovtwin.report.parts.tables import Table
 from rovtwin.vehicle.physics.model import Model
 
 _DRAWN = 8  # tests that get a figure of their own, fitted and held out each

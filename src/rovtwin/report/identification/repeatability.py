@@ -6,7 +6,7 @@ import numpy as np
 
 from rovtwin.report.identification.tables import number, pretty
 from rovtwin.report.identification.words import is_coupling
-from rovtwin.report.run.tables import Table
+from rovtwin.report.parts.tables import Table
 
 _Z = 1.96
 _INFORMED = 0.9  # of the prior's width, below which one of two estimates says something

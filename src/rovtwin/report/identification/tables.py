@@ -10,7 +10,7 @@ from rovtwin.core.quantity import plain
 from rovtwin.report.identification.test_figures import component_name, how, scaled, unit_of
 from rovtwin.report.identification.words import excitation, in_families, is_coupling, naive
 from rovtwin.report.parts.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curve, Curves
-from rovtwin.report.run.tables import Table
+from rovtwin.report.parts.tables import Table
 from rovtwin.vehicle.description.identified import fingerprint
 
 _Z = 1.96

@@ -8,7 +8,7 @@ import numpy as np
 
 from rovtwin.report.identification.parameter_words import what_teaches
 from rovtwin.report.parts.curves import DIRECTIONS, SPEED_UNITS, Curves
-from rovtwin.report.run.verdict import Verdict
+from rovtwin.report.parts.verdict import Verdict
 
 TELLING = 1.0  # information over the prior's from which a parameter was excited
 _LABELS = {

@@ -11,10 +11,10 @@ from matplotlib.lines import Line2D
 
 from rovtwin.core.log import Log
 from rovtwin.report.flight import Flight
+from rovtwin.report.parts.page import save, write_page
 from rovtwin.report.parts.style import SERIES, SMALL, WIDTH, dress, legend_above, line, name_panel, new_figure, note
-from rovtwin.report.run.html import save, write_page
+from rovtwin.report.parts.tables import Table
 from rovtwin.report.run.path import draw_path, extent, legend_entries
-from rovtwin.report.run.tables import Table
 from rovtwin.report.run.verdict import scores, verdict
 
 

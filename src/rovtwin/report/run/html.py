@@ -1,36 +1,14 @@
 """The HTML report: one file with everything in it, for the browser, for paper and for a mail."""
 
-import base64
-import io
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import jinja2
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
-from rovtwin.core.files import write_text
 from rovtwin.core.log import Log
 from rovtwin.report.flight import Flight
+from rovtwin.report.parts.page import save, write_page
 from rovtwin.report.run.catalogue import drawable, left_out
 from rovtwin.report.run.tables import fault_table, manoeuvre_table, mission_table, provenance_table, sensor_table
 from rovtwin.report.run.vehicle import vehicle_tables
 from rovtwin.report.run.verdict import verdict
-
-DPI = 150
-
-_TEMPLATES = Path(__file__).parents[1] / "templates"
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure as the page shows it: `data` is its PNG as a data URI, the files lie in `figures/`."""
-
-    name: str
-    title: str
-    caption: str
-    data: str
 
 
 def write_report(log: Log, folder: str | Path, title: str | None = None) -> Path:
@@ -80,33 +58,3 @@ def _everything_left_out(log: Log, flight: Flight) -> list[str]:
         (flight.sensors, "Sensors: the log has no channel sensor/... with readings."),
     )
     return left_out(log) + [line for found, line in sections if not found]
-
-
-def save(figure: Figure, folder: Path, name: str, title: str = "", caption: str = "") -> Picture:
-    """Write a figure as PNG and SVG into `folder/figures`."""
-    target = folder / "figures"
-    target.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure)
-    # The layout is computed once, not again for each format.
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=DPI)
-    (target / f"{name}.png").write_bytes(stream.getvalue())
-    figure.savefig(target / f"{name}.svg", format="svg", metadata={"Date": None})
-    data = "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
-    return Picture(name, title, caption, data)
-
-
-def write_page(path: Path, template: str, **context: Any) -> Path:
-    """Fill a template and write it."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, environment.get_template(template).render(**context))
-    return path

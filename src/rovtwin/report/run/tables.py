@@ -1,7 +1,5 @@
 """Tables of the report: sensors, mission, the vehicle's model, provenance."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,16 +7,7 @@ import numpy as np
 from rovtwin.core.datum import METADATA_KEY, said
 from rovtwin.core.log import Series
 from rovtwin.report.flight import Flight
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table for the template: cells are text."""
-
-    title: str
-    head: list[str]
-    rows: list[list[str]]
-    note: str = ""
+from rovtwin.report.parts.tables import Table, text
 
 
 def sensor_table(flight: Flight) -> Table | None:
@@ -106,24 +95,3 @@ def provenance_table(flight: Flight) -> Table:
     if flight.datum is not None:
         rows = [[key, str(flight.datum) if key == METADATA_KEY else value] for key, value in rows]
     return Table("Provenance", ["Entry", "Value"], [*rows, *([["note", n] for n in flight.log.notes])])
-
-
-def words(key: str) -> str:
-    """A key as people read it."""
-    return key.replace("_", " ")
-
-
-def text(value: Any) -> str:
-    """A value in a cell."""
-    match value:
-        case None:
-            return "-"
-        case bool():
-            return "yes" if value else "no"
-        case float():
-            return f"{value + 0.0:.5g}" if np.isfinite(value) else str(value)  # + 0.0: no negative zero
-        case list() | tuple():
-            return ", ".join(text(one) for one in value) or "none"
-        case Mapping():
-            return ", ".join(f"{words(str(k))}: {text(v)}" for k, v in value.items())
-    return str(value)

@@ -7,7 +7,7 @@ import numpy as np
 
 from rovtwin.core.errors import ConfigError
 from rovtwin.report.flight import Flight
-from rovtwin.report.run.tables import Table, text, words
+from rovtwin.report.parts.tables import Table, text, words
 from rovtwin.vehicle.description.water import density
 
 _SYMBOLS = {

@@ -1,36 +1,14 @@
 """The scores of a run as a table and in plain sentences."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from rovtwin.core.flow import FAIL_SAFE_PHASES
 from rovtwin.report.flight import Flight
+from rovtwin.report.parts.verdict import Score, Verdict
 from rovtwin.report.run import supply
-
-
-@dataclass(frozen=True)
-class Score:
-    """A row of the score table."""
-
-    name: str
-    value: str
-    unit: str
-    beside: str
-    meaning: str
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the box on top of the report says: good is None when the log does not say whether the run was completed."""
-
-    good: bool | None
-    headline: str
-    sentences: list[str]
-    scores: list[Score]
-
 
 # key: name, unit, factor from SI, digits, what it means
 _SCORES: dict[str, tuple[str, str, float, int, str]] = {

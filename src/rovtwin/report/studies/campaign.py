@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from rovtwin.report.parts.page import save, write_page
 from rovtwin.report.parts.style import (
     BLUE,
     ORANGE,
@@ -21,9 +22,8 @@ from rovtwin.report.parts.style import (
     new_figure,
     note,
 )
-from rovtwin.report.run.html import save, write_page
-from rovtwin.report.run.tables import Table
-from rovtwin.report.run.verdict import Verdict
+from rovtwin.report.parts.tables import Table
+from rovtwin.report.parts.verdict import Verdict
 
 # Column: name, unit, factor from SI
 NAMES: dict[str, tuple[str, str, float]] = {

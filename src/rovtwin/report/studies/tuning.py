@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from rovtwin.report.parts.page import save, write_page
 from rovtwin.report.parts.style import (
     BLACK,
     BLUE,
@@ -23,9 +24,8 @@ from rovtwin.report.parts.style import (
     new_figure,
     note,
 )
-from rovtwin.report.run.html import save, write_page
-from rovtwin.report.run.tables import Table
-from rovtwin.report.run.verdict import Verdict
+from rovtwin.report.parts.tables import Table
+from rovtwin.report.parts.verdict import Verdict
 
 DEAR = 2.0  # the axis of costs ends where a flight costs twice what the hand-tuned one does
 

@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rovtwin.report.identification.html import Section
+from rovtwin.report.parts.page import save, write_page
 from rovtwin.report.parts.style import BAND, BLACK, FAULT, GREY, SMALL, dress, name_panel, new_figure
-from rovtwin.report.run.html import save, write_page
-from rovtwin.report.run.tables import Table
-from rovtwin.report.run.verdict import Verdict
+from rovtwin.report.parts.tables import Table
+from rovtwin.report.parts.verdict import Verdict
 
 COLUMNS = 3
 

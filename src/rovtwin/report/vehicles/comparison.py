@@ -15,9 +15,9 @@ from rovtwin.report.identification.html import Section
 from rovtwin.report.identification.tables import between, estimated, number, percent, pretty
 from rovtwin.report.identification.words import is_coupling
 from rovtwin.report.parts.curves import DIRECTIONS, FORCE_UNITS, SPEED_UNITS, Curves, Subject, curves, speed_grid
-from rovtwin.report.run.html import save, write_page
-from rovtwin.report.run.tables import Table
-from rovtwin.report.run.verdict import Verdict
+from rovtwin.report.parts.page import save, write_page
+from rovtwin.report.parts.tables import Table
+from rovtwin.report.parts.verdict import Verdict
 from rovtwin.report.vehicles import comparison_figures as figures
 from rovtwin.vehicle.analysis.stability import steady_speed
 from rovtwin.vehicle.description.identified import fingerprint
