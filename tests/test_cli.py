@@ -18,7 +18,7 @@ import typer
 from tests.campaign.identified import identified_vehicle
 
 import rovtwin.cli
-from rovtwin.cli.logs import in_short
+from rovtwin.cli.flight.logs import in_short
 from rovtwin.core.log import Log
 
 

@@ -320,7 +320,7 @@ GOOD = [
         "from rovtwin.core.errors import LogError\ndef f():\n    import jax\n    from rovtwin.campaign import study",
     ),
     ("cli.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from rovtwin.scenario import Scenario"),
-    ("cli/runs.py", "from . import app\nfrom .app import console\nfrom ..core.errors import RovtwinError"),
+    ("cli/flight/runs.py", "from . import app\nfrom .app import console\nfrom ..core.errors import RovtwinError"),
     ("__main__.py", "from rovtwin.cli import main"),
     ("__init__.py", "from importlib import import_module\ndef __getattr__(name): return import_module('x.' + name)"),
 ]

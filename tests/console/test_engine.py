@@ -10,7 +10,7 @@ from tests.runs.test_feasibility import NO_HEAVE
 
 pytest.importorskip("zmq", reason="the console needs pyzmq: pip install 'rovtwin[console]'")
 
-from rovtwin.cli.console import _require_flyable
+from rovtwin.cli.flight.console import _require_flyable
 from rovtwin.console.engine import engine as module
 from rovtwin.console.engine import flights, ticker, vessel
 from rovtwin.console.engine.bridge import Bridge

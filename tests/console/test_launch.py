@@ -73,7 +73,7 @@ def test_who_looks_for_an_engine_keeps_none_from_beginning(place, monkeypatch):
 
 def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):
     pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
-    from rovtwin.cli.console import console
+    from rovtwin.cli.flight.console import console
 
     done = []
     monkeypatch.setattr(launch, "start", lambda *_: done.append("start"))
@@ -90,7 +90,7 @@ def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):
 def test_sigterm_ends_the_autopilot_as_ctrl_c_does(monkeypatch, tmp):
     """From systemd and docker. Without a handler the process would be gone before it ended anything."""
     pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
-    module = importlib.import_module("rovtwin.cli.console")
+    module = importlib.import_module("rovtwin.cli.flight.console")
     from rovtwin.console.web import app
 
     def serve(*_):

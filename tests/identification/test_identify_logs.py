@@ -15,7 +15,7 @@ from rovtwin.identification.identify import identify
 from rovtwin.report.identification.tables import record_table
 from rovtwin.vehicle import load_vehicle
 
-command = sys.modules["rovtwin.cli.identify"]  # its package has a function of that name
+command = sys.modules["rovtwin.cli.identification.identify"]  # its package has a function of that name
 PQR, ANGLES = ("p", "q", "r"), ("phi", "theta", "psi")
 
 

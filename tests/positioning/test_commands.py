@@ -10,8 +10,8 @@ from tests.positioning.test_calibration import board_picture
 from tests.positioning.test_video import LENS, attitude_log, marked
 from typer.testing import CliRunner
 
-from rovtwin.cli.calibrate import calibrate
-from rovtwin.cli.track import track
+from rovtwin.cli.cameras.calibrate import calibrate
+from rovtwin.cli.cameras.track import track
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.log import Log
 from rovtwin.positioning.camera_file import as_data

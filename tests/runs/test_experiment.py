@@ -8,7 +8,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
-from rovtwin.cli.runs import _closing_table
+from rovtwin.cli.flight.runs import _closing_table
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.core.flow import Slot

@@ -81,7 +81,7 @@ def test_a_run_without_pictures_is_named(tmp_path, run):
 
 @pytest.mark.slow
 def test_identify_reads_the_track_and_says_what_it_saw(run, capsys):
-    from rovtwin.cli.identify import _share, _tracked
+    from rovtwin.cli.identification.identify import _share, _tracked
     from rovtwin.cli.output import console
 
     pytest.importorskip("gtsam")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.runs.test_stalls import NO_SWAY
 
-from rovtwin.cli.sea import _stems
+from rovtwin.cli.planning.sea import _stems
 from rovtwin.runs.compose.composition import compose, vehicle_of
 from rovtwin.runs.feasibility.sea import holdings, moves, places, sea_report, verdict, worst
 from rovtwin.runs.fly import fly

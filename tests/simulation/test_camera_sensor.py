@@ -7,8 +7,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rovtwin.cli.markers import markers
-from rovtwin.cli.render import render
+from rovtwin.cli.cameras.markers import markers
+from rovtwin.cli.cameras.render import render
 from rovtwin.core.config import parse
 from rovtwin.core.errors import ConfigError
 from rovtwin.simulation.camera.sensor import CameraSection, camera_named, camera_renderer, frames

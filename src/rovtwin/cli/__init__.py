@@ -6,31 +6,31 @@ from typing import Any
 
 import typer
 
-from rovtwin.cli.calibrate import calibrate
-from rovtwin.cli.campaign import campaign
-from rovtwin.cli.compare import compare
-from rovtwin.cli.console import console
-from rovtwin.cli.evidence import evidence_app
-from rovtwin.cli.identify import identify
-from rovtwin.cli.links import links
-from rovtwin.cli.live import record
-from rovtwin.cli.logs import log_app
-from rovtwin.cli.markers import markers
+from rovtwin.cli.cameras.calibrate import calibrate
+from rovtwin.cli.cameras.markers import markers
+from rovtwin.cli.cameras.render import render
+from rovtwin.cli.cameras.track import track
+from rovtwin.cli.evidence.app import evidence_app
+from rovtwin.cli.flight.console import console
+from rovtwin.cli.flight.links import links
+from rovtwin.cli.flight.live import record
+from rovtwin.cli.flight.logs import log_app
+from rovtwin.cli.flight.runs import demo, fly, report
+from rovtwin.cli.flight.serve import replay, serve
+from rovtwin.cli.flight.smooth import smooth
+from rovtwin.cli.identification.identify import identify
+from rovtwin.cli.identification.thesis import thesis
+from rovtwin.cli.identification.watch import watch
 from rovtwin.cli.output import report_error
-from rovtwin.cli.plan_survey import plan_survey
-from rovtwin.cli.plan_tests import plan_tests
-from rovtwin.cli.render import render
-from rovtwin.cli.runs import demo, fly, report
+from rovtwin.cli.planning.plan_survey import plan_survey
+from rovtwin.cli.planning.plan_tests import plan_tests
+from rovtwin.cli.planning.sea import sea
 from rovtwin.cli.scenarios import scenario_app
-from rovtwin.cli.scores import score
-from rovtwin.cli.sea import sea
-from rovtwin.cli.serve import replay, serve
-from rovtwin.cli.smooth import smooth
-from rovtwin.cli.thesis import thesis
-from rovtwin.cli.track import track
-from rovtwin.cli.tune import tune
-from rovtwin.cli.vehicles import vehicle_app
-from rovtwin.cli.watch import watch
+from rovtwin.cli.studies.campaign import campaign
+from rovtwin.cli.studies.scores import score
+from rovtwin.cli.studies.tune import tune
+from rovtwin.cli.vehicle.compare import compare
+from rovtwin.cli.vehicle.vehicles import vehicle_app
 from rovtwin.core.errors import RovtwinError
 from rovtwin.core.files import cannot
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.vehicle.discrepancies import block, random_part
 
-from rovtwin.cli.identify import as_object
+from rovtwin.cli.identification.identify import as_object
 from rovtwin.identification.diagnostics.reliance import doubts_about
 from rovtwin.identification.diagnostics.remarks import about_thrust
 from rovtwin.identification.diagnostics.validation import Prediction, Score

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rovtwin.cli
-from rovtwin.cli.compare import labels
+from rovtwin.cli.vehicle.compare import labels
 from rovtwin.identification.diagnostics.differences import as_a_whole, difference
 from rovtwin.identification.diagnostics.stated import Value, stated
 from rovtwin.identification.joint.model.catalogue import catalogue, choose

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rovtwin.cli.output import DONE, AsJson, console, emit
-from rovtwin.cli.vehicle_changes import add, diff, remove
+from rovtwin.cli.vehicle.changes import add, diff, remove
 from rovtwin.core.files import write_text
 
 vehicle_app = typer.Typer(

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rovtwin.cli.evidence_empirical import Density, Out, block, finish, own_values, plain, print_priors
+from rovtwin.cli.evidence.empirical import Density, Out, block, finish, own_values, plain, print_priors
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, refuse_idle, table
 from rovtwin.core.files import write_text
 

@@ -98,7 +98,7 @@ def identify(
     After a change of payload, even before any test: [bold]rovtwin identify new.yaml --prior identified.yaml -o
     predicted.yaml[/bold]
     """
-    from rovtwin.cli.identify_logs import looked_over, read_logs, share_of
+    from rovtwin.cli.identification.identify_logs import looked_over, read_logs, share_of
     from rovtwin.core.log.files import keeping
     from rovtwin.identification.identify import identify as estimate
     from rovtwin.identification.joint.result.overlay import to_yaml
@@ -202,8 +202,8 @@ def _tracked(screen: Console, vehicle: Any, kind: str, logs: list[Path]) -> dict
 
     Each with whether it is a test, a programme of manoeuvres.
     """
-    from rovtwin.cli.identify_logs import files_of
-    from rovtwin.cli.track import looking_for_markers, summary
+    from rovtwin.cli.cameras.track import looking_for_markers, summary
+    from rovtwin.cli.identification.identify_logs import files_of
     from rovtwin.runs.track import track_run
 
     if kind != "aruco":

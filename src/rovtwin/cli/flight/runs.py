@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from rovtwin.cli.live import Link, Sensors, fly_link
+from rovtwin.cli.flight.live import Link, Sensors, fly_link
 from rovtwin.cli.output import DONE, FAILED, AsJson, console, emit, figure, progress_bar, refuse_idle, table
 from rovtwin.cli.scenarios import Overrides, Seed
 from rovtwin.core.errors import ConfigError

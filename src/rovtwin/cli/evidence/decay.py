@@ -78,7 +78,7 @@ def decay(
     result = together(list(runs.values()), ballasted=heavy, weight=weight, **scale)
     rigid = None if loaded is None else float(loaded.assembly.solid.inertia[_place(axis), _place(axis)])
     if picture:
-        from rovtwin.cli.evidence_towing import save_figure
+        from rovtwin.cli.evidence.towing import save_figure
         from rovtwin.report.evidence.decay import decay_figure
 
         save_figure(decay_figure(list(runs.values()), list(runs), axis), picture)
@@ -172,7 +172,7 @@ def _as_data(result: "Decay", runs: "dict[str, Decay]", axis: str, rigid: float 
 def _print(result: "Decay", runs: "dict[str, Decay]", axis: str, rigid: float | None, written: Any) -> None:
     from math import degrees
 
-    from rovtwin.cli.evidence_towing import print_notes
+    from rovtwin.cli.evidence.towing import print_notes
 
     screen = console(False)
     rows = table(f"{axis} decays", "test", "released before", "from", "offset", "left over (rms)")

@@ -2,13 +2,13 @@
 
 import typer
 
-from rovtwin.cli.evidence_check import check
-from rovtwin.cli.evidence_decay import decay
-from rovtwin.cli.evidence_empirical import empirical
-from rovtwin.cli.evidence_free_running import free_running
-from rovtwin.cli.evidence_panel import panel
-from rovtwin.cli.evidence_thrust import thrust
-from rovtwin.cli.evidence_towing import towing
+from rovtwin.cli.evidence.check import check
+from rovtwin.cli.evidence.decay import decay
+from rovtwin.cli.evidence.empirical import empirical
+from rovtwin.cli.evidence.free_running import free_running
+from rovtwin.cli.evidence.panel import panel
+from rovtwin.cli.evidence.thrust import thrust
+from rovtwin.cli.evidence.towing import towing
 
 evidence_app = typer.Typer(
     help="One method at a time: what a formula, a mesh, a towing, free-running or decay test says of the parameters.",

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rovtwin.cli.evidence_towing import fit_data, fit_table, print_notes, save_figure
+from rovtwin.cli.evidence.towing import fit_data, fit_table, print_notes, save_figure
 from rovtwin.cli.output import DONE, AsJson, console, emit, figure, table
 from rovtwin.core.errors import IdentificationError
 from rovtwin.core.files import write_text

@@ -64,7 +64,7 @@ def thrust(
         joint = fit_thrust_and_damping(command, velocity, _prior(tests, full, exponent), source=str(speeds))
         drawn = command, velocity
     if picture:
-        from rovtwin.cli.evidence_towing import save_figure
+        from rovtwin.cli.evidence.towing import save_figure
         from rovtwin.report.evidence.thrust import thrust_and_damping_figure, thrust_figure
 
         save_figure(thrust_and_damping_figure(joint, *drawn, dof) if drawn else thrust_figure(tests), picture)
@@ -78,14 +78,14 @@ def thrust(
         _print_tests(screen, tests)
     if joint is not None:
         _print_joint(screen, joint, dof)
-    from rovtwin.cli.evidence_towing import print_notes
+    from rovtwin.cli.evidence.towing import print_notes
 
     notes = [f"{t.source}: {note}" for t in tests for note in t.both.notes] + list(joint.notes if joint else ())
     print_notes(screen, tuple(notes), picture, out)
 
 
 def _prior(tests: "list[Bollard]", full: str | None, exponent: str | None) -> "ThrustPrior":
-    from rovtwin.cli.evidence_decay import known
+    from rovtwin.cli.evidence.decay import known
     from rovtwin.identification.known import Known
     from rovtwin.identification.steady.thrust_damping import ThrustPrior
 

@@ -1,0 +1,1 @@
+"""Commands of cameras, markers and pictures."""

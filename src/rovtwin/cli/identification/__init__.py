@@ -1,0 +1,1 @@
+"""Commands that learn a vehicle from logs, and find what has changed of it."""

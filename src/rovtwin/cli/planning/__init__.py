@@ -1,0 +1,1 @@
+"""Commands that plan: surveys, tests, and what the sea allows."""

@@ -1,0 +1,1 @@
+"""Commands that fly a scenario many times."""

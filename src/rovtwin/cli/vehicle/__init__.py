@@ -1,0 +1,1 @@
+"""Commands on vehicle files."""
