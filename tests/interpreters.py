@@ -36,7 +36,7 @@ SMOKE = (
     "tests/gnc/test_path.py",
     "tests/identification/test_decay.py",
     "tests/identification/test_panel.py",
-    "tests/test_cli.py::test_fly_says_all_that_a_script_needs",
+    "tests/cli/test_cli.py::test_fly_says_all_that_a_script_needs",
     "tests/test_imports.py",
     "tests/test_packaging.py",
 )

@@ -1,7 +1,6 @@
 """Finding, starting and ending engines: which process is one, and which only has its number."""
 
 import fcntl
-import importlib
 import json
 import os
 import signal
@@ -90,7 +89,7 @@ def test_a_second_console_on_a_port_ends_nobodys_autopilot(monkeypatch, tmp):
 def test_sigterm_ends_the_autopilot_as_ctrl_c_does(monkeypatch, tmp):
     """From systemd and docker. Without a handler the process would be gone before it ended anything."""
     pytest.importorskip("nicegui", reason="the console needs NiceGUI: pip install 'rovtwin[console]'")
-    module = importlib.import_module("rovtwin.cli.flight.console")
+    from rovtwin.cli.flight import console as module
     from rovtwin.console.web import app
 
     def serve(*_):

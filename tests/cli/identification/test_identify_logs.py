@@ -1,7 +1,6 @@
 """Logs that `rovtwin identify` is given: a bad held-out one is left out, a trusted one is used, and both are told."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -9,13 +8,13 @@ from tests.identification.flown import fly
 from typer.testing import CliRunner
 
 from rovtwin.cli import app
+from rovtwin.cli.identification import identify as command
 from rovtwin.core.errors import ConfigError, IdentificationError
 from rovtwin.identification import identify as module
 from rovtwin.identification.identify import identify
 from rovtwin.report.identification.tables import record_table
 from rovtwin.vehicle import load_vehicle
 
-command = sys.modules["rovtwin.cli.identification.identify"]  # its package has a function of that name
 PQR, ANGLES = ("p", "q", "r"), ("phi", "theta", "psi")
 
 
